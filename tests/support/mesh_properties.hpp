@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file mesh_properties.hpp
+/// Plain properties of triangle meshes, counted without any mesh library.
+
+#include <cstdint>
+#include <map>
+#include <utility>
+
+#include <gmock/gmock.h>
+
+#include "core/tri_mesh.hpp"
+
+namespace maquette::testing_support {
+
+inline double signed_volume_mm3(const TriMesh& m) {
+  double six = 0.0;
+  for (const auto& t : m.triangles)
+    six += dot(m.vertices_mm[t[0]], cross(m.vertices_mm[t[1]], m.vertices_mm[t[2]]));
+  return six / 6.0;
+}
+
+/// Every directed edge once, and its opposite once: closed, oriented, 2-manifold at edges.
+MATCHER(IsClosedAndOriented, "is closed and oriented") {
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> directed;
+  for (const auto& t : arg.triangles)
+    for (std::size_t i = 0; i < 3; ++i) ++directed[{t[i], t[(i + 1) % 3]}];
+  for (const auto& [edge, count] : directed) {
+    const auto back = directed.find({edge.second, edge.first});
+    if (count != 1 || back == directed.end() || back->second != 1) {
+      *result_listener << "edge " << edge.first << "-" << edge.second << " occurs " << count
+                       << " times, its opposite " << (back == directed.end() ? 0 : back->second)
+                       << " times";
+      return false;
+    }
+  }
+  return !directed.empty();
+}
+
+}  // namespace maquette::testing_support

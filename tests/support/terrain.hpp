@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file terrain.hpp
+/// Generated surfaces, kind and harsh, from a seed.
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+
+#include "core/random.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::testing_support {
+
+enum class Ground { flat, rolling, rough, spikes, cliffs, knife_edges, pits };
+inline constexpr std::array kGrounds{Ground::flat,   Ground::rolling, Ground::rough,
+                                     Ground::spikes, Ground::cliffs,  Ground::knife_edges,
+                                     Ground::pits};
+
+inline const char* name(Ground g) {
+  constexpr std::array kNames{"flat", "rolling", "rough", "spikes", "cliffs", "knifeEdges", "pits"};
+  return kNames[static_cast<std::size_t>(g)];
+}
+
+inline heightmap::ModelField flat_field(std::ptrdiff_t rows, std::ptrdiff_t cols, double spacing_mm,
+                                        float z_mm) {
+  return {Grid<float>(rows, cols, z_mm), Millimetres{spacing_mm}};
+}
+
+/// n x n nodes; `spacing` decides how steep the ground is.
+inline heightmap::ModelField ground(Ground kind, std::uint64_t seed, std::ptrdiff_t n,
+                                    double spacing_mm) {
+  heightmap::ModelField f = flat_field(n, n, spacing_mm, 5.0F);
+  f.x0 = Millimetres{-3.0};
+  f.y0 = Millimetres{1.25};
+  for (std::ptrdiff_t r = 0; r < n; ++r)
+    for (std::ptrdiff_t c = 0; c < n; ++c) {
+      const double x = spacing_mm * static_cast<double>(c), y = spacing_mm * static_cast<double>(r);
+      const double u = random_uniform(seed, static_cast<std::uint64_t>(r * n + c));
+      float& z = f.z_mm(r, c);
+      switch (kind) {
+        case Ground::flat:
+          break;
+        case Ground::rolling:
+          for (std::uint64_t k = 0; k < 5; ++k) {
+            const double length = 3.0 * std::pow(1.7, static_cast<double>(k));
+            const double turn = 2.0 * std::numbers::pi * random_uniform(seed + 1, 2 * k);
+            const double phase = 2.0 * std::numbers::pi * random_uniform(seed + 1, 2 * k + 1);
+            z +=
+                static_cast<float>(0.06 * length *
+                                   std::sin(phase + 2.0 * std::numbers::pi / length *
+                                                        (x * std::cos(turn) + y * std::sin(turn))));
+          }
+          break;
+        case Ground::rough:
+          z += static_cast<float>(spacing_mm * (u - 0.5));
+          break;
+        case Ground::spikes:
+          if (u < 0.03) z += static_cast<float>(600.0 * u);
+          break;
+        case Ground::cliffs:
+          z += (std::floor(x / 4.1) + std::floor(y / 5.3)) > 2.0 ? 20.0F : 0.0F;
+          z += static_cast<float>(0.1 * u);
+          break;
+        case Ground::knife_edges:
+          if (r % 7 == 3) z += static_cast<float>(3.0 + 0.5 * x);
+          if (c % 9 == 4) z += static_cast<float>(4.0 + u);
+          if (r == c) z += 6.0F;
+          break;
+        case Ground::pits:
+          if (u < 0.2) z -= static_cast<float>(100.0 * u);
+          break;
+      }
+    }
+  return f;
+}
+
+}  // namespace maquette::testing_support

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file field_io.hpp
+/// Height field files of the model frame: float32 GeoTIFF, local engineering CRS
+/// in millimetres, north up, band unit "mm", voids NaN (also declared as nodata).
+/// Written with AREA_OR_POINT=Point; both conventions are read (GDAL's transform
+/// speaks of pixel corners either way, so node = corner + half a pixel).
+
+#include <filesystem>
+
+#include "core/result.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::heightmap {
+
+inline constexpr ErrorCode kRasterNotReadable{"HEIGHTMAP_RASTER_NOT_READABLE"};
+inline constexpr ErrorCode kRasterUnit{"HEIGHTMAP_RASTER_UNIT"};
+inline constexpr ErrorCode kRasterShape{"HEIGHTMAP_RASTER_SHAPE"};
+inline constexpr ErrorCode kAllVoid{"HEIGHTMAP_ALL_VOID"};
+
+/// Reads a model field.
+/// @return the field, or
+///   CORE_FILE_NOT_FOUND             no such file
+///   HEIGHTMAP_RASTER_NOT_READABLE   GDAL cannot open it or it is truncated; says what GDAL said
+///   HEIGHTMAP_RASTER_SHAPE          rotated or non-square pixels, fewer than 2 x 2 nodes,
+///                                   more than one band
+///   HEIGHTMAP_RASTER_UNIT           band unit or CRS unit is present and is not mm
+///                                   (a planet raster: says to run `maquette fuse`)
+///   HEIGHTMAP_ALL_VOID              no finite height
+[[nodiscard]] Result<ModelField> read_model_field(const std::filesystem::path& path);
+
+/// Writes the field whole or not at all. Same field, same bytes.
+[[nodiscard]] Result<void> write_model_field(const ModelField& field,
+                                             const std::filesystem::path& path);
+
+/// Writes any grid on the nodes of `like` (uncertainty, source mask, deviation)
+/// in the same frame; `unit` goes to the band.
+[[nodiscard]] Result<void> write_model_grid(const Grid<float>& values, const ModelField& like,
+                                            const char* unit, const std::filesystem::path& path);
+
+}  // namespace maquette::heightmap

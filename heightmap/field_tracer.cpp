@@ -1,0 +1,418 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "heightmap/field_tracer.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+#include <oneapi/tbb/parallel_for.h>
+
+#include "core/check.hpp"
+
+namespace maquette::heightmap {
+namespace {
+
+constexpr std::ptrdiff_t kLeafCells = 8;  // side of a leaf, cells
+constexpr std::ptrdiff_t kBranch = 4;     // side of a block, boxes
+constexpr double kInf = std::numeric_limits<double>::infinity();
+// Widening of boxes against rounding: a slab bound takes about five roundings, so
+// 64 half-ulps of the largest coordinate involved leave a factor of ten.
+constexpr double kSlack = 64.0 * 0x1.0p-53;
+// Components below this are taken as zero: over any path that double precision can
+// resolve they move the ray by less than the slack.
+constexpr double kParallel = 1e-14;
+
+/// Boxes of one level, stored in blocks of 4 x 4, so that a block is two cache lines
+/// of heights. Boxes beyond the field are empty (low = +inf, high = -inf).
+struct Level {
+  std::ptrdiff_t rows = 0, cols = 0;  // boxes
+  std::ptrdiff_t block_cols = 0;
+  std::ptrdiff_t box_cells = 0;  // side of a box, cells
+  std::vector<float> low, high;
+
+  Level(std::ptrdiff_t r, std::ptrdiff_t c, std::ptrdiff_t cells)
+      : rows(r), cols(c), block_cols((c + kBranch - 1) / kBranch), box_cells(cells) {
+    const auto blocks = static_cast<std::size_t>((r + kBranch - 1) / kBranch * block_cols);
+    low.assign(blocks * 16, INFINITY);
+    high.assign(blocks * 16, -INFINITY);
+  }
+  [[nodiscard]] std::size_t block(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return static_cast<std::size_t>(r * block_cols + c) * 16;
+  }
+  [[nodiscard]] std::size_t box(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return block(r / kBranch, c / kBranch) +
+           static_cast<std::size_t>((r % kBranch) * kBranch + c % kBranch);
+  }
+};
+
+void fill_leaves(Level& level, const Grid<float>& z) {
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, level.rows, [&](std::ptrdiff_t row) {
+    const std::ptrdiff_t r0 = row * kLeafCells;
+    const std::ptrdiff_t r1 = std::min(r0 + kLeafCells, z.rows() - 1);
+    for (std::ptrdiff_t col = 0; col < level.cols; ++col) {
+      const std::ptrdiff_t c0 = col * kLeafCells;
+      const std::ptrdiff_t c1 = std::min(c0 + kLeafCells, z.cols() - 1);
+      float low = INFINITY, high = -INFINITY;
+      for (std::ptrdiff_t r = r0; r <= r1; ++r)
+        for (const float h : z.row(r).subspan(static_cast<std::size_t>(c0),
+                                              static_cast<std::size_t>(c1 - c0 + 1))) {
+          if (!std::isfinite(h)) continue;
+          low = std::min(low, h);
+          high = std::max(high, h);
+        }
+      level.low[level.box(row, col)] = low;
+      level.high[level.box(row, col)] = high;
+    }
+  });
+}
+
+/// A box of `upper` is a block of `lower`.
+void fill_from_below(Level& upper, const Level& lower) {
+  for (std::ptrdiff_t r = 0; r < upper.rows; ++r)
+    for (std::ptrdiff_t c = 0; c < upper.cols; ++c) {
+      const std::size_t block = lower.block(r, c);
+      float low = INFINITY, high = -INFINITY;
+      for (std::size_t i = 0; i < 16; ++i) {
+        low = std::min(low, lower.low[block + i]);
+        high = std::max(high, lower.high[block + i]);
+      }
+      upper.low[upper.box(r, c)] = low;
+      upper.high[upper.box(r, c)] = high;
+    }
+}
+
+/// One horizontal coordinate of the ray in cells: position u + t du.
+struct Axis {
+  double u = 0.0, du = 0.0, inverse = 0.0, slack = 0.0;
+  bool parallel = false;
+
+  /// Distances at which the ray is surely not outside [lo, hi], cells.
+  [[nodiscard]] std::pair<double, double> slab(double lo, double hi) const {
+    if (parallel)
+      return u >= lo - slack && u <= hi + slack ? std::pair{-kInf, kInf} : std::pair{kInf, -kInf};
+    const double a = (lo - slack - u) * inverse;
+    const double b = (hi + slack - u) * inverse;
+    return a < b ? std::pair{a, b} : std::pair{b, a};
+  }
+};
+
+Axis make_axis(double origin_mm, double direction, double first_mm, double spacing_mm,
+               std::ptrdiff_t cells) {
+  Axis a;
+  a.u = (origin_mm - first_mm) / spacing_mm;
+  a.du = direction / spacing_mm;
+  a.parallel = std::abs(direction) < kParallel;
+  a.inverse = a.parallel ? 0.0 : spacing_mm / direction;
+  a.slack = kSlack * ((std::abs(origin_mm) + std::abs(first_mm)) / spacing_mm + std::abs(a.u) +
+                      static_cast<double>(cells));
+  if (a.parallel) a.slack *= 2.0;
+  return a;
+}
+
+/// The ray as the watertight test wants it: axes permuted so that the third is the
+/// longest, sheared so that the ray becomes that axis.
+struct ShearedRay {
+  std::array<double, 3> origin;
+  std::size_t kx, ky, kz;
+  double sx, sy, sz;
+
+  ShearedRay(Vec3 o, Vec3 d) : origin{o.x, o.y, o.z} {
+    const std::array<double, 3> dir{d.x, d.y, d.z};
+    kz = 0;
+    for (std::size_t i = 1; i < 3; ++i)
+      if (std::abs(dir[i]) > std::abs(dir[kz])) kz = i;
+    kx = (kz + 1) % 3;
+    ky = (kz + 2) % 3;
+    sx = dir[kx] / dir[kz];
+    sy = dir[ky] / dir[kz];
+    sz = 1.0 / dir[kz];
+  }
+  /// x, y across the ray, z = distance along it. A function of the vertex alone, so
+  /// that all triangles around a vertex see the same rounded point.
+  [[nodiscard]] Vec3 operator()(Vec3 p) const {
+    const std::array<double, 3> a{p.x - origin[0], p.y - origin[1], p.z - origin[2]};
+    return {a[kx] - sx * a[kz], a[ky] - sy * a[kz], sz * a[kz]};
+  }
+};
+
+/// Distance along the ray, NaN for a miss. The sign of fl(ab) - fl(cd) is the sign of
+/// ab - cd or zero, because rounding is monotonic, and swapping the two corners of an
+/// edge negates it exactly; zero counts as inside on both sides: nothing slips
+/// through. (Needs multiplications that are not fused with the subtraction.)
+double sheared_triangle(Vec3 a, Vec3 b, Vec3 c) {
+  const double u = c.x * b.y - c.y * b.x;
+  const double v = a.x * c.y - a.y * c.x;
+  const double w = b.x * a.y - b.y * a.x;
+  if ((u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0)) return NAN;
+  const double det = u + v + w;
+  if (det == 0.0) return NAN;
+  return (u * a.z + v * b.z + w * c.z) / det;
+}
+
+struct Best {
+  double distance = kInf;
+  std::ptrdiff_t row = -1, col = -1;
+  bool lower_right = false;
+};
+
+struct Traversal {
+  const ModelField& field;
+  Axis x, y;
+  ShearedRay sheared;
+  double oz, dz, slack_z, from;
+  Best best;
+
+  /// Can the ray between distances t0 and t1 be between heights low and high?
+  [[nodiscard]] bool meets(double t0, double t1, double low, double high) const {
+    const double z0 = oz + t0 * dz;
+    const double z1 = oz + t1 * dz;
+    return std::min(z0, z1) - slack_z <= high && std::max(z0, z1) + slack_z >= low;
+  }
+
+  void cell(std::ptrdiff_t r, std::ptrdiff_t c) {
+    const double x0 = field.x_mm(c), x1 = field.x_mm(c + 1);
+    const double y0 = field.y_mm(r), y1 = field.y_mm(r + 1);
+    const Grid<float>& z = field.z_mm;
+    const Vec3 a = sheared({x0, y0, static_cast<double>(z(r, c))});
+    const Vec3 d = sheared({x1, y1, static_cast<double>(z(r + 1, c + 1))});
+    const Vec3 b = sheared({x1, y0, static_cast<double>(z(r, c + 1))});
+    const Vec3 e = sheared({x0, y1, static_cast<double>(z(r + 1, c))});
+    // A corner that is not finite makes the distance NaN, and no comparison holds.
+    const double right = sheared_triangle(a, b, d);
+    if (right > from && right < best.distance) best = {right, r, c, true};
+    const double left = sheared_triangle(a, d, e);
+    if (left > from && left < best.distance) best = {left, r, c, false};
+  }
+
+  void leaf(std::ptrdiff_t leaf_row, std::ptrdiff_t leaf_col, double t_in, double t_out) {
+    const Grid<float>& z = field.z_mm;
+    const std::ptrdiff_t r0 = leaf_row * kLeafCells, c0 = leaf_col * kLeafCells;
+    const std::ptrdiff_t r1 = std::min(r0 + kLeafCells, z.rows() - 1) - 1;
+    const std::ptrdiff_t c1 = std::min(c0 + kLeafCells, z.cols() - 1) - 1;
+    for (std::ptrdiff_t i = 0; i <= r1 - r0; ++i) {
+      const std::ptrdiff_t r = y.du < 0.0 ? r1 - i : r0 + i;
+      const auto [row_in, row_out] = y.slab(static_cast<double>(r), static_cast<double>(r + 1));
+      const double ta = std::max(t_in, row_in);
+      const double tb = std::min({t_out, row_out, best.distance});
+      if (!(ta <= tb)) continue;
+      const double ua = x.u + ta * x.du, ub = x.u + tb * x.du;
+      const double first = std::floor(std::min(ua, ub) - 2.0 * x.slack);
+      const double last = std::floor(std::max(ua, ub) + 2.0 * x.slack);
+      if (!(last >= static_cast<double>(c0) && first <= static_cast<double>(c1))) continue;
+      const auto ca = static_cast<std::ptrdiff_t>(std::max(first, static_cast<double>(c0)));
+      const auto cb = static_cast<std::ptrdiff_t>(std::min(last, static_cast<double>(c1)));
+      for (std::ptrdiff_t c = ca; c <= cb; ++c) {
+        const auto [col_in, col_out] = x.slab(static_cast<double>(c), static_cast<double>(c + 1));
+        const double t0 = std::max(ta, col_in), t1 = std::min(tb, col_out);
+        if (!(t0 <= t1)) continue;
+        const float* lower = &z(r, c);
+        const float* upper = &z(r + 1, c);
+        // std::min/max in this order step over NaN corners instead of keeping them.
+        float low = INFINITY, high = -INFINITY;
+        for (const float h : {lower[0], lower[1], upper[0], upper[1]}) {
+          low = std::min(low, h);
+          high = std::max(high, h);
+        }
+        if (meets(t0, t1, static_cast<double>(low), static_cast<double>(high))) cell(r, c);
+      }
+    }
+  }
+};
+
+using Lane4 = std::array<double, 4>;
+
+/// Distances at which the ray enters and leaves four neighbouring slabs that start at
+/// cell `first` and are `width` cells wide.
+inline void four_slabs(const Axis& a, double first, double width, Lane4& in, Lane4& out) {
+  if (a.parallel) {
+    for (std::size_t i = 0; i < 4; ++i) {
+      const double lo = first + static_cast<double>(i) * width;
+      const auto [t0, t1] = a.slab(lo, lo + width);
+      in[i] = t0;
+      out[i] = t1;
+    }
+    return;
+  }
+  const double near = a.inverse > 0.0 ? -a.slack : width + a.slack;
+  const double far = a.inverse > 0.0 ? width + a.slack : -a.slack;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const double lo = first + static_cast<double>(i) * width;
+    in[i] = (lo + near - a.u) * a.inverse;
+    out[i] = (lo + far - a.u) * a.inverse;
+  }
+}
+
+/// Which of the four boxes of one row of a block the ray may meet; their entry and
+/// exit distances.
+inline unsigned meet_row(const Traversal& t, const Lane4& col_in, const Lane4& col_out, double in,
+                         double out, const float* low, const float* high, double* entry,
+                         double* exit) {
+#if defined(__AVX2__)
+  const __m256d t0 = _mm256_max_pd(_mm256_loadu_pd(col_in.data()), _mm256_set1_pd(in));
+  const __m256d t1 = _mm256_min_pd(_mm256_loadu_pd(col_out.data()), _mm256_set1_pd(out));
+  const __m256d oz = _mm256_set1_pd(t.oz), dz = _mm256_set1_pd(t.dz);
+  const __m256d slack = _mm256_set1_pd(t.slack_z);
+  const __m256d z0 = _mm256_add_pd(oz, _mm256_mul_pd(t0, dz));
+  const __m256d z1 = _mm256_add_pd(oz, _mm256_mul_pd(t1, dz));
+  const __m256d bottom = _mm256_sub_pd(_mm256_min_pd(z0, z1), slack);
+  const __m256d top = _mm256_add_pd(_mm256_max_pd(z0, z1), slack);
+  const __m256d lows = _mm256_cvtps_pd(_mm_loadu_ps(low));
+  const __m256d highs = _mm256_cvtps_pd(_mm_loadu_ps(high));
+  const __m256d hit = _mm256_and_pd(_mm256_cmp_pd(t0, t1, _CMP_LE_OQ),
+                                    _mm256_and_pd(_mm256_cmp_pd(bottom, highs, _CMP_LE_OQ),
+                                                  _mm256_cmp_pd(top, lows, _CMP_GE_OQ)));
+  _mm256_storeu_pd(entry, t0);
+  _mm256_storeu_pd(exit, t1);
+  return static_cast<unsigned>(_mm256_movemask_pd(hit));
+#else
+  unsigned mask = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    entry[i] = std::max(col_in[i], in);
+    exit[i] = std::min(col_out[i], out);
+    if (entry[i] <= exit[i] &&
+        t.meets(entry[i], exit[i], static_cast<double>(low[i]), static_cast<double>(high[i])))
+      mask |= 1U << i;
+  }
+  return mask;
+#endif
+}
+
+struct Waiting {
+  double t_in, t_out;
+  std::int32_t level;  // of the block; -1: a leaf
+  std::int32_t row, col;
+};
+
+}  // namespace
+
+struct FieldTracer::Pyramid {
+  std::vector<Level> levels;  // leaves first; the last one is a single block
+  double low = INFINITY, high = -INFINITY;
+};
+
+FieldTracer::FieldTracer(const ModelField& field)
+    : field_(&field), pyramid_(std::make_unique<Pyramid>()) {
+  const Grid<float>& z = field.z_mm;
+  MAQUETTE_CHECK(z.rows() >= 2 && z.cols() >= 2 && field.spacing.value() > 0.0,
+                 "a field of {} x {} nodes, spacing {} mm, has no triangles", z.rows(), z.cols(),
+                 field.spacing.value());
+  auto& levels = pyramid_->levels;
+  levels.emplace_back((z.rows() - 1 + kLeafCells - 1) / kLeafCells,
+                      (z.cols() - 1 + kLeafCells - 1) / kLeafCells, kLeafCells);
+  fill_leaves(levels.back(), z);
+  while (levels.back().rows > kBranch || levels.back().cols > kBranch) {
+    const Level& lower = levels.back();
+    Level upper((lower.rows + kBranch - 1) / kBranch, lower.block_cols, lower.box_cells * kBranch);
+    fill_from_below(upper, lower);
+    levels.push_back(std::move(upper));
+  }
+  for (const float h : levels.back().low)
+    pyramid_->low = std::min(pyramid_->low, static_cast<double>(h));
+  for (const float h : levels.back().high)
+    pyramid_->high = std::max(pyramid_->high, static_cast<double>(h));
+}
+FieldTracer::FieldTracer(FieldTracer&&) noexcept = default;
+FieldTracer::~FieldTracer() = default;
+
+std::size_t FieldTracer::memory_bytes() const {
+  std::size_t bytes = 0;
+  for (const Level& level : pyramid_->levels)
+    bytes += (level.low.size() + level.high.size()) * sizeof(float);
+  return bytes;
+}
+
+std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double from_mm) const {
+  const ModelField& f = *field_;
+  const auto& levels = pyramid_->levels;
+  const std::ptrdiff_t cells_x = f.z_mm.cols() - 1, cells_y = f.z_mm.rows() - 1;
+  if (!(pyramid_->low <= pyramid_->high)) return std::nullopt;  // nothing but voids
+
+  Traversal t{f,
+              make_axis(origin.x, direction.x, f.x0.value(), f.spacing.value(), cells_x),
+              make_axis(origin.y, direction.y, f.y0.value(), f.spacing.value(), cells_y),
+              ShearedRay(origin, direction),
+              origin.z,
+              direction.z,
+              0.0,
+              from_mm,
+              {}};
+  // Clip to the field's box. Whatever is left is finite, because a unit direction
+  // leaves the box along its longest axis.
+  const double dx = std::abs(t.x.u) + static_cast<double>(cells_x);
+  const double dy = std::abs(t.y.u) + static_cast<double>(cells_y);
+  const double heights = std::abs(origin.z) + std::abs(pyramid_->low) + std::abs(pyramid_->high);
+  const double reach = (dx + dy) * f.spacing.value() + heights;
+  t.slack_z = kSlack * (heights + reach * std::abs(direction.z));
+  const auto [x_in, x_out] = t.x.slab(0.0, static_cast<double>(cells_x));
+  const auto [y_in, y_out] = t.y.slab(0.0, static_cast<double>(cells_y));
+  double t_in = std::max({from_mm, x_in, y_in}), t_out = std::min({x_out, y_out, 4.0 * reach});
+  if (std::abs(direction.z) < kParallel) {
+    if (!t.meets(0.0, 0.0, pyramid_->low, pyramid_->high)) return std::nullopt;
+  } else {
+    const double a = (pyramid_->low - t.slack_z - origin.z) / direction.z;
+    const double b = (pyramid_->high + t.slack_z - origin.z) / direction.z;
+    t_in = std::max(t_in, std::min(a, b));
+    t_out = std::min(t_out, std::max(a, b));
+  }
+  if (!(t_in <= t_out)) return std::nullopt;
+
+  // At most seven boxes of a block lie on a ray (plus what the slack adds), so 16 per
+  // level is ample; 16 levels of branching 4 are more nodes than can be addressed.
+  std::array<Waiting, 256> stack;
+  std::size_t waiting = 0;
+  stack[waiting++] = {t_in, t_out, static_cast<std::int32_t>(levels.size()) - 1, 0, 0};
+  const bool mirror_x = direction.x < 0.0, mirror_y = direction.y < 0.0;
+  while (waiting > 0) {
+    const Waiting box = stack[--waiting];
+    if (box.t_in > t.best.distance) continue;
+    if (box.level < 0) {
+      t.leaf(box.row, box.col, box.t_in, box.t_out);
+      continue;
+    }
+    const Level& level = levels[static_cast<std::size_t>(box.level)];
+    const auto width = static_cast<double>(level.box_cells);
+    Lane4 col_in, col_out, row_in, row_out;
+    four_slabs(t.x, static_cast<double>(box.col) * 4.0 * width, width, col_in, col_out);
+    four_slabs(t.y, static_cast<double>(box.row) * 4.0 * width, width, row_in, row_out);
+    const std::size_t block = level.block(box.row, box.col);
+    const double nearest = std::min(box.t_out, t.best.distance);
+    // The ray is monotonic in both directions, so going through rows and columns the
+    // ray's way is front to back; the stack takes them back to front.
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::size_t r = mirror_y ? i : 3 - i;
+      const double in = std::max(box.t_in, row_in[r]), out = std::min(nearest, row_out[r]);
+      if (!(in <= out)) continue;
+      std::array<double, 4> entry, exit;
+      const unsigned mask = meet_row(t, col_in, col_out, in, out, &level.low[block + 4 * r],
+                                     &level.high[block + 4 * r], entry.data(), exit.data());
+      if (mask == 0) continue;
+      for (std::size_t j = 0; j < 4; ++j) {
+        const std::size_t c = mirror_x ? j : 3 - j;
+        if ((mask >> c & 1U) != 0)
+          stack[waiting++] = {entry[c], exit[c], box.level - 1,
+                              box.row * 4 + static_cast<std::int32_t>(r),
+                              box.col * 4 + static_cast<std::int32_t>(c)};
+      }
+    }
+  }
+  if (t.best.row < 0) return std::nullopt;
+
+  const std::ptrdiff_t r = t.best.row, c = t.best.col;
+  const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) {
+    return static_cast<double>(f.z_mm(r + i, c + j));
+  };
+  const double rise_x = t.best.lower_right ? z(0, 1) - z(0, 0) : z(1, 1) - z(1, 0);
+  const double rise_y = t.best.lower_right ? z(1, 1) - z(0, 1) : z(1, 0) - z(0, 0);
+  return FieldHit{t.best.distance, origin + t.best.distance * direction,
+                  normalized(Vec3{-rise_x, -rise_y, f.spacing.value()})};
+}
+
+}  // namespace maquette::heightmap

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file field_tracer.hpp
+/// Rays against the triangulated surface of a ModelField. Camera and scan both
+/// need it; neither may see the other.
+///
+/// Method  A pyramid of least and greatest heights: leaves of 8 x 8 cells, each
+///         level above joins 4 x 4 boxes of the one below. Boxes are visited front
+///         to back; the triangles of a leaf are met with the watertight test of
+///         Woop, Benthin and Wald 2013 in double precision.
+/// Holds   No ray slips between two triangles: edges and vertices belong to all
+///         triangles that share them. A triangle with a corner that is not finite
+///         is a hole. A ray that lies in a triangle's plane does not hit that
+///         triangle (it meets its neighbours).
+/// Cost    0.14 byte per cell beside the field. Building reads the field once, in
+///         parallel.
+/// Sources Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", Journal of
+///         Computer Graphics Techniques 2(1), 2013, http://jcgt.org/published/0002/01/05/
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+
+#include "core/vec.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::heightmap {
+
+struct FieldHit {
+  double distance_mm = 0.0;  ///< along the unit direction
+  Vec3 point_mm;
+  Vec3 normal;  ///< unit, upward, of the triangle that was hit
+};
+
+/// Keeps a reference to the field: the field must outlive it and must not change.
+/// Thread-safe.
+class FieldTracer {
+ public:
+  /// @pre at least 2 x 2 nodes, spacing > 0
+  explicit FieldTracer(const ModelField& field);
+  FieldTracer(FieldTracer&&) noexcept;
+  ~FieldTracer();
+
+  /// First hit with distance > `from_mm`; both sides of the surface count.
+  /// @param direction  unit vector
+  [[nodiscard]] std::optional<FieldHit> trace(Vec3 origin_mm, Vec3 direction,
+                                              double from_mm = 0.0) const;
+
+  /// What the pyramid takes beside the field.
+  [[nodiscard]] std::size_t memory_bytes() const;
+
+ private:
+  struct Pyramid;
+  const ModelField* field_;
+  std::unique_ptr<Pyramid> pyramid_;
+};
+
+}  // namespace maquette::heightmap

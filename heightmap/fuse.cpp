@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "heightmap/fuse.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include "heightmap/dem_reader.hpp"
+#include "heightmap/detail/coregister.hpp"
+#include "heightmap/detail/node_map.hpp"
+#include "heightmap/detail/site_frame.hpp"
+#include "heightmap/detail/small_relief.hpp"
+#include "heightmap/detail/void_fill.hpp"
+#include "heightmap/field_io.hpp"
+
+namespace maquette::heightmap {
+namespace {
+
+constexpr double kUncoveredAllowed = 0.01;
+constexpr std::uint8_t kNotMeasured = 255;
+
+detail::NodeGrid nodes_of(const FuseRequest& request) {
+  const double cells = 2.0 * request.half_width.value() / request.spacing.value();
+  MAQUETTE_CHECK(request.spacing.value() > 0.0 && cells >= 1.0 &&
+                     std::abs(cells - std::round(cells)) < 1e-6 * cells,
+                 "site of +-{} m with nodes every {} m: not a whole number of cells",
+                 request.half_width.value(), request.spacing.value());
+  MAQUETTE_CHECK(std::abs(request.centre_latitude_deg) <= 90.0, "latitude {}",
+                 request.centre_latitude_deg);
+  MAQUETTE_CHECK(!request.sources.empty() && request.sources.size() < kNotMeasured, "{} sources",
+                 request.sources.size());
+  const auto n = static_cast<std::ptrdiff_t>(std::lround(cells)) + 1;
+  return {-request.half_width.value(), -request.half_width.value(), request.spacing.value(), n, n};
+}
+
+/// One source on the site's nodes.
+struct Layer {
+  Grid<float> z_m;
+  PixelWindow window;
+  detail::PixelSize pixel;
+  std::ptrdiff_t covered = 0;
+};
+
+Error no_overlap(const FuseRequest& request, const DemReader& dem, const detail::SiteFrame& site) {
+  const double w = request.half_width.value();
+  GeoBox box{90.0, -90.0, INFINITY, -INFINITY};
+  for (const double x : {-w, 0.0, w})
+    for (const double y : {-w, 0.0, w}) {
+      const detail::BodyPoint p = site.below(x, y);
+      box = {std::min(box.south, p.latitude_deg), std::max(box.north, p.latitude_deg),
+             std::min(box.west, p.longitude_deg), std::max(box.east, p.longitude_deg)};
+    }
+  const GeoBox have = dem.extent();
+  return {kNoOverlap,
+          fmt::format("{}: does not touch the site. The site spans latitudes {:.4f} to {:.4f} and "
+                      "longitudes {:.4f} to {:.4f} E, the raster {:.4f} to {:.4f} and {:.4f} to "
+                      "{:.4f} E (planetocentric degrees)",
+                      dem.name(), box.south, box.north, box.west, box.east, have.south, have.north,
+                      have.west, have.east)};
+}
+
+Result<PixelWindow> read_window(const DemReader& dem, const detail::NodeMap& map,
+                                const detail::PixelSize& pixel, const RunContext& run) {
+  // Pixels much finer than the nodes are averaged, or their detail would alias.
+  const auto step = [&](double pixel_m) {
+    return std::max(1, static_cast<int>(std::floor(map.nodes().spacing_m / pixel_m + 1e-9)));
+  };
+  const int step_u = step(pixel.along_u_m), step_v = step(pixel.along_v_m);
+  return dem.read(map.needed(step_u, step_v), step_u, step_v, run);
+}
+
+Result<Layer> read_layer(const FuseRequest& request, const DemReader& dem,
+                         const detail::SiteFrame& site, const detail::NodeGrid& nodes,
+                         const RunContext& run) {
+  MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run));
+  if (!map.touches()) return tl::unexpected<Error>(no_overlap(request, dem, site));
+  Layer layer;
+  layer.pixel = detail::pixel_size(dem, site, 0.5 * request.half_width.value());
+  MAQUETTE_TRY(layer.window, read_window(dem, map, layer.pixel, run));
+  MAQUETTE_TRY(layer.z_m, map.sample(layer.window, run));
+  layer.covered =
+      static_cast<std::ptrdiff_t>(layer.z_m.cells().size()) - height_range(layer.z_m).voids;
+  if (layer.covered == 0)
+    return fail(kAllVoid, fmt::format("{}: has only voids inside the site", dem.name()));
+  return layer;
+}
+
+/// Moves a layer's height field by (east, north); what it covers may change a little.
+Result<void> shift(Layer& layer, const DemReader& dem, const detail::SiteFrame& site,
+                   detail::NodeGrid nodes, const detail::Coregistration& by,
+                   const RunContext& run) {
+  if (by.horizontal) {
+    nodes.x0_m -= by.east_m;
+    nodes.y0_m -= by.north_m;
+    MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run));
+    MAQUETTE_TRY(layer.window, read_window(dem, map, layer.pixel, run));
+    MAQUETTE_TRY(layer.z_m, map.sample(layer.window, run));
+  }
+  for (float& h : layer.z_m.cells()) h = static_cast<float>(static_cast<double>(h) + by.up_m);
+  return {};
+}
+
+/// Fills what the base leaves open and says how uncertain that is: the base's own
+/// uncertainty and its rms node-to-node slope times the distance to the next measured node.
+void fill_base(FusedSurface& surface, double base_sigma_m) {
+  Grid<float>& z = surface.field.z_m;
+  if (height_range(z).voids == 0) return;
+  const Grid<float> distance = detail::distance_to(z, false);
+  double sum = 0.0;
+  std::ptrdiff_t n = 0;
+  for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
+    for (std::ptrdiff_t c = 1; c < z.cols(); ++c)
+      if (const double d = static_cast<double>(z(r, c)) - static_cast<double>(z(r, c - 1));
+          !std::isnan(d)) {
+        sum += d * d;
+        ++n;
+      }
+  const double step_m = n > 0 ? std::sqrt(sum / static_cast<double>(n)) : 0.0;
+  detail::fill_voids(z);
+  for (std::size_t i = 0; i < distance.cells().size(); ++i) {
+    const auto nodes_away = static_cast<double>(distance.cells()[i]);
+    if (nodes_away == 0.0) continue;
+    surface.source.cells()[i] = kNotMeasured;
+    surface.sigma_m.cells()[i] = static_cast<float>(std::hypot(base_sigma_m, step_m * nodes_away));
+  }
+}
+
+/// Lays a layer over the surface; its weight rises from 0 at its voids to 1 at `feather`
+/// nodes inside. The site's own border is no border of the layer.
+void blend(FusedSurface& surface, const Layer& layer, double sigma_m, double feather,
+           std::uint8_t index) {
+  const Grid<float> distance = detail::distance_to(layer.z_m, true);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, distance.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < distance.cols(); ++c) {
+      if (distance(r, c) == 0.0F) continue;
+      const double t = std::min(1.0, static_cast<double>(distance(r, c)) / feather);
+      const double w = t * t * (3.0 - 2.0 * t);
+      float& z = surface.field.z_m(r, c);
+      float& sigma = surface.sigma_m(r, c);
+      z = w == 1.0 ? layer.z_m(r, c)
+                   : static_cast<float>((1.0 - w) * static_cast<double>(z) +
+                                        w * static_cast<double>(layer.z_m(r, c)));
+      sigma = static_cast<float>(std::hypot((1.0 - w) * static_cast<double>(sigma), w * sigma_m));
+      if (w >= 0.5) surface.source(r, c) = index;
+    }
+  });
+}
+
+double feather_nodes(double lower_pixel_m, double upper_pixel_m, const detail::NodeGrid& nodes) {
+  const double width_m = nodes.spacing_m * static_cast<double>(nodes.cols - 1);
+  const double feather_m =
+      std::min(std::max(0.5 * lower_pixel_m, 10.0 * upper_pixel_m), 0.125 * width_m);
+  return std::max(2.0, feather_m / nodes.spacing_m);
+}
+
+}  // namespace
+
+Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
+  const detail::NodeGrid nodes = nodes_of(request);
+  const detail::SiteFrame site(request.body, request.centre_latitude_deg,
+                               request.centre_longitude_deg);
+  const auto all_nodes = static_cast<double>(nodes.rows * nodes.cols);
+  FusedSurface surface;
+  surface.field.spacing = Metres{nodes.spacing_m};
+  surface.field.x0 = Metres{nodes.x0_m};
+  surface.field.y0 = Metres{nodes.y0_m};
+
+  detail::Roughness roughness;
+  double finest_pixel_m = INFINITY, lower_pixel_m = 0.0;
+  for (std::size_t i = 0; i < request.sources.size(); ++i) {
+    const Source& source = request.sources[i];
+    run.progress(static_cast<double>(i) / static_cast<double>(request.sources.size() + 1));
+    MAQUETTE_TRY(DemReader dem, DemReader::open(source, request.body));
+    dem.centre_on(request.centre_latitude_deg, request.centre_longitude_deg);
+    MAQUETTE_TRY(Layer layer, read_layer(request, dem, site, nodes, run));
+    SourceReport report;
+    report.name = source.name;
+    report.pixel_m = layer.pixel.longer_m();
+    report.coverage = static_cast<double>(layer.covered) / all_nodes;
+    if (report.pixel_m < finest_pixel_m) {
+      finest_pixel_m = report.pixel_m;
+      if (request.synthetic_detail > 0.0)
+        roughness = detail::measure_roughness(layer.window, layer.pixel);
+    }
+    if (i == 0) {
+      if (report.coverage < 1.0 - kUncoveredAllowed)
+        return fail(kNotCovered, fmt::format("{}: the base covers {:.2f} % of the site, 99 % are "
+                                             "needed; choose a wider product or a smaller site",
+                                             dem.name(), 100.0 * report.coverage));
+      surface.field.z_m = std::move(layer.z_m);
+      surface.sigma_m = Grid<float>(nodes.rows, nodes.cols, static_cast<float>(source.sigma_m));
+      surface.source = Grid<std::uint8_t>(nodes.rows, nodes.cols, 0);
+      fill_base(surface, source.sigma_m);
+    } else {
+      const double coarse_m = std::max(lower_pixel_m, report.pixel_m);
+      const auto found =
+          detail::coregister(surface.field.z_m, layer.z_m, nodes.spacing_m, coarse_m);
+      if (found) {
+        if (coarse_m > 2.0 * request.half_width.value())
+          run.warn(
+              fmt::format("{}: the surface below it has pixels of {:.0f} m, more than the "
+                          "site; its height was moved by {:.1f} m on that authority",
+                          dem.name(), coarse_m, found->up_m));
+        MAQUETTE_TRY_VOID(shift(layer, dem, site, nodes, *found, run));
+        report.shift_east_m = found->east_m;
+        report.shift_north_m = found->north_m;
+        report.shift_up_m = found->up_m;
+        report.nmad_before_m = found->nmad_before_m;
+        report.nmad_after_m = found->nmad_after_m;
+      }
+      blend(surface, layer, source.sigma_m, feather_nodes(lower_pixel_m, report.pixel_m, nodes),
+            static_cast<std::uint8_t>(i));
+    }
+    if (run.stopped()) return fail(kCancelled, "fusing was stopped");
+    lower_pixel_m = report.pixel_m;
+    surface.sources.push_back(std::move(report));
+  }
+
+  if (request.synthetic_detail > 0.0) {
+    MAQUETTE_TRY(const double sigma,
+                 detail::add_small_relief(surface.field.z_m, nodes, roughness, finest_pixel_m,
+                                          request.synthetic_detail, request.seed, run));
+    if (sigma == 0.0)
+      run.warn(
+          "no synthetic detail: nodes are not finer than the finest source, or it has too few "
+          "pixels to measure its roughness");
+    for (float& s : surface.sigma_m.cells())
+      s = static_cast<float>(std::hypot(static_cast<double>(s), sigma));
+  }
+  run.progress(1.0);
+  return surface;
+}
+
+}  // namespace maquette::heightmap

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// Real products, skipped where they are not on disk (MAQUETTE_DATA names their folder)
+//   Gale, HiRISE over MOLA             heights of the HiRISE file at known pixels, relief kept
+//   Shoemaker, LOLA 5 m over LDEM_4    the same in a polar map over a cylindrical one
+//   LDEM_4 as PDS3 and as ISIS cube    equal heights at equal places
+//   HiRISE cubes                       local, polar and sinusoidal spheres are Mars, lie where
+//                                        their labels say, and ISIS NULL is a void (they hold
+//                                        nothing else)
+//   LDEM_4 cut short, cube cut short   refused; with both sizes
+
+#include <cmath>
+#include <numbers>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "heightmap/fuse.hpp"
+#include "support/matchers.hpp"
+#include "support/planet_raster.hpp"
+
+namespace maquette::heightmap {
+namespace {
+
+using testing_support::FailsWith;
+using testing_support::real_data;
+using testing_support::ScratchFolder;
+using testing_support::Succeeds;
+
+class RealData : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (real_data().empty()) GTEST_SKIP() << "real data not found; set MAQUETTE_DATA";
+  }
+  static FuseRequest site(const char* body, double lat, double lon, double half_width,
+                          double spacing, std::vector<Source> sources) {
+    FuseRequest request;
+    request.body = *body_by_name(body);
+    request.centre_latitude_deg = lat;
+    request.centre_longitude_deg = lon;
+    request.half_width = Metres{half_width};
+    request.spacing = Metres{spacing};
+    request.sources = std::move(sources);
+    return request;
+  }
+  static double file_value(const std::filesystem::path& path, int col, int row) {
+    GDALAllRegister();
+    GDALDataset* d = GDALDataset::Open(path.c_str());
+    double value = NAN;
+    EXPECT_EQ(d->GetRasterBand(1)->RasterIO(GF_Read, col, row, 1, 1, &value, 1, 1, GDT_Float64, 0,
+                                            0, nullptr),
+              CE_None);
+    GDALClose(d);
+    return value;
+  }
+};
+
+TEST_F(RealData, GaleHirise) {
+  const auto hirise = real_data() / "mars/gale_hirise_1m.tif";
+  // The middle of pixel (174, 168): x = 8142406 + 174.5, y = -276455 - 168.5 on a sphere.
+  const double per_degree = 3396190.0 * std::numbers::pi / 180.0;
+  const double lat = -276623.5 / per_degree, lon = 8142580.5 / per_degree;
+  const auto alone = fuse(site("mars", lat, lon, 100, 0.5, {{"hirise", hirise, "auto", 0.3}}));
+  ASSERT_THAT(alone, Succeeds());
+  EXPECT_NEAR(alone->field.z_m(200, 200), file_value(hirise, 174, 168), 1e-3);
+  EXPECT_NEAR(alone->sources[0].pixel_m, 1.0, 0.01);
+  // 60 m east: the map is true at the equator only, here one of its metres is cos(lat) metres.
+  const double metres_60 = 60.0 * std::cos(lat * std::numbers::pi / 180.0);
+  const auto moved = fuse(site("mars", lat, lon + 60.0 / per_degree, 10, 0.5, {{"h", hirise}}));
+  ASSERT_THAT(moved, Succeeds());
+  EXPECT_NEAR(moved->field.z_m(20, 20), file_value(hirise, 234, 168), 1e-3);
+  const auto c = static_cast<std::ptrdiff_t>(std::lround(200 + metres_60 / 0.5));
+  EXPECT_NEAR(alone->field.z_m(200, c), file_value(hirise, 234, 168), 0.3);
+  EXPECT_LT(height_range(alone->field.z_m).max, -4437.0F);
+  EXPECT_GT(height_range(alone->field.z_m).min, -4473.0F);
+
+  const auto pair = fuse(site("mars", lat, lon, 100, 0.5,
+                              {{"mola", real_data() / "mars/megt90n000cb.vrt", "auto", 30.0},
+                               {"hirise", hirise, "auto", 0.3}}));
+  ASSERT_THAT(pair, Succeeds());
+  EXPECT_EQ(pair->sources[1].shift_east_m, 0.0) << "14.8 km pixels cannot tell";
+  for (std::ptrdiff_t r = 0; r < 401; r += 37)
+    for (std::ptrdiff_t k = 0; k < 401; k += 41)
+      EXPECT_NEAR(pair->field.z_m(r, k) - pair->field.z_m(200, 200),
+                  alone->field.z_m(r, k) - alone->field.z_m(200, 200), 2e-3);
+  EXPECT_NEAR(pair->sources[0].pixel_m, 14818.0, 60.0);
+  RecordProperty("gale_shift_up_m", std::to_string(pair->sources[1].shift_up_m));
+}
+
+TEST_F(RealData, ShoemakerLola) {
+  const auto lola = real_data() / "moon/shoemaker_lola_5m.tif";
+  // Middle of pixel (128, 127) of the polar map: x = 75360 + 642.5, y = 39640 - 637.5.
+  const double x = 76002.5, y = 39002.5;
+  const double lon = std::atan2(x, y) * 180.0 / std::numbers::pi;
+  const double lat =
+      -90.0 + 2.0 * std::atan(std::hypot(x, y) / (2.0 * 1737400.0)) * 180.0 / std::numbers::pi;
+  const auto fused = fuse(site(
+      "moon", lat, lon, 400, 1.0,
+      {{"ldem_4", real_data() / "moon/LDEM_4.LBL", "auto", 10.0}, {"lola_5m", lola, "auto", 1.0}}));
+  ASSERT_THAT(fused, Succeeds());
+  const SourceReport& report = fused->sources[1];
+  EXPECT_NEAR(fused->field.z_m(400, 400) - report.shift_up_m, file_value(lola, 128, 127), 0.01);
+  EXPECT_EQ(report.coverage, 1.0);
+  EXPECT_NEAR(report.pixel_m, 5.0, 0.02);
+  // 45 pixels along the local meridian is 45 pixels towards the pole of the map.
+  const double rho = std::hypot(x, y);
+  const auto north = fuse(site("moon", lat, lon, 100, 1.0, {{"lola_5m", lola}}));
+  ASSERT_THAT(north, Succeeds());
+  const double px = (x + 75.0 * x / rho - 75360.0) / 5.0,
+               py = (39640.0 - (y + 75.0 * y / rho)) / 5.0;
+  EXPECT_NEAR(north->field.z_m(175, 100),
+              file_value(lola, static_cast<int>(px), static_cast<int>(py)), 1.5)
+      << "75 m north is 75 m away from the south pole";
+}
+
+TEST_F(RealData, LdemAsPds3AndAsIsisCube) {
+  // Each pixel of the cube is the mean of 3 x 3 of the image, of another release that
+  // differs by some 20 m; the relief over one image pixel is several hundred.
+  const auto image = real_data() / "moon/LDEM_4.LBL",
+             cube = real_data() / "moon/ldem_4_reduced.cub";
+  const auto height_at_place = [&](const std::filesystem::path& file, double lat, double lon) {
+    const auto fused = fuse(site("moon", lat, lon, 10, 10, {{"ldem", file}}));
+    EXPECT_THAT(fused, Succeeds());
+    return fused ? static_cast<double>(fused->field.z_m(1, 1)) : NAN;
+  };
+  std::vector<double> differences, slipped;
+  for (int k = 0; k < 15; ++k) {
+    const int row = 30 + 12 * k, col = (7 + 67 * k) % 480;
+    const double lat = 90.0 - (row + 0.5) * 0.75, lon = (col + 0.5) * 0.75;
+    const double reduced = height_at_place(cube, lat, lon);
+    EXPECT_NEAR(reduced, 0.5 * file_value(cube, col, row), 0.5) << "scale, offset, radius";
+    EXPECT_NEAR(height_at_place(image, lat, lon), 0.5 * file_value(image, 3 * col + 1, 3 * row + 1),
+                0.5);
+    double sum = 0.0, sum_slipped = 0.0;
+    for (const double i : {-0.25, 0.0, 0.25})
+      for (const double j : {-0.25, 0.0, 0.25}) {
+        sum += height_at_place(image, lat + i, lon + j);
+        sum_slipped += height_at_place(image, lat + i, lon + j + 0.375);  // half a cube pixel
+      }
+    differences.push_back(std::abs(sum / 9.0 - reduced));
+    slipped.push_back(std::abs(sum_slipped / 9.0 - reduced));
+  }
+  std::sort(differences.begin(), differences.end());
+  std::sort(slipped.begin(), slipped.end());
+  EXPECT_LT(differences[7], 20.0);
+  EXPECT_GT(slipped[7], 60.0) << "or this test could not see a slip of half a pixel";
+}
+
+TEST_F(RealData, HiriseCubes) {
+  const struct {
+    const char* file;
+    double lat, lon, half_width;
+  } cubes[] = {
+      {"Ares4_Marth_Crater_3557E_126N_ngate_03_lowres_sinusoidal.cub", 12.644, -4.256, 2000},
+      {"DTM_Zumba_1m_forPDS_lowres.cub", -28.685, 226.931, 1000},
+      {"Polar_Crater_1_1m_ngate_edited2_forPDS_lowres.cub", 83.477, -13.26, 800}};
+  for (const auto& cube : cubes) {
+    const Source source{"dtm", real_data() / "mars/hirise_cubes" / cube.file};
+    EXPECT_THAT(fuse(site("mars", cube.lat, cube.lon, cube.half_width, 100, {source})),
+                FailsWith(kAllVoid))
+        << cube.file;
+    EXPECT_THAT(fuse(site("mars", cube.lat + 2.0, cube.lon, cube.half_width, 100, {source})),
+                FailsWith(kNoOverlap))
+        << cube.file;
+    EXPECT_THAT(fuse(site("moon", cube.lat, cube.lon, cube.half_width, 100, {source})),
+                FailsWith(kWrongBody))
+        << cube.file;
+  }
+}
+
+TEST_F(RealData, IsisCubeCutShort) {
+  const ScratchFolder scratch;
+  // 480 x 240 int16 after a label of 65536 bytes; what follows is history.
+  const auto cube = *read_file(real_data() / "moon/ldem_4_reduced.cub");
+  ASSERT_THAT(write_file(scratch / "a.cub", cube.substr(0, 65536 + 230400)), Succeeds());
+  EXPECT_THAT(fuse(site("moon", 60, 10, 1000, 100, {{"cube", scratch / "a.cub"}})), Succeeds());
+  ASSERT_THAT(write_file(scratch / "a.cub", cube.substr(0, 65536 + 230399)), Succeeds());
+  EXPECT_THAT(fuse(site("moon", 60, 10, 1000, 100, {{"cube", scratch / "a.cub"}})),
+              FailsWith(kRasterNotReadable));
+}
+
+TEST_F(RealData, LdemCutShort) {
+  const ScratchFolder scratch;
+  std::filesystem::copy_file(real_data() / "moon/LDEM_4.LBL", scratch / "LDEM_4.LBL");
+  const auto image = *read_file(real_data() / "moon/LDEM_4.IMG");
+  ASSERT_THAT(write_file(scratch / "LDEM_4.IMG", image.substr(0, 1000000)), Succeeds());
+  // The pixels around the site are in what is left: it is refused all the same.
+  const auto fused = fuse(site("moon", 60, 10, 1000, 100, {{"ldem", scratch / "LDEM_4.LBL"}}));
+  ASSERT_THAT(fused, FailsWith(kRasterNotReadable));
+  EXPECT_THAT(fused.error().message,
+              ::testing::AllOf(::testing::HasSubstr("1000000"), ::testing::HasSubstr("2073600")));
+}
+
+}  // namespace
+}  // namespace maquette::heightmap

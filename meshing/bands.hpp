@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file bands.hpp
+/// The surface is milled in bands: strips side by side along one axis, each over
+/// the whole length of the other.
+
+#include <vector>
+
+#include "core/result.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::meshing {
+
+inline constexpr ErrorCode kBandsDegenerate{"MESHING_BANDS_DEGENERATE"};
+
+enum class BandAxis { x, y };
+
+/// Node columns (axis x) or rows (axis y) first..last, both included; neighbours
+/// share their border node, so bands joined again are the whole.
+struct Band {
+  int number = 0;  ///< 1, 2, ...
+  BandAxis axis = BandAxis::y;
+  std::ptrdiff_t first = 0, last = 0;
+};
+
+/// Splits into bands not wider than `max_width`, as even as whole cells allow (widths
+/// differ by one cell at most).
+/// MESHING_BANDS_DEGENERATE: max_width below two cells or not a number, or a field of
+/// fewer than 2 x 2 nodes.
+[[nodiscard]] Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
+                                                         BandAxis axis, Millimetres max_width);
+
+/// The part of the field that the band covers, heights and coordinates unchanged (x0
+/// and y0 are those of the band's first node), widened on both sides by `margin`,
+/// rounded up to whole cells, where the field goes on (for the cutter's reach).
+/// @pre the band belongs to this field; margin >= 0 and finite
+[[nodiscard]] heightmap::ModelField band_field(const heightmap::ModelField& surface,
+                                               const Band& band,
+                                               Millimetres margin = Millimetres{0});
+
+}  // namespace maquette::meshing

@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#define CGAL_LINKED_WITH_TBB 1
+#include "meshing/mesh_checks.hpp"
+
+#include <atomic>
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Polygon_mesh_processing/connected_components.h>
+#include <CGAL/Polygon_mesh_processing/manifoldness.h>
+#include <CGAL/Polygon_mesh_processing/measure.h>
+#include <CGAL/Polygon_mesh_processing/orientation.h>
+#include <CGAL/Polygon_mesh_processing/self_intersections.h>
+#include <CGAL/Surface_mesh.h>
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <nlohmann/json.hpp>
+
+namespace maquette::meshing {
+namespace {
+
+namespace pmp = CGAL::Polygon_mesh_processing;
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+using Triangle = std::array<std::uint32_t, 3>;
+
+constexpr std::size_t kTrianglesPerLook = std::size_t{1} << 20;  // at the stop token
+
+Kernel::Point_3 point(const Vec3& v) {
+  return {v.x, v.y, v.z};
+}
+
+bool is_degenerate(const TriMesh& mesh, const Triangle& t) {
+  if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) return true;
+  return CGAL::collinear(point(mesh.vertices_mm[t[0]]), point(mesh.vertices_mm[t[1]]),
+                         point(mesh.vertices_mm[t[2]]));
+}
+
+std::uint64_t count_degenerate(const TriMesh& mesh) {
+  std::atomic<std::uint64_t> count{0};
+  tbb::parallel_for(std::size_t{0}, (mesh.triangles.size() >> 16) + 1, [&](std::size_t chunk) {
+    std::uint64_t here = 0;
+    const std::size_t end = std::min((chunk + 1) << 16, mesh.triangles.size());
+    for (std::size_t t = chunk << 16; t < end; ++t) here += is_degenerate(mesh, mesh.triangles[t]);
+    count += here;
+  });
+  return count;
+}
+
+/// @return false if some triangle could not be added: an edge of three triangles, two
+///         neighbours turned against each other, or two sheets that share a vertex
+bool build(const TriMesh& source, Mesh& mesh, const RunContext& run) {
+  bool all = true;
+  mesh.reserve(static_cast<Mesh::size_type>(source.vertices_mm.size()),
+               static_cast<Mesh::size_type>(source.triangles.size() * 3 / 2 + 8),
+               static_cast<Mesh::size_type>(source.triangles.size()));
+  for (const Vec3& v : source.vertices_mm) mesh.add_vertex(point(v));
+  for (std::size_t i = 0; i < source.triangles.size(); ++i) {
+    if (i % kTrianglesPerLook == 0) {
+      if (run.stopped()) return all;
+      run.progress(0.5 * static_cast<double>(i) / static_cast<double>(source.triangles.size()));
+    }
+    const Triangle& t = source.triangles[i];
+    const bool distinct = t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+    if (!distinct || mesh.add_face(Mesh::Vertex_index(t[0]), Mesh::Vertex_index(t[1]),
+                                   Mesh::Vertex_index(t[2])) == Mesh::null_face())
+      all = false;
+  }
+  return all;
+}
+
+/// Each shell by itself, since a stone's shell inside out is not seen from the outermost
+/// vertex of all. @pre closed, manifold
+bool every_shell_outward(const Mesh& mesh,
+                         const Mesh::Property_map<Mesh::Face_index, std::uint32_t>& shell_of,
+                         std::uint32_t shells) {
+  if (shells == 1) return pmp::is_outward_oriented(mesh);
+  std::vector<std::vector<Mesh::Face_index>> faces_of(shells);
+  for (const Mesh::Face_index f : mesh.faces()) faces_of[shell_of[f]].push_back(f);
+  std::vector<std::uint32_t> name(mesh.number_of_vertices());
+  for (const auto& faces : faces_of) {
+    Mesh shell;
+    std::fill(name.begin(), name.end(), UINT32_MAX);
+    for (const Mesh::Face_index f : faces) {
+      std::array<Mesh::Vertex_index, 3> corner;
+      std::size_t i = 0;
+      for (const Mesh::Vertex_index v : mesh.vertices_around_face(mesh.halfedge(f))) {
+        std::uint32_t& n = name[static_cast<std::size_t>(v)];
+        if (n == UINT32_MAX) n = shell.add_vertex(mesh.point(v));
+        corner[i++] = Mesh::Vertex_index(n);
+      }
+      shell.add_face(corner[0], corner[1], corner[2]);
+    }
+    if (!pmp::is_outward_oriented(shell)) return false;
+  }
+  return true;
+}
+
+void measure_height_error(const TriMesh& mesh, const heightmap::ModelField& field,
+                          MeshCertificate& certificate) {
+  constexpr double kNearWall_mm = 1e-6;
+  constexpr double kStoneAbove_mm = 0.05;
+  const double x_last = field.x_mm(field.z_mm.cols() - 1);
+  const double y_last = field.y_mm(field.z_mm.rows() - 1);
+  double base_z = INFINITY;
+  for (const Vec3& v : mesh.vertices_mm) base_z = std::fmin(base_z, v.z);
+  double sum = 0.0;
+  for (const Vec3& v : mesh.vertices_mm) {
+    const bool inside = v.x > field.x_mm(0) + kNearWall_mm && v.x < x_last - kNearWall_mm &&
+                        v.y > field.y_mm(0) + kNearWall_mm && v.y < y_last - kNearWall_mm;
+    if (!inside || v.z <= base_z) continue;
+    const double error = v.z - heightmap::height_at(field, v.x, v.y);
+    if (std::isnan(error)) continue;  // over a void
+    if (error > kStoneAbove_mm) {
+      ++certificate.vertices_above_surface;
+      continue;
+    }
+    ++certificate.vertices_compared;
+    sum += error * error;
+    certificate.max_vertical_error_mm =
+        std::fmax(certificate.max_vertical_error_mm, std::abs(error));
+  }
+  if (certificate.vertices_compared > 0)
+    certificate.rms_vertical_error_mm =
+        std::sqrt(sum / static_cast<double>(certificate.vertices_compared));
+}
+
+}  // namespace
+
+Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelField* surface,
+                                   const MeshCheckOptions& options, const RunContext& run) {
+  constexpr std::string_view kStopped = "checking the mesh was stopped";
+  MeshCertificate certificate;
+  certificate.vertices = mesh.vertices_mm.size();
+  certificate.triangles = mesh.triangles.size();
+  // Broken indices or coordinates make the rest meaningless: nothing is certified.
+  for (const Vec3& v : mesh.vertices_mm)
+    if (!std::isfinite(v.x) || !std::isfinite(v.y) || !std::isfinite(v.z)) return certificate;
+  for (const Triangle& t : mesh.triangles)
+    for (const std::uint32_t v : t)
+      if (v >= mesh.vertices_mm.size()) return certificate;
+  if (mesh.triangles.empty()) return certificate;
+  if (surface != nullptr) measure_height_error(mesh, *surface, certificate);
+  certificate.degenerate_triangles = count_degenerate(mesh);
+  try {
+    Mesh cgal;
+    const bool all_added = build(mesh, cgal, run);
+    if (run.stopped()) return fail(kCancelled, std::string(kStopped));
+    const bool valid = CGAL::is_valid_polygon_mesh(cgal);
+    run.progress(0.6);
+    std::vector<Mesh::Halfedge_index> pinched_at;
+    pmp::non_manifold_vertices(cgal, std::back_inserter(pinched_at));
+    certificate.manifold = all_added && valid && pinched_at.empty();
+    certificate.closed = all_added && CGAL::is_closed(cgal);
+    if (run.stopped()) return fail(kCancelled, std::string(kStopped));
+    run.progress(0.7);
+    std::uint64_t used = 0;
+    for (const Mesh::Vertex_index v : cgal.vertices()) used += !cgal.is_isolated(v);
+    certificate.euler_number = static_cast<std::int64_t>(used) -
+                               static_cast<std::int64_t>(cgal.number_of_edges()) +
+                               static_cast<std::int64_t>(cgal.number_of_faces());
+    auto shell_of = cgal.add_property_map<Mesh::Face_index, std::uint32_t>("f:shell", 0).first;
+    const auto shells = static_cast<std::uint32_t>(pmp::connected_components(cgal, shell_of));
+    certificate.shells = shells;
+    certificate.area_mm2 = pmp::area(cgal);
+    if (run.stopped()) return fail(kCancelled, std::string(kStopped));
+    run.progress(0.8);
+    if (certificate.closed && certificate.manifold) {
+      certificate.volume_mm3 = pmp::volume(cgal);
+      certificate.oriented_outward = every_shell_outward(cgal, shell_of, shells);
+    }
+    cgal.remove_property_map(shell_of);
+    run.progress(0.9);
+    if (options.self_intersections && all_added && certificate.degenerate_triangles == 0 &&
+        certificate.triangles <= options.self_intersection_limit) {
+      if (run.stopped()) return fail(kCancelled, std::string(kStopped));
+      certificate.self_intersection_checked = true;
+      certificate.self_intersecting =
+          pmp::does_self_intersect<CGAL::Parallel_if_available_tag>(cgal);
+    }
+  } catch (const std::exception& e) {
+    // CGAL's own preconditions: the mesh is not what they ask for.
+    run.warn(fmt::format("checks were cut short: {}", e.what()));
+    certificate.manifold = false;
+  }
+  run.progress(1.0);
+  return certificate;
+}
+
+std::string to_json(const MeshCertificate& c) {
+  const nlohmann::ordered_json json = {{"vertices", c.vertices},
+                                       {"triangles", c.triangles},
+                                       {"manifold", c.manifold},
+                                       {"closed", c.closed},
+                                       {"oriented_outward", c.oriented_outward},
+                                       {"degenerate_triangles", c.degenerate_triangles},
+                                       {"self_intersection_checked", c.self_intersection_checked},
+                                       {"self_intersecting", c.self_intersecting},
+                                       {"shells", c.shells},
+                                       {"euler_number", c.euler_number},
+                                       {"volume_mm3", c.volume_mm3},
+                                       {"area_mm2", c.area_mm2},
+                                       {"max_vertical_error_mm", c.max_vertical_error_mm},
+                                       {"rms_vertical_error_mm", c.rms_vertical_error_mm},
+                                       {"vertices_compared", c.vertices_compared},
+                                       {"vertices_above_surface", c.vertices_above_surface},
+                                       {"passed", c.passed()}};
+  return json.dump(2) + "\n";
+}
+
+}  // namespace maquette::meshing

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file mesh_checks.hpp
+/// What a mesh is proven to be, by CGAL.
+
+#include <cstdint>
+#include <string>
+
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "core/tri_mesh.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::meshing {
+
+struct MeshCertificate {
+  std::uint64_t vertices = 0, triangles = 0;
+  bool manifold = false;          ///< CGAL: a valid 2-manifold polygon mesh
+  bool closed = false;            ///< CGAL::is_closed
+  bool oriented_outward = false;  ///< CGAL: is_outward_oriented, every shell
+  std::uint64_t degenerate_triangles = 0;
+  bool self_intersection_checked = false;
+  bool self_intersecting = false;
+  std::uint64_t shells = 0;
+  std::int64_t euler_number = 0;
+  double volume_mm3 = 0.0, area_mm2 = 0.0;
+  double max_vertical_error_mm = 0.0;  ///< top vertices against the field; 0 if none given
+  double rms_vertical_error_mm = 0.0;
+  std::uint64_t vertices_compared = 0;       ///< with the field
+  std::uint64_t vertices_above_surface = 0;  ///< taken for a stone's and not compared
+  [[nodiscard]] bool passed() const {
+    return manifold && closed && oriented_outward && degenerate_triangles == 0 &&
+           !self_intersecting;
+  }
+};
+
+struct MeshCheckOptions {
+  bool self_intersections = true;  ///< costs most; off above this many triangles:
+  std::uint64_t self_intersection_limit = 4'000'000;
+};
+
+/// Never fails on a bad mesh: says in the certificate what is wrong with it. A mesh with
+/// indices out of range or coordinates that are not finite gets counts and no property;
+/// volume and orientation are found for closed manifold meshes only; self-intersection is
+/// looked for where no triangle is degenerate. CORE_CANCELLED.
+/// @param surface  when given, vertices above the base are compared with it (away from
+///                 walls, base and stones higher than 0.05 mm above it). A surface that
+///                 as a whole is too high thus counts as stone: see
+///                 `vertices_above_surface`
+[[nodiscard]] Result<MeshCertificate> check_mesh(const TriMesh& mesh,
+                                                 const heightmap::ModelField* surface = nullptr,
+                                                 const MeshCheckOptions& options = {},
+                                                 const RunContext& run = {});
+[[nodiscard]] std::string to_json(const MeshCertificate& certificate);
+
+}  // namespace maquette::meshing

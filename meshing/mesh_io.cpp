@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "meshing/mesh_io.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cstddef>
+#include <cstring>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/files.hpp"
+#include "meshing/detail/mesh_readers.hpp"
+
+namespace maquette::meshing {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "PLY and STL are written as in memory");
+static_assert(sizeof(Vec3) == 3 * sizeof(double));
+
+constexpr std::size_t kBufferBytes = std::size_t{1} << 20;
+constexpr std::size_t kFaceBytes = 1 + 3 * sizeof(std::uint32_t);
+
+/// A whole file, read-only, paged in by the system as it is read.
+class MappedFile {
+ public:
+  static Result<MappedFile> open(const std::filesystem::path& path) {
+    const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (fd < 0) {
+      if (errno == ENOENT)
+        return fail(kFileNotFound, fmt::format("{}: no such file", path.string()));
+      return fail(kFileNotReadable,
+                  fmt::format("{}: cannot read ({})", path.string(), std::strerror(errno)));
+    }
+    MappedFile file;
+    struct stat status {};
+    if (::fstat(fd, &status) != 0 || !S_ISREG(status.st_mode)) {
+      ::close(fd);
+      return fail(kFileNotReadable, fmt::format("{}: is no regular file", path.string()));
+    }
+    file.size_ = static_cast<std::size_t>(status.st_size);
+    if (file.size_ > 0) {
+      file.data_ = ::mmap(nullptr, file.size_, PROT_READ, MAP_PRIVATE, fd, 0);
+      if (file.data_ == MAP_FAILED) {
+        const int reason = errno;
+        file.data_ = nullptr;
+        ::close(fd);
+        return fail(kFileNotReadable,
+                    fmt::format("{}: cannot read ({})", path.string(), std::strerror(reason)));
+      }
+      ::madvise(file.data_, file.size_, MADV_SEQUENTIAL);
+    }
+    ::close(fd);
+    return file;
+  }
+  MappedFile(MappedFile&& other) noexcept
+      : data_(std::exchange(other.data_, nullptr)), size_(other.size_) {}
+  MappedFile& operator=(MappedFile&&) = delete;
+  ~MappedFile() {
+    if (data_ != nullptr) ::munmap(data_, size_);
+  }
+  [[nodiscard]] std::string_view bytes() const { return {static_cast<const char*>(data_), size_}; }
+
+ private:
+  MappedFile() = default;
+  void* data_ = nullptr;
+  std::size_t size_ = 0;
+};
+
+bool starts_with_word(std::string_view text, std::string_view word) {
+  if (text.size() < word.size()) return false;
+  for (std::size_t i = 0; i < word.size(); ++i)
+    if ((text[i] | 0x20) != word[i]) return false;
+  return text.size() == word.size() ||
+         std::string_view(" \t\r\n").find(text[word.size()]) != std::string_view::npos;
+}
+
+bool has_nul(std::string_view text) {
+  return text.substr(0, 1024).find('\0') != std::string_view::npos;
+}
+
+Result<TriMesh> read_by_content(std::string_view bytes, const RunContext& run) {
+  if (starts_with_word(bytes, "ply")) return detail::read_ply(bytes, run);
+  // Some binary STL files begin with "solid"; the length of the file tells.
+  if (bytes.size() >= 84) {
+    std::uint32_t triangles = 0;
+    std::memcpy(&triangles, bytes.data() + 80, sizeof triangles);
+    if (bytes.size() == 84 + 50 * std::size_t{triangles})
+      return detail::read_binary_stl(bytes, run);
+  }
+  const auto first = std::min(bytes.find_first_not_of(" \t\r\n"), bytes.size());
+  if (!has_nul(bytes)) {
+    if (starts_with_word(bytes.substr(first), "solid")) return detail::read_ascii_stl(bytes, run);
+    if (first < bytes.size()) return detail::read_obj(bytes, run);
+  } else if (bytes.size() >= 84) {
+    return detail::read_binary_stl(bytes, run);  // truncated: says by how much
+  }
+  return fail(kMeshFormat, "neither PLY, STL nor OBJ");
+}
+
+}  // namespace
+
+Result<void> write_ply(const TriMesh& mesh, const std::filesystem::path& path,
+                       const RunContext& run) {
+  const std::size_t vertices = mesh.vertices_mm.size(), faces = mesh.triangles.size();
+  MAQUETTE_TRY(auto file, AtomicFile::create(path));
+  file.write(
+      fmt::format("ply\nformat binary_little_endian 1.0\n"
+                  "comment frame: model, right-handed, x east, y north, z up\ncomment unit: mm\n"
+                  "element vertex {}\nproperty double x\nproperty double y\nproperty double z\n"
+                  "element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+                  vertices, faces));
+  const double all_bytes = static_cast<double>(vertices * sizeof(Vec3) + faces * kFaceBytes);
+  std::size_t written = 0;
+  const auto write = [&](const void* data, std::size_t bytes) {
+    file.write(data, bytes);
+    written += bytes;
+    run.progress(static_cast<double>(written) / all_bytes);
+  };
+  const auto stopped = [&] { return fail(kCancelled, "stopped while writing " + path.string()); };
+
+  constexpr std::size_t per_chunk = kBufferBytes / sizeof(Vec3);
+  for (std::size_t i = 0; i < vertices; i += per_chunk) {
+    if (run.stopped()) return stopped();
+    write(mesh.vertices_mm.data() + i, sizeof(Vec3) * std::min(per_chunk, vertices - i));
+  }
+  constexpr std::size_t faces_per_chunk = kBufferBytes / kFaceBytes;
+  std::vector<char> buffer(faces_per_chunk * kFaceBytes);
+  for (std::size_t i = 0; i < faces; i += faces_per_chunk) {
+    if (run.stopped()) return stopped();
+    char* out = buffer.data();
+    for (std::size_t f = i; f < std::min(i + faces_per_chunk, faces); ++f, out += kFaceBytes) {
+      *out = 3;
+      std::memcpy(out + 1, mesh.triangles[f].data(), kFaceBytes - 1);
+    }
+    write(buffer.data(), static_cast<std::size_t>(out - buffer.data()));
+  }
+  return file.commit();
+}
+
+Result<TriMesh> read_mesh(const std::filesystem::path& path, const RunContext& run) {
+  MAQUETTE_TRY(const auto file, MappedFile::open(path));
+  auto mesh = read_by_content(file.bytes(), run);
+  if (mesh && mesh->triangles.empty())
+    mesh = fail(kMeshEmpty, "contains no triangle; a surface mesh is expected");
+  if (!mesh) return tl::unexpected(std::move(mesh).error().within(path.string()));
+  return mesh;
+}
+
+}  // namespace maquette::meshing

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file solid.hpp
+/// Heightmap (and stones) -> closed solid, by two meshers.
+///
+/// Room    meshing:  stones -> [solid] -> mesh_checks -> bands
+/// Takes   ModelField, millimetres, no voids; stones as closed meshes
+/// Gives   closed, outward-oriented TriMesh: the surface, four vertical walls on
+///         the field's outline, a flat base at `base_z`
+///
+/// grid_solid    plain terrain; the top's vertices are the field's nodes, bit for
+///               bit, with the field's own diagonals.
+/// volume_solid  union of terrain and stones. Round the stones: OpenVDB narrow-band
+///               level set filled straight from the height grid, stones united by CSG
+///               with a fillet of 1.5 voxels (so that no crevice is too narrow for
+///               the mesh to follow), dual contouring, then vertices moved
+///               onto the stones or straight up or down onto the triangulated
+///               terrain, and a Delaunay triangulation that joins them to the nodes.
+///               Everywhere else: as grid_solid. Pockets of air under a stone are
+///               filled. Walls and base are exact planes.
+///
+/// Accuracy of volume_solid: away from stones (more than 5 voxels and two spacings)
+/// the field's own triangles; vertices of the seam lie within half a voxel of terrain
+/// or stone; all others on one of the two, except where that would let triangles cut
+/// each other. Terrain itself is not contoured: its vertices would not be the nodes.
+
+#include <span>
+
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "core/tri_mesh.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::meshing {
+
+inline constexpr ErrorCode kSurfaceHasVoids{"MESHING_SURFACE_HAS_VOIDS"};
+inline constexpr ErrorCode kBaseTooThin{"MESHING_BASE_TOO_THIN"};
+inline constexpr ErrorCode kVoxelTooSmall{"MESHING_VOXEL_TOO_SMALL"};
+inline constexpr ErrorCode kNotASolid{"MESHING_NOT_A_SOLID"};
+
+struct SolidOptions {
+  Millimetres base_z{-10.0};  ///< height of the underside; below the lowest node by >= 1 mm
+  Millimetres voxel{0.0};     ///< volume mesher only, round stones; 0 = the field's spacing
+  double memory_limit_gib = 20.0;
+};
+
+/// MESHING_SURFACE_HAS_VOIDS (first row and column), MESHING_BASE_TOO_THIN, CORE_CANCELLED
+[[nodiscard]] Result<TriMesh> grid_solid(const heightmap::ModelField& surface,
+                                         const SolidOptions& options = {},
+                                         const RunContext& run = {});
+
+/// The same errors, and MESHING_VOXEL_TOO_SMALL before allocation (with the voxel
+/// that would fit), MESHING_NOT_A_SOLID if a stone is not a closed, outward body inside
+/// the walls and above the base, hangs in the air, or stands so near a wall (about four
+/// voxels) that no terrain is left to join it to. Where no sound mesh comes out, finer
+/// voxels (to a quarter) and other lattices are tried; run.warn tells.
+/// @pre voxel >= 0
+[[nodiscard]] Result<TriMesh> volume_solid(const heightmap::ModelField& surface,
+                                           std::span<const TriMesh> stones,
+                                           const SolidOptions& options = {},
+                                           const RunContext& run = {});
+
+}  // namespace maquette::meshing

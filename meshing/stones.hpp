@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file stones.hpp
+/// Which stone lies where. The plan is drawn once, in metres of the site, and
+/// brought to each model scale, so that a stone of the 1:200 section is the same
+/// stone at 1:1000.
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "assets/rocks.hpp"
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "core/tri_mesh.hpp"
+#include "core/vec.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::meshing {
+
+inline constexpr ErrorCode kStonesDoNotFit{"MESHING_STONES_DO_NOT_FIT"};
+inline constexpr ErrorCode kStoneLargerThanSite{"MESHING_STONE_LARGER_THAN_SITE"};
+inline constexpr ErrorCode kStonePlanFormat{"MESHING_STONE_PLAN_FORMAT"};
+
+/// A stone of the site, before it is laid on a surface.
+struct SiteStone {
+  int number = 0;  ///< 1, 2, ... the same at every scale
+  assets::RockShape shape;
+  Metres diameter{0.0};
+  double east_m = 0.0, north_m = 0.0;  ///< site frame
+  Radians heading{0.0};                ///< of the long axis, about the vertical
+};
+
+struct SitePlanRequest {
+  int count = 12;
+  double inner_share = 0.5;      ///< share (rounded up) that lies inside the inner square
+  Metres half_width{0.0};        ///< of the site
+  Metres inner_half_width{0.0};  ///< of the 1:200 section; 0: none
+  Metres min_diameter{2.0}, max_diameter{5.0};
+  double k = 0.1;  ///< Golombek-Rapp area fraction
+  std::uint64_t seed = 1;
+};
+
+/// Draws sizes, shapes and positions; numbers them by falling size. The circumscribed
+/// spheres do not overlap, and centres keep one diameter from the site's border and,
+/// on either side, from the inner square's (centred on the site).
+/// MESHING_STONE_LARGER_THAN_SITE: a stone cannot keep its distance from the border of
+/// its square; MESHING_STONES_DO_NOT_FIT: says how many did.
+/// @pre count >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
+///      assets::draw_rock_diameters asks
+[[nodiscard]] Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request);
+
+/// A stone in its pose on one model surface: x_model = translation + R (scale x_rock).
+struct PlacedStone {
+  int number = 0;
+  assets::RockShape shape;
+  double scale_mm = 0.0;            ///< equivalent diameter in the model
+  RigidTransform model_from_stone;  ///< rotation and translation
+  double embedded_depth_mm = 0.0;   ///< how deep its lowest point is under the surface there
+
+  friend bool operator==(const PlacedStone&, const PlacedStone&) = default;
+};
+
+/// Lays the stones onto the surface. The stone's origin stays on the vertical through
+/// its site position; its base is parallel to the plane that fits the nodes under the
+/// footprint best (least squares); it is sunk along the plane's normal by
+/// `embedded_share` of its height, and then straight down until none of the vertices
+/// of that lowest share lies above the surface: no gap stays under the rim.
+/// Stones that do not lie on the surface as a whole, or lie on a void, are left out.
+/// Stones are true to the horizontal scale; a vertical exaggeration does not stretch them.
+/// Same stones, same surface, same bits for any number of threads.
+/// @param east_of_x0_m  site coordinates of model point (0, 0)
+/// @pre embedded_share within 0 .. 1; at least 2 x 2 nodes
+[[nodiscard]] std::vector<PlacedStone> lay_stones(std::span<const SiteStone> stones,
+                                                  const heightmap::ModelField& surface,
+                                                  const ModelScale& scale, double east_of_x0_m,
+                                                  double north_of_y0_m,
+                                                  double embedded_share = 0.25);
+
+/// Closed mesh of a stone in its pose, model frame.
+[[nodiscard]] TriMesh stone_mesh(const PlacedStone& stone);
+
+/// Raises the field to the stones' upper surface where they stand above it: the
+/// envelope that a scanner or a probe from above meets. Exact at the nodes (rounded to
+/// float); voids stay voids. Time goes with the nodes under the stones.
+[[nodiscard]] heightmap::ModelField with_stones(const heightmap::ModelField& surface,
+                                                std::span<const PlacedStone> stones);
+
+/// stones.json, exact (round trip to the bit): the plan that other rooms read.
+/// Reading: CORE_FILE_NOT_FOUND; MESHING_STONE_PLAN_FORMAT with line and column where it
+/// is not JSON, else with the path of the key (/stones/3/shape/flatness): missing,
+/// unknown, of the wrong type or out of range.
+/// @pre writing: numbers are finite
+[[nodiscard]] Result<void> write_stone_plan(std::span<const PlacedStone> stones,
+                                            const std::filesystem::path& path);
+[[nodiscard]] Result<std::vector<PlacedStone>> read_stone_plan(const std::filesystem::path& path);
+/// stones.csv for the workshop: number, position, quaternion, diameter, embedded depth,
+/// in the columns number,x_mm,y_mm,z_mm,qw,qx,qy,qz,diameter_mm,embedded_depth_mm.
+/// x_model = (x, y, z) + R(q) x_stone; lengths to 0.1 um.
+[[nodiscard]] Result<void> write_stone_table(std::span<const PlacedStone> stones,
+                                             const std::filesystem::path& path);
+
+}  // namespace maquette::meshing

@@ -1,0 +1,397 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "cnc/gcode_machine.hpp"
+
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+
+namespace maquette::cnc {
+namespace {
+
+constexpr std::array<char, 3> kAxes{'X', 'Y', 'Z'};
+constexpr double kLongestTravel_mm = 1e6;
+constexpr int kMostTurns = 1000;
+
+[[nodiscard]] std::string code_name(char letter, int tenths) {
+  if (tenths % 10 == 0) return fmt::format("{}{}", letter, tenths / 10);
+  return fmt::format("{}{}.{}", letter, tenths / 10, tenths % 10);
+}
+
+[[nodiscard]] BlockFault syntax(int column, std::string text) {
+  return {kGcodeSyntax, column, std::move(text)};
+}
+[[nodiscard]] BlockFault unsupported(int column, std::string_view what, std::string_view expected) {
+  return {kGcodeUnsupported, column, fmt::format("found {}, expected {}", what, expected)};
+}
+
+[[nodiscard]] bool has_axis(const BlockWords& words) {
+  return words.has('X') || words.has('Y') || words.has('Z');
+}
+[[nodiscard]] int first_axis_column(const BlockWords& words) {
+  for (const char axis : kAxes)
+    if (words.has(axis)) return words.column_of(axis);
+  return 1;
+}
+
+[[nodiscard]] Vec3 vec(const std::array<double, 3>& a) {
+  return {a[0], a[1], a[2]};
+}
+
+}  // namespace
+
+std::optional<BlockFault> GcodeMachine::execute(const BlockWords& words, Motion& motion,
+                                                bool& moved) {
+  moved = false;
+  machine_frame_ = dwell_ = false;
+  mode_column_ = 0;
+  axis_use_ = AxisUse::motion;
+  for (const char axis : {'A', 'B', 'C', 'U', 'V', 'W'})
+    if (words.has(axis))
+      return unsupported(words.column_of(axis), fmt::format("axis word {}", axis),
+                         "a three-axis program (X, Y, Z)");
+  for (const char letter : {'E', 'L'})
+    if (words.has(letter))
+      return syntax(words.column_of(letter),
+                    fmt::format("found {}, which no supported code uses, expected plain numbers "
+                                "(1500, not 1.5e3) and no canned cycles",
+                                letter));
+  if (auto fault = codes(words)) return fault;
+  if (words.has('F')) {
+    const double feed = words.of('F') * unit_mm_;
+    if (!(feed >= 0.0))
+      return syntax(words.column_of('F'),
+                    fmt::format("found feed {}, expected one above zero", words.of('F')));
+    feed_mm_min_ = feed;
+  }
+  if (auto fault = m_codes(words)) return fault;
+  if (dwell_) {
+    if (!words.has('P') || !(words.of('P') >= 0.0))
+      return syntax(words.has('P') ? words.column_of('P') : 1,
+                    "found G4 without a dwell time, expected P with seconds");
+    dwell_s_ += words.of('P');
+  }
+  if (axis_use_ == AxisUse::offset_set) return set_offset(words);
+  if (axis_use_ == AxisUse::offset_length) return std::nullopt;
+  return move(words, motion, moved);
+}
+
+std::optional<BlockFault> GcodeMachine::codes(const BlockWords& words) {
+  for (int i = 0; i < words.g_count; ++i)
+    if (auto fault = one_code(words, words.g[static_cast<std::size_t>(i)])) return fault;
+  return std::nullopt;
+}
+
+std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockWords::Code code) {
+  const auto set_mode = [&](Mode mode) -> std::optional<BlockFault> {
+    if (mode_column_ != 0 && mode != mode_)
+      return syntax(code.column,
+                    fmt::format("found {} beside another motion in column {}, expected one "
+                                "motion per line",
+                                code_name('G', code.tenths), mode_column_));
+    mode_ = mode;
+    mode_column_ = code.column;
+    return std::nullopt;
+  };
+  switch (code.tenths) {
+    case 0:
+      return set_mode(Mode::rapid);
+    case 10:
+      return set_mode(Mode::line);
+    case 20:
+      return set_mode(Mode::clockwise);
+    case 30:
+      return set_mode(Mode::counter_clockwise);
+    case 40:
+      dwell_ = true;
+      return std::nullopt;
+    case 170:
+      plane_ = ArcPlane::xy;
+      return std::nullopt;
+    case 180:
+      plane_ = ArcPlane::zx;
+      return std::nullopt;
+    case 190:
+      plane_ = ArcPlane::yz;
+      return std::nullopt;
+    case 200:
+      unit_mm_ = 25.4;
+      return std::nullopt;
+    case 210:
+      unit_mm_ = 1.0;
+      return std::nullopt;
+    case 431:
+      axis_use_ = AxisUse::offset_length;  // its axis words are lengths, not a move
+      return std::nullopt;
+    case 400:
+    case 430:
+    case 432:
+    case 490:
+    case 500:
+    case 610:
+    case 611:
+    case 640:
+    case 940:
+    case 970:
+    case 980:
+    case 990:
+      return std::nullopt;
+    case 530:
+      machine_frame_ = true;
+      return std::nullopt;
+    case 540:
+    case 550:
+    case 560:
+    case 570:
+    case 580:
+    case 590:
+    case 591:
+    case 592:
+    case 593:
+      if (moved_ever_ && code.tenths != coordinate_system_)
+        return unsupported(code.column, code_name('G', code.tenths),
+                           fmt::format("all motion in one work coordinate system; it began in {} "
+                                       "and only the machine knows how the two lie",
+                                       code_name('G', coordinate_system_)));
+      coordinate_system_ = code.tenths;
+      return std::nullopt;
+    case 800:
+      // Post-processors write it beside G0 in the safety line: there the motion stays.
+      if (mode_column_ == 0) mode_ = Mode::none;
+      return std::nullopt;
+    case 900:
+      incremental_ = false;
+      return std::nullopt;
+    case 910:
+      incremental_ = true;
+      return std::nullopt;
+    case 901:
+      centre_absolute_ = true;
+      return std::nullopt;
+    case 911:
+      centre_absolute_ = false;
+      return std::nullopt;
+    case 920:
+      axis_use_ = AxisUse::offset_set;
+      return std::nullopt;
+    case 921:
+      offset_mm_ = saved_offset_mm_ = {};
+      return std::nullopt;
+    case 922:
+      saved_offset_mm_ = offset_mm_;
+      offset_mm_ = {};
+      return std::nullopt;
+    case 923:
+      offset_mm_ = saved_offset_mm_;
+      return std::nullopt;
+    case 280:
+    case 300:
+      return unsupported(code.column, code_name('G', code.tenths),
+                         "a retreat within the model frame, such as G0 Z; only the machine knows "
+                         "its reference point");
+    case 410:
+    case 411:
+    case 420:
+    case 421:
+      return unsupported(code.column, code_name('G', code.tenths),
+                         "a path of the tool's centre (G40); radius compensation is not simulated");
+    case 930:
+    case 950:
+      return unsupported(code.column, code_name('G', code.tenths),
+                         "feed in units per minute (G94)");
+    default:
+      (void)words;
+      return unsupported(code.column, code_name('G', code.tenths),
+                         "one of the codes listed in gcode_reader.hpp");
+  }
+}
+
+std::optional<BlockFault> GcodeMachine::m_codes(const BlockWords& words) {
+  for (int i = 0; i < words.m_count; ++i) {
+    const BlockWords::Code code = words.m[static_cast<std::size_t>(i)];
+    const int m = code.tenths % 10 == 0 ? code.tenths / 10 : -1;
+    if (m == 2 || m == 30)
+      ended_ = true;
+    else if (m == 6)
+      ++tool_changes_;
+    else if (!((m >= 0 && m <= 9) || m == 19 || (m >= 48 && m <= 53) || m == 60))
+      return unsupported(code.column, code_name('M', code.tenths),
+                         "one of the codes listed in gcode_reader.hpp");
+  }
+  return std::nullopt;
+}
+
+// After G92 the present place is called by the given coordinates.
+std::optional<BlockFault> GcodeMachine::set_offset(const BlockWords& words) {
+  if (!has_axis(words)) return syntax(1, "found G92 without X, Y or Z, expected at least one");
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!words.has(kAxes[i])) continue;
+    if (!known_[i])
+      return unsupported(words.column_of(kAxes[i]),
+                         fmt::format("G92 {} at a place that is not known yet", kAxes[i]),
+                         "a move with that axis before");
+    offset_mm_[i] = at_mm_[i] - words.of(kAxes[i]) * unit_mm_;
+  }
+  return std::nullopt;
+}
+
+std::optional<BlockFault> GcodeMachine::move(const BlockWords& words, Motion& motion, bool& moved) {
+  const bool is_arc = mode_ == Mode::clockwise || mode_ == Mode::counter_clockwise;
+  const bool centre = words.has('I') || words.has('J') || words.has('K') || words.has('R');
+  if (!has_axis(words) && !(is_arc && centre)) {
+    if (machine_frame_) return syntax(1, "found G53 without X, Y or Z, expected at least one");
+    return std::nullopt;
+  }
+  if (mode_ == Mode::none)
+    return syntax(first_axis_column(words),
+                  "found an axis word without a motion, expected G0, G1, G2 or G3 before");
+  if (!is_arc)
+    for (const char letter : {'I', 'J', 'K', 'R'})
+      if (words.has(letter))
+        return syntax(words.column_of(letter),
+                      fmt::format("found {} without an arc, expected it with G2 or G3", letter));
+  if (machine_frame_) {
+    if (mode_ != Mode::rapid)
+      return unsupported(first_axis_column(words), "a cut in machine coordinates",
+                         "G53 with G0 only; only the machine knows how its frame lies");
+    for (std::size_t i = 0; i < 3; ++i)
+      if (words.has(kAxes[i])) known_[i] = false;
+    return std::nullopt;
+  }
+
+  const std::array<double, 3> from = at_mm_;
+  const std::array<bool, 3> was_known = known_;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!words.has(kAxes[i])) continue;
+    const double value = words.of(kAxes[i]) * unit_mm_;
+    if (incremental_) {
+      at_mm_[i] += value;
+    } else {
+      at_mm_[i] = value + offset_mm_[i];
+      known_[i] = true;
+    }
+    if (!(std::abs(at_mm_[i]) <= kLongestTravel_mm))
+      return syntax(words.column_of(kAxes[i]),
+                    fmt::format("found {} at {} mm, expected less than 1 km", kAxes[i], at_mm_[i]));
+  }
+  const bool from_known = was_known[0] && was_known[1] && was_known[2];
+  const bool to_known = known_[0] && known_[1] && known_[2];
+  moved_ever_ = true;
+  motion.from_mm = vec(from);
+  motion.to_mm = vec(at_mm_);
+  motion.plane = plane_;
+  motion.sweep_rad = 0.0;
+  motion.feed_mm_min = feed_mm_min_;
+  if (mode_ == Mode::rapid) {
+    motion.kind = Motion::Kind::rapid;
+    moved = from_known && to_known;
+    return std::nullopt;
+  }
+  if (!to_known) {
+    const std::size_t i = !known_[0] ? 0 : !known_[1] ? 1 : 2;
+    return syntax(first_axis_column(words),
+                  fmt::format("found a cut before {0} was ever given, expected an absolute {0} in "
+                              "a move before",
+                              kAxes[i]));
+  }
+  if (feed_mm_min_ <= 0.0)
+    return BlockFault{kGcodeNoFeed, mode_column_ != 0 ? mode_column_ : first_axis_column(words),
+                      "found a cut without a feed, expected an F word above zero on this line or "
+                      "before"};
+  if (!from_known) {
+    if (is_arc)
+      return syntax(first_axis_column(words),
+                    "found an arc from a place that is not known, expected a move before");
+    for (std::size_t i = 0; i < 3; ++i) {
+      double& start = i == 0 ? motion.from_mm.x : i == 1 ? motion.from_mm.y : motion.from_mm.z;
+      if (!was_known[i]) start = at_mm_[i];
+    }
+  }
+  motion.kind = is_arc ? Motion::Kind::arc : Motion::Kind::line;
+  moved = true;
+  return is_arc ? arc(words, motion) : std::nullopt;
+}
+
+// Centre from I J K or R, sweep from the two directions. In each plane (first, second)
+// is right-handed seen from the positive end of the third axis: xy, zx, yz.
+std::optional<BlockFault> GcodeMachine::arc(const BlockWords& words, Motion& motion) {
+  const std::size_t third = plane_ == ArcPlane::xy ? 2 : plane_ == ArcPlane::zx ? 1 : 0;
+  const std::size_t first = (third + 1) % 3, second = (third + 2) % 3;
+  constexpr std::array<char, 3> kCentre{'I', 'J', 'K'};
+  const std::array<double, 3> a{motion.from_mm.x, motion.from_mm.y, motion.from_mm.z};
+  const std::array<double, 3> b{motion.to_mm.x, motion.to_mm.y, motion.to_mm.z};
+  const bool ccw = mode_ == Mode::counter_clockwise;
+  std::array<double, 3> c = a;
+  const int column = mode_column_ != 0 ? mode_column_ : first_axis_column(words);
+  if (words.has(kCentre[third]))
+    return syntax(words.column_of(kCentre[third]),
+                  fmt::format("found {}, which is not in the arc's plane, expected {} and {}",
+                              kCentre[third], kCentre[first], kCentre[second]));
+  const double d1 = b[first] - a[first], d2 = b[second] - a[second];
+  if (words.has('R')) {
+    if (words.has(kCentre[first]) || words.has(kCentre[second]))
+      return syntax(words.column_of('R'), "found R beside a centre, expected either R or I, J, K");
+    const double radius = std::abs(words.of('R')) * unit_mm_;
+    const double half = 0.5 * std::hypot(d1, d2);
+    if (!(half > 0.0))
+      return BlockFault{kGcodeArc, words.column_of('R'),
+                        "found an R arc that ends where it begins, expected I, J, K for a full "
+                        "circle"};
+    if (half > radius + std::fmax(kArcRadiusTolerance_mm, kArcRadiusToleranceRelative * radius))
+      return BlockFault{kGcodeArc, words.column_of('R'),
+                        fmt::format("found radius {:.6g} mm for ends {:.6g} mm apart, expected at "
+                                    "least {:.6g} mm",
+                                    radius, 2.0 * half, half)};
+    const double rise = std::sqrt(std::fmax(0.0, radius * radius - half * half));
+    // The centre lies left of the chord for the short counter-clockwise arc.
+    const double side = ccw == (words.of('R') >= 0.0) ? rise : -rise;
+    c[first] = 0.5 * (a[first] + b[first]) - side * d2 / (2.0 * half);
+    c[second] = 0.5 * (a[second] + b[second]) + side * d1 / (2.0 * half);
+  } else {
+    if (!words.has(kCentre[first]) && !words.has(kCentre[second]))
+      return syntax(column, fmt::format("found an arc without centre or radius, expected R or {} "
+                                        "and {}",
+                                        kCentre[first], kCentre[second]));
+    for (const std::size_t i : {first, second}) {
+      const double value = words.has(kCentre[i]) ? words.of(kCentre[i]) * unit_mm_ : 0.0;
+      if (centre_absolute_ && !words.has(kCentre[i]))
+        return syntax(column, fmt::format("found no {}, expected both centre coordinates with "
+                                          "G90.1",
+                                          kCentre[i]));
+      c[i] = centre_absolute_ ? value + offset_mm_[i] : a[i] + value;
+    }
+  }
+  const double r0 = std::hypot(a[first] - c[first], a[second] - c[second]);
+  const double r1 = std::hypot(b[first] - c[first], b[second] - c[second]);
+  const double allowed =
+      std::fmax(kArcRadiusTolerance_mm, kArcRadiusToleranceRelative * std::fmax(r0, r1));
+  if (!(r0 > 0.0) || !(r0 <= kLongestTravel_mm) || std::abs(r1 - r0) > allowed)
+    return BlockFault{kGcodeArc, column,
+                      fmt::format("found an arc with radius {:.6f} mm at its start and {:.6f} mm "
+                                  "at its end, expected equal ones within {:.4g} mm",
+                                  r0, r1, allowed)};
+  double turns = 1.0;
+  if (words.has('P')) {
+    turns = words.of('P');
+    if (turns != std::floor(turns) || turns < 1.0 || turns > kMostTurns)
+      return syntax(words.column_of('P'), fmt::format("found {} turns, expected a whole number "
+                                                      "from 1 to {}",
+                                                      turns, kMostTurns));
+  }
+  constexpr double kTurn = 2.0 * std::numbers::pi;
+  double sweep = 0.0;
+  if (d1 == 0.0 && d2 == 0.0) {
+    sweep = kTurn;
+  } else {
+    const double begin = std::atan2(a[second] - c[second], a[first] - c[first]);
+    const double end = std::atan2(b[second] - c[second], b[first] - c[first]);
+    sweep = ccw ? end - begin : begin - end;
+    if (sweep <= 0.0) sweep += kTurn;
+  }
+  sweep += kTurn * (turns - 1.0);
+  motion.sweep_rad = ccw ? sweep : -sweep;
+  motion.centre_mm = vec(c);
+  return std::nullopt;
+}
+
+}  // namespace maquette::cnc

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file pass_sampler.hpp
+/// The exact cutter location along a line, sampled so densely that what happens between
+/// two samples is bounded.
+///
+/// Between neighbouring samples a and b, h apart, the straight path lies nowhere deeper
+/// below the exact cutter location than `gouge`, and nowhere higher above it than `dip`:
+///   gouge <= min(K h^2 / 8, (L^2 - m^2) h / (2 L), highest - lower end)
+///            K = R^2 / w^3, L = sqrt(R^2 / w^2 - 1), w: least contact depth
+///            (steepness.hpp), m: slope from a to b
+///   dip   <= A B / (A + B), A and B: how far the ball, rolling on over the contact of
+///            one end, would be below the other end
+/// Intervals where a bound is above its limit are halved, or cut where the two arcs meet.
+/// Derivation: docs/derivations/path_between_samples.md
+
+#include <cstdint>
+#include <vector>
+
+#include "cnc/cutter_location.hpp"
+#include "cnc/steepness.hpp"
+
+namespace maquette::cnc {
+
+/// Programs are written in 0.0001 mm; positions are whole numbers of it from the start, so
+/// that what is certified is what is written.
+inline constexpr double kTick_mm = 1e-4;
+[[nodiscard]] inline double mm_of_ticks(std::int64_t ticks) {
+  return static_cast<double>(ticks) / 10000.0;  // the double that reading the decimal gives
+}
+
+enum class Axis { x, y };
+
+struct PathSample {
+  std::int64_t tick = 0;  ///< along the line
+  double tip_mm = 0.0;    ///< to be aimed at: exact cutter location plus `lift`
+  double lift_mm = 0.0;   ///< > 0 only beside walls that no step resolves; see sample_line
+  double gouge_mm = 0.0;  ///< between this sample and the next, below the joined tips
+  double dip_mm = 0.0;    ///< between this sample and the next, above
+};
+
+struct SamplingLimits {
+  double gouge_mm = 0.003;
+  double dip_mm = 0.003;
+};
+
+/// Samples from tick `from` to tick `to` (ends included, from < to) along `axis`, the other
+/// coordinate standing at `across`. The line lies inside the outline. Where an interval of
+/// 16 ticks still breaks the gouge limit (walls steeper than about 75 : 1), both its ends are
+/// lifted until it does not: the path then leaves material rather than cutting too deep.
+void sample_line(DropCutter& cutter, const SteepnessTiles& tiles,
+                 const heightmap::ModelField& field, BallNose tool, Axis axis, std::int64_t from,
+                 std::int64_t to, std::int64_t across, const SamplingLimits& limits,
+                 std::vector<PathSample>& samples);
+
+}  // namespace maquette::cnc

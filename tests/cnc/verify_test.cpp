@@ -1,0 +1,418 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// What verify.hpp claims, and how each claim is attacked:
+//
+//   scallop, mean, rms, length, time ......... closed form: flat design, parallel passes
+//   gouges are found, place and depth ........ plunges of 5 um at known nodes
+//   max_gouge + bound holds between cells .... random cuts into random ground, sampled densely
+//   arcs are swept exactly ................... dome by G18, groove by G2
+//   max_excess only where the ball reaches ... slit narrower than the ball; a missing pass
+//   nodes lie on the outline ................. odd cells
+//   several programs, one stock .............. half and half
+//   any number of threads, the same bits ..... 1 against 3
+//   every error .............................. one case per code
+//   mill and verify agree .................... certified gouge of random ground
+
+#include "cnc/verify.hpp"
+
+#include <cmath>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include "cnc/certificate.hpp"
+#include "cnc/gcode_reader.hpp"
+#include "cnc/mill.hpp"
+#include "core/files.hpp"
+#include "core/random.hpp"
+#include "support/matchers.hpp"
+#include "support/terrain.hpp"
+
+namespace maquette::cnc {
+namespace {
+
+using heightmap::ModelField;
+using testing::HasSubstr;
+using testing_support::FailsWith;
+using testing_support::flat_field;
+using testing_support::Ground;
+using testing_support::ground;
+using testing_support::ScratchFolder;
+using testing_support::Succeeds;
+
+Result<Verification> verify_text(const std::vector<std::string>& texts, const ModelField& design,
+                                 const VerifyOptions& options = {}, const RunContext& run = {}) {
+  const ScratchFolder folder;
+  std::vector<std::filesystem::path> paths;
+  for (const std::string& text : texts) {
+    paths.push_back(folder / fmt::format("part{}.ngc", paths.size()));
+    EXPECT_THAT(write_file(paths.back(), text), Succeeds());
+  }
+  return verify(paths, design, options, run);
+}
+
+/// Zig-zag along x at a constant height, from y1 to y2.
+std::string flat_passes(double x1, double x2, double y1, double y2, double stepover, double z) {
+  std::string text = fmt::format("G21 G90 G17\nG0 Z20\nG0 X{} Y{}\nG1 Z{} F1000\n", x1, y1, z);
+  const int passes = static_cast<int>(std::lround((y2 - y1) / stepover));
+  for (int i = 0; i <= passes; ++i)
+    text += fmt::format("Y{:.4f}\nX{}\n", y1 + i * stepover, i % 2 == 0 ? x2 : x1);
+  return text + "G0 Z20\nM2\n";
+}
+
+constexpr double kRounding_mm = 2e-5;
+
+// ---- closed forms ----------------------------------------------------------
+
+TEST(Verify, FlatDesignLeavesTheScallop) {
+  const ModelField design = flat_field(41, 61, 0.5, 3.0F);  // 30 x 20 mm
+  const auto v = verify_text({flat_passes(-4, 34, 0, 20, 0.5, 3.0)}, design);
+  ASSERT_THAT(v, Succeeds());
+  const Certificate& c = v->certificate;
+  // Cells are 0.1 mm, so the farthest ones from a pass are at 0.2 mm, not 0.25.
+  const double scallop = 3.0 - std::sqrt(9.0 - 0.04), near = 3.0 - std::sqrt(9.0 - 0.01);
+  EXPECT_NEAR(c.max_gouge_mm, 0.0, kRounding_mm);
+  EXPECT_NEAR(c.max_excess_mm, scallop, kRounding_mm);
+  EXPECT_NEAR(c.max_excess_anywhere_mm, scallop, kRounding_mm);
+  // Rows: 41 on a pass, 80 at 0.1 mm, 80 at 0.2 mm.
+  EXPECT_NEAR(c.mean_excess_mm, (80 * near + 80 * scallop) / 201, 1e-7);
+  EXPECT_NEAR(c.rms_excess_mm, std::sqrt((80 * near * near + 80 * scallop * scallop) / 201), 1e-7);
+  EXPECT_EQ(c.gouged_area_mm2, 0.0);
+  EXPECT_TRUE(c.worst_gouges.empty());
+  EXPECT_EQ(c.rapid_collisions, 0U);
+  // Between cells a flat facet hides at most c^2 / 4R, here a little more for the nodes' slope.
+  EXPECT_GT(c.bound_mm, 0.01 / 12.0);
+  EXPECT_LT(c.bound_mm, 0.01 / 12.0 * 1.01 + kRounding_mm);
+  EXPECT_NEAR(c.cutting_length_mm, 41 * 38 + 20 + 17, 1e-9);
+  EXPECT_NEAR(c.time_min, (41 * 38 + 20 + 17) / 1000.0, 1e-12);
+  EXPECT_NEAR(c.rapid_length_mm, 17.0, 1e-9) << "the first two rapids come from nowhere";
+  EXPECT_EQ(c.travel.min, (Vec3{-4, 0, 3}));
+  EXPECT_EQ(c.travel.max, (Vec3{34, 20, 20}));
+  EXPECT_EQ(c.cell_mm, 0.1);
+  EXPECT_EQ(c.program_sha256.size(), 64U);
+  EXPECT_THAT(to_json(c), HasSubstr("\"max_gouge_mm\": "));
+}
+
+TEST(Verify, FindsInjectedGouges) {
+  const ModelField design = flat_field(81, 81, 0.5, 3.0F);
+  const std::vector<Place> planted = {{10.5, 7.0, 0.005}, {30.1, 8.2, 0.007}, {22.0, 33.3, 0.006}};
+  std::string text = flat_passes(0, 40, 0, 40, 0.5, 3.0);
+  text.resize(text.find("M2"));
+  for (const Place& p : planted)
+    text += fmt::format("G0 X{} Y{}\nG1 Z{}\nG0 Z20\n", p.x_mm, p.y_mm, 3.0 - p.depth_mm);
+  const auto v = verify_text({text + "M2\n"}, design);
+  ASSERT_THAT(v, Succeeds());
+  const auto& worst = v->certificate.worst_gouges;
+  ASSERT_EQ(worst.size(), 3U);
+  const std::vector<std::size_t> by_depth = {1, 2, 0};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Place& p = planted[by_depth[i]];
+    EXPECT_NEAR(worst[i].x_mm, p.x_mm, 1e-9);
+    EXPECT_NEAR(worst[i].y_mm, p.y_mm, 1e-9);
+    EXPECT_NEAR(worst[i].depth_mm, p.depth_mm, kRounding_mm);
+  }
+  EXPECT_NEAR(v->certificate.max_gouge_mm, 0.007, kRounding_mm);
+  // Deeper than 1 um: cells within sqrt(2 R (depth - 1 um)) of each place, counted by hand.
+  int cells = 0;
+  for (const Place& p : planted)
+    for (int i = -9; i <= 9; ++i)
+      for (int j = -9; j <= 9; ++j)
+        cells += 3.0 - std::sqrt(9.0 - 0.01 * (i * i + j * j)) < p.depth_mm - 0.001;
+  EXPECT_NEAR(v->certificate.gouged_area_mm2, 0.01 * cells, 1e-9);
+}
+
+TEST(Verify, ArcsCutWhatTheyShould) {
+  // A circular groove of radius 8 about (15, 15), a helix down and one turn at depth.
+  const ModelField design = flat_field(61, 61, 0.5, 10.0F);
+  const auto v = verify_text({"G0 Z20\nG0 X23 Y15\nG1 Z11 F500\nG2 X23 Y15 I-8 Z10\n"
+                              "G3 X7 Y15 R8\nG3 I8\nG0 Z20\nM2\n"},
+                             design, {.cell = Millimetres{0.25}, .stock_top = Millimetres{10.5}});
+  ASSERT_THAT(v, Succeeds());
+  const ModelField& cut = v->as_milled;
+  for (std::ptrdiff_t r = 0; r < cut.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < cut.z_mm.cols(); ++c) {
+      const double d = std::hypot(cut.x_mm(c) - 15.0, cut.y_mm(r) - 15.0) - 8.0;
+      const double under = std::abs(d) < 3.0 ? 13.0 - std::sqrt(9.0 - d * d) : INFINITY;
+      // Chords may be 0.5 um off sideways, at a slope below 1.
+      ASSERT_NEAR(cut.z_mm(r, c), std::fmin(10.5, under), 0.0005 + kRounding_mm) << r << " " << c;
+    }
+  EXPECT_GE(v->certificate.bound_mm, gouge_between_nodes_mm(0.0, 0.25, 3.0) + 0.0005)
+      << "chords count in the bound";
+  // The circle's own extent, not that of the arcs' ends.
+  EXPECT_NEAR(v->certificate.travel.min.y, 7.0, 0.0005);
+  EXPECT_NEAR(v->certificate.travel.max.y, 23.0, 0.0005);
+  EXPECT_EQ(v->certificate.travel.max.x, 23.0);
+}
+
+TEST(Verify, ADomeByVerticalArcs) {
+  // Ball's tip on circles in z-x: the envelope of each pass is again a circle, R larger.
+  const ModelField design = flat_field(11, 81, 0.5, 0.0F);  // only its outline matters
+  std::string text = "G18\nG0 Z40\n";
+  for (int i = 0; i <= 50; ++i)
+    text += fmt::format("G0 X0 Y{0:.1f}\nG1 Z2 F900\nG3 X40 Z2 I20 K-20\nG0 Z40\n", 0.1 * i);
+  const auto v = verify_text({text + "M2\n"}, design, {.stock_top = Millimetres{20.0}});
+  ASSERT_THAT(v, Succeeds());
+  const double tip_radius = std::hypot(20.0, 20.0), middle_z = 2.0 - 20.0 + 3.0;
+  for (std::ptrdiff_t c = 50; c <= 350; ++c) {
+    const double x = v->as_milled.x_mm(c) - 20.0;
+    const double z = middle_z + std::sqrt(std::pow(tip_radius - 3.0, 2) - x * x);
+    ASSERT_NEAR(v->as_milled.z_mm(25, c), z, 0.0005 * 1.5 + kRounding_mm) << c;
+  }
+}
+
+TEST(Verify, SeveralProgramsCutOneStock) {
+  const ModelField design = flat_field(41, 41, 0.5, 3.0F);
+  const std::string low = flat_passes(0, 20, 0, 10, 0.5, 3.0);
+  const std::string high = flat_passes(0, 20, 10, 20, 0.5, 3.0);
+  const auto both = verify_text({low, high}, design);
+  const auto all = verify_text({flat_passes(0, 20, 0, 20, 0.5, 3.0)}, design);
+  const auto half = verify_text({low}, design);
+  ASSERT_TRUE(both && all && half);
+  EXPECT_EQ(both->as_milled.z_mm, all->as_milled.z_mm);
+  EXPECT_NEAR(half->certificate.max_excess_mm, 1.0, kRounding_mm) << "uncut stock is reachable";
+  EXPECT_NE(both->certificate.program_sha256, half->certificate.program_sha256);
+}
+
+TEST(Verify, NodesLieOnTheOutlineAndCellsDivideTheDesign) {
+  for (const auto& [spacing, cell, actual] : std::vector<std::array<double, 3>>{{0.5, 0.1, 0.1},
+                                                                                {0.5, 0.15, 0.125},
+                                                                                {0.3, 0.5, 0.3},
+                                                                                {0.3, 0.1, 0.1},
+                                                                                {1.0, 0.3, 0.25}}) {
+    ModelField design = flat_field(9, 13, spacing, 1.0F);
+    design.x0 = Millimetres{-7.0};
+    const auto v =
+        verify_text({"G0 X-6 Y1 Z5\nG1 Z0.5 F100\nM2\n"}, design, {.cell = Millimetres{cell}});
+    ASSERT_THAT(v, Succeeds());
+    const ModelField& m = v->as_milled;
+    EXPECT_NEAR(v->certificate.cell_mm, actual, 1e-12);
+    EXPECT_NEAR(m.x_mm(0), -7.0, 1e-12);
+    EXPECT_NEAR(m.x_mm(m.z_mm.cols() - 1), design.x_mm(12), 1e-9);
+    EXPECT_NEAR(m.y_mm(m.z_mm.rows() - 1), design.y_mm(8), 1e-9);
+  }
+}
+
+// ---- reach -----------------------------------------------------------------
+
+TEST(Verify, ExcessOutOfReachIsToldApart) {
+  ModelField design = flat_field(81, 81, 0.5, 3.0F);
+  for (std::ptrdiff_t r = 10; r < 70; ++r)  // a slit 1 mm wide and 2 mm deep
+    for (std::ptrdiff_t c = 40; c <= 41; ++c) design.z_mm(r, c) = 1.0F;
+  const auto v = verify_text({flat_passes(-4, 44, -2, 42, 0.5, 3.0)}, design);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_NEAR(v->certificate.max_excess_anywhere_mm, 2.0, 0.02);
+  // In reach is the flat: the scallop at 0.2 mm, 6.7 um, and 5 um of tolerance for the slit's lips.
+  EXPECT_LT(v->certificate.max_excess_mm, 0.0067 + kReachTolerance_mm);
+  EXPECT_GT(v->certificate.max_excess_mm, 0.0066);
+}
+
+// A bowl is reached if and only if it is wider than the ball.
+TEST(Verify, ReachDependsOnCurvature) {
+  for (const double radius : {2.0, 5.0}) {
+    ModelField design = flat_field(81, 81, 0.25, 3.0F);
+    for (std::ptrdiff_t r = 0; r < 81; ++r)
+      for (std::ptrdiff_t c = 0; c < 81; ++c) {
+        const double d2 = std::pow(design.x_mm(c) - 10.0, 2) + std::pow(design.y_mm(r) - 10.0, 2);
+        const double deep = std::sqrt(std::fmax(0.0, radius * radius - d2)) - 0.7 * radius;
+        design.z_mm(r, c) -= static_cast<float>(std::fmax(0.0, deep));
+      }
+    const auto v = verify_text({flat_passes(-4, 24, -4, 24, 0.5, 3.0)}, design);
+    ASSERT_THAT(v, Succeeds());
+    EXPECT_NEAR(v->certificate.max_excess_anywhere_mm, 0.3 * radius, 0.01);
+    if (radius < 3.0)
+      EXPECT_LT(v->certificate.max_excess_mm, 0.1);
+    else
+      EXPECT_NEAR(v->certificate.max_excess_mm, 0.3 * radius, 0.01);
+  }
+}
+
+// ---- the bound -------------------------------------------------------------
+
+class VerifyBound : public testing::TestWithParam<int> {};
+
+// Plunges only, so that the true cut surface is a minimum of spheres; sampled 9 x 9 times
+// per cell, the gouge must stay below max_gouge + bound.
+TEST_P(VerifyBound, HoldsBetweenTheCells) {
+  const auto seed = static_cast<std::uint64_t>(GetParam());
+  ModelField design = ground(seed % 2 == 0 ? Ground::rolling : Ground::rough, seed, 21, 0.5);
+  std::string text = "G90\nG0 Z40\nF500\n";
+  std::vector<Vec3> tips;
+  for (std::uint64_t i = 0; i < 12; ++i) {
+    const double x = design.x_mm(0) + 1.0 + 8.0 * random_uniform(seed, 3 * i + 1000);
+    const double y = design.y_mm(0) + 1.0 + 8.0 * random_uniform(seed, 3 * i + 1001);
+    const double z = heightmap::height_at(design, x, y) - 0.3 * random_uniform(seed, 3 * i + 1002);
+    text += fmt::format("G0 X{:.6f} Y{:.6f}\nG1 Z{:.6f}\nG0 Z40\n", x, y, z);
+    tips.push_back(
+        {std::round(x * 1e6) / 1e6, std::round(y * 1e6) / 1e6, std::round(z * 1e6) / 1e6});
+  }
+  const double cell = 0.25;
+  const auto v = verify_text({text + "M2\n"}, design, {.cell = Millimetres{cell}});
+  ASSERT_THAT(v, Succeeds());
+  double deepest = 0.0;
+  constexpr int kFine = 9;
+  const int n = 40 * kFine;
+  for (int i = 0; i <= n; ++i)
+    for (int j = 0; j <= n; ++j) {
+      const double x = design.x_mm(0) + cell * j / kFine, y = design.y_mm(0) + cell * i / kFine;
+      double under = INFINITY;
+      for (const Vec3& t : tips) {
+        const double q = 9.0 - std::pow(x - t.x, 2) - std::pow(y - t.y, 2);
+        if (q > 0.0) under = std::fmin(under, t.z + 3.0 - std::sqrt(q));
+      }
+      const double height = heightmap::height_at(design, x, y);
+      if (std::isfinite(height)) deepest = std::fmax(deepest, height - under);
+    }
+  const Certificate& c = v->certificate;
+  EXPECT_LE(deepest, c.max_gouge_mm + c.bound_mm);
+  EXPECT_GE(deepest, c.max_gouge_mm - kRounding_mm);
+  RecordProperty("missed_nm", static_cast<int>(1e6 * (deepest - c.max_gouge_mm)));
+  RecordProperty("bound_nm", static_cast<int>(1e6 * c.bound_mm));
+}
+INSTANTIATE_TEST_SUITE_P(Seed, VerifyBound, testing::Range(1, 21),
+                         testing::PrintToStringParamName());
+
+// The worst case of the flat: the ball's tip in the middle of a cell hides almost all of
+// c^2 / 4R.
+TEST(VerifyBound, IsNearlyReached) {
+  const ModelField design = flat_field(21, 21, 0.5, 3.0F);
+  const auto v =
+      verify_text({"G0 X5.25 Y5.25 Z20\nG1 Z2.9 F100\nM2\n"}, design, {.cell = Millimetres{0.5}});
+  ASSERT_THAT(v, Succeeds());
+  const double missed = 0.1 - v->certificate.max_gouge_mm;
+  EXPECT_NEAR(missed, 0.25 / 12.0, 2e-4);
+  EXPECT_GT(v->certificate.bound_mm, missed);
+  EXPECT_LT(v->certificate.bound_mm, 1.2 * missed);
+}
+
+TEST(VerifyBound, GrowsWithSlopeAndGivesUpAtTheRim) {
+  EXPECT_NEAR(gouge_between_nodes_mm(0.0, 0.1, 3.0), 0.01 / 12.0, 1e-5);
+  EXPECT_GT(gouge_between_nodes_mm(1.0, 0.1, 3.0), 0.01 / 12.0 * std::pow(2.0, 1.5));
+  EXPECT_LT(gouge_between_nodes_mm(1.0, 0.1, 3.0), 0.01 / 12.0 * std::pow(2.0, 1.5) * 1.35);
+  EXPECT_TRUE(std::isinf(gouge_between_nodes_mm(3.5, 0.1, 3.0)));
+}
+
+// ---- the whole room --------------------------------------------------------
+
+class MillThenVerify : public testing::TestWithParam<int> {};
+
+TEST_P(MillThenVerify, TheCertifiedGougeIsNotExceeded) {
+  const auto seed = static_cast<std::uint64_t>(GetParam());
+  const ScratchFolder folder;
+  const ModelField design = ground(Ground::rolling, seed, 61, 0.5);
+  const auto program = folder / "part.ngc";
+  const auto milled = mill(design, {}, program);
+  ASSERT_THAT(milled, Succeeds());
+  const auto v = verify(std::span(&program, 1), design);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_LE(v->certificate.max_gouge_mm, milled->certified_gouge_mm + kRounding_mm);
+  EXPECT_EQ(v->certificate.rapid_collisions, 0U);
+  EXPECT_NEAR(v->certificate.cutting_length_mm, milled->path_length_mm,
+              0.01 * milled->path_length_mm);
+}
+INSTANTIATE_TEST_SUITE_P(Seed, MillThenVerify, testing::Values(1, 2, 3),
+                         testing::PrintToStringParamName());
+
+TEST(Verify, SameBitsForAnyNumberOfThreads) {
+  const ScratchFolder folder;
+  const ModelField design = ground(Ground::rough, 4, 121, 0.5);
+  const auto program = folder / "part.ngc";
+  ASSERT_THAT(mill(design, {}, program), Succeeds());
+  std::vector<Verification> results;
+  for (const std::size_t threads : {1U, 3U}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    auto v = verify(std::span(&program, 1), design);
+    ASSERT_THAT(v, Succeeds());
+    results.push_back(*std::move(v));
+  }
+  EXPECT_EQ(results[0].as_milled.z_mm, results[1].as_milled.z_mm);
+  EXPECT_EQ(to_json(results[0].certificate), to_json(results[1].certificate));
+}
+
+TEST(Verify, CountsRapidCollisions) {
+  const ModelField design = flat_field(41, 41, 0.5, 3.0F);
+  const auto v =
+      verify_text({"G0 X-9 Y10 Z20\nG0 Z3.5\nG0 X30\nG0 X-9\nG1 X30 F100\nM2\n"}, design);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_EQ(v->certificate.rapid_collisions, 1U);
+}
+
+// ---- errors ----------------------------------------------------------------
+
+TEST(VerifyErrors, EveryCode) {
+  const ModelField design = flat_field(21, 21, 0.5, 3.0F);
+  const std::string good = "G0 X5 Y5 Z20\nG1 Z2.9 F100\nM2\n";
+  ASSERT_THAT(verify_text({good}, design), Succeeds());
+  const auto fails = [&](const std::string& text, ErrorCode code, const std::string& says) {
+    const auto v = verify_text({good, text}, design);
+    ASSERT_THAT(v, FailsWith(code));
+    EXPECT_THAT(v.error().message, HasSubstr("part1.ngc:" + says));
+  };
+  fails("G1 ?\nM2\n", kGcodeSyntax, "1:4: ");
+  fails("G21\n G28\nM2\n", kGcodeUnsupported, "2:2: ");
+  fails("G0 X1 Y1 Z1\nG1 X", kGcodeTruncated, "2:5: ");
+  fails("G0 X1 Y1 Z1\nF1 G2 X5 R1\nM2\n", kGcodeArc, "2:10: ");
+  fails("G0 X1 Y1 Z1\nG1 X5\nM2\n", kGcodeNoFeed, "2:1: ");
+  const auto v = verify_text({"G0 X500 Y5 Z20\nG1 Z2.9 F100\nM2\n"}, design);
+  ASSERT_THAT(v, FailsWith(kGcodeNoCut));
+  EXPECT_THAT(v.error().message, HasSubstr("500.000"));
+  EXPECT_THAT(verify({}, design), FailsWith(kGcodeNoCut));
+  for (const double cell : {0.0, -1.0, 1.51, static_cast<double>(NAN), 1e-6})
+    EXPECT_THAT(verify_text({good}, design, {.cell = Millimetres{cell}}),
+                FailsWith(kCellOutOfRange))
+        << cell;
+  for (const double diameter : {0.0, -6.0, static_cast<double>(INFINITY)})
+    EXPECT_THAT(verify_text({good}, design, {.ball_diameter = Millimetres{diameter}}),
+                FailsWith(kToolNotPositive));
+  ModelField holed = design;
+  holed.z_mm(3, 4) = NAN;
+  EXPECT_THAT(verify_text({good}, holed), FailsWith(kHeightNotFinite));
+  const std::filesystem::path none = "/nowhere/part.ngc";
+  EXPECT_THAT(verify(std::span(&none, 1), design), FailsWith(kFileNotFound));
+}
+
+TEST(VerifyErrors, StopsWhenAsked) {
+  const ModelField design = flat_field(21, 21, 0.5, 3.0F);
+  std::stop_source source;
+  source.request_stop();
+  EXPECT_THAT(verify_text({"G0 X5 Y5 Z20\nG1 Z2.9 F100\nM2\n"}, design, {},
+                          RunContext{.stop = source.get_token()}),
+              FailsWith(kCancelled));
+}
+
+TEST(VerifyErrors, WarnsAboutWhatItCannotKnow) {
+  const ModelField design = flat_field(21, 21, 0.5, 3.0F);
+  std::vector<std::string> warnings;
+  RunContext run;
+  run.warn = [&](const std::string& text) { warnings.push_back(text); };
+  const auto v =
+      verify_text({"T1 M6\nG0 X5 Y5 Z20\n/G1 X6\nG1 Z2.9 F100\nT2 M6\n"}, design, {}, run);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_THAT(warnings, testing::UnorderedElementsAre(HasSubstr("without M2"), HasSubstr("tool 2"),
+                                                      HasSubstr("1 blocks begin with '/'")));
+}
+
+// A relief milled by others, with their stated 2 mm ball: it cuts, and without collisions.
+TEST(VerifyReal, Cameo) {
+  const char* data = std::getenv("MAQUETTE_DATA");
+  const std::filesystem::path root =
+      data != nullptr ? std::filesystem::path(data)
+                      : std::filesystem::path(__FILE__).parent_path() / "../../../shared/data";
+  const std::filesystem::path program = root / "gcode/cameo.nc";
+  if (!std::filesystem::exists(program)) GTEST_SKIP() << program << " is not here";
+  ModelField design = flat_field(421, 331, 0.5, -6.0F);
+  design.x0 = Millimetres{-82.5};
+  design.y0 = Millimetres{-105.0};
+  const auto v = verify(std::span(&program, 1), design,
+                        {.ball_diameter = Millimetres{2.0},
+                         .cell = Millimetres{0.25},
+                         .stock_top = Millimetres{0.0}});
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_EQ(v->certificate.rapid_collisions, 0U);
+  EXPECT_EQ(heightmap::height_range(v->as_milled.z_mm).min, -6.0F) << "its roughing depth";
+  EXPECT_NEAR(v->certificate.max_gouge_mm, 0.0, kRounding_mm);
+}
+
+}  // namespace
+}  // namespace maquette::cnc

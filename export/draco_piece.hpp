@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file draco_piece.hpp
+/// Up to a million triangles of a large mesh, compressed by Draco on a position grid
+/// that all pieces share: vertices on a seam get the same coordinates in both.
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/result.hpp"
+
+namespace maquette::exporting {
+
+using Float3 = std::array<float, 3>;
+
+/// Positions are rounded to origin + k range / (2^bits - 1) on each axis.
+struct PositionGrid {
+  Float3 origin{};
+  float range = 0.0F;
+  int bits = 16;
+  [[nodiscard]] double step() const {
+    return static_cast<double>(range) / static_cast<double>((std::uint32_t{1} << bits) - 1);
+  }
+};
+
+struct DracoPiece {
+  std::vector<char> bytes;
+  std::uint32_t points = 0, faces = 0;  ///< as a decoder will find them
+  std::uint32_t position_id = 0, normal_id = 0;
+  Float3 min{}, max{};  ///< of the positions, as a decoder will find them
+};
+
+inline constexpr int kNormalBits = 10;  ///< octahedral
+
+/// EXPORT_LIBRARY_FAILED with Draco's reason.
+/// @param positions, normals  of the whole mesh; triangles index into them
+[[nodiscard]] Result<DracoPiece> draco_piece(std::span<const Float3> positions,
+                                             std::span<const Float3> normals,
+                                             std::span<const std::array<std::uint32_t, 3>> piece,
+                                             const PositionGrid& grid);
+
+}  // namespace maquette::exporting

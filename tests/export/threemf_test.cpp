@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// export/cad.hpp, write_3mf; export/zip_times.hpp:
+//   another reader finds the parts ... lib3mf's reader, strict: unit, names, numbers,
+//                                      vertices to 1e-6, triangles, manifold
+//   same bytes ....................... no clock, no random UUID: two files, and the
+//                                      time fields of every archive entry
+//   each error code .................. too many (a mesh named many times), none, a
+//                                      mesh that lib3mf refuses, folder, stopped
+
+#include <Model/COM/NMR_DLLInterfaces.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "export/cad.hpp"
+#include "export/limits.hpp"
+#include "export/zip_times.hpp"
+#include "support/matchers.hpp"
+#include "support/simple_solids.hpp"
+
+namespace maquette::exporting {
+namespace {
+
+using testing_support::box_solid;
+using testing_support::FailsWith;
+using testing_support::Hills;
+using testing_support::ScratchFolder;
+using testing_support::sphere_solid;
+using testing_support::Succeeds;
+using testing_support::terrain_solid;
+using testing_support::volume_mm3;
+
+struct ReadPart {
+  TriMesh mesh;
+  std::string part_number;
+  bool manifold = false;
+};
+struct ReadModel {
+  DWORD unit = 99, warnings = 99;
+  std::vector<ReadPart> parts;
+};
+
+ReadModel read_3mf(const std::filesystem::path& path) {
+  ReadModel result;
+  NMR::PLib3MFModel* model = nullptr;
+  NMR::PLib3MFModelReader* reader = nullptr;
+  EXPECT_EQ(NMR::lib3mf_createmodel(&model), 0);
+  EXPECT_EQ(NMR::lib3mf_model_queryreader(model, "3mf", &reader), 0);
+  EXPECT_EQ(NMR::lib3mf_reader_setstrictmodeactive(reader, 1), 0);
+  EXPECT_EQ(NMR::lib3mf_reader_readfromfileutf8(reader, path.c_str()), 0);
+  NMR::lib3mf_reader_getwarningcount(reader, &result.warnings);
+  NMR::lib3mf_model_getunit(model, &result.unit);
+  NMR::PLib3MFModelBuildItemIterator* items = nullptr;
+  NMR::lib3mf_model_getbuilditems(model, &items);
+  for (;;) {
+    BOOL more = 0;
+    NMR::lib3mf_builditemiterator_movenext(items, &more);
+    if (more == 0) break;
+    NMR::PLib3MFModelBuildItem* item = nullptr;
+    NMR::PLib3MFModelObjectResource* object = nullptr;
+    NMR::lib3mf_builditemiterator_getcurrent(items, &item);
+    NMR::lib3mf_builditem_getobjectresource(item, &object);
+    ReadPart part;
+    std::array<char, 256> text{};
+    ULONG needed = 0;
+    NMR::lib3mf_builditem_getpartnumberutf8(item, text.data(), text.size(), &needed);
+    part.part_number = text.data();
+    DWORD count = 0;
+    NMR::lib3mf_meshobject_getvertexcount(object, &count);
+    for (DWORD i = 0; i < count; ++i) {
+      NMR::MODELMESHVERTEX v{};
+      NMR::lib3mf_meshobject_getvertex(object, i, &v);
+      part.mesh.vertices_mm.push_back({static_cast<double>(v.m_fPosition[0]),
+                                       static_cast<double>(v.m_fPosition[1]),
+                                       static_cast<double>(v.m_fPosition[2])});
+    }
+    NMR::lib3mf_meshobject_gettrianglecount(object, &count);
+    for (DWORD i = 0; i < count; ++i) {
+      NMR::MODELMESHTRIANGLE t{};
+      NMR::lib3mf_meshobject_gettriangle(object, i, &t);
+      part.mesh.triangles.push_back({t.m_nIndices[0], t.m_nIndices[1], t.m_nIndices[2]});
+    }
+    BOOL manifold = 0;
+    NMR::lib3mf_meshobject_ismanifoldandoriented(object, &manifold);
+    part.manifold = manifold != 0;
+    result.parts.push_back(std::move(part));
+    NMR::lib3mf_release(object);
+    NMR::lib3mf_release(item);
+  }
+  NMR::lib3mf_release(items);
+  NMR::lib3mf_release(reader);
+  NMR::lib3mf_release(model);
+  return result;
+}
+
+TEST(Write3mf, IsReadBackPartByPart) {
+  const ScratchFolder folder;
+  const TriMesh ground = terrain_solid(60, 0.5, -8, Hills(3, 30, 2));
+  const TriMesh stone = sphere_solid({10, 12, 5}, 1.25, 12);
+  ASSERT_THAT(write_3mf({{"surface", "M-001", &ground}, {"stone 7 <&>", "S-007", &stone}},
+                        folder / "a.3mf"),
+              Succeeds());
+  const ReadModel model = read_3mf(folder / "a.3mf");
+  EXPECT_EQ(model.unit, static_cast<DWORD>(NMR::MODELUNIT_MILLIMETER));
+  EXPECT_EQ(model.warnings, 0U);
+  ASSERT_EQ(model.parts.size(), 2U);
+  EXPECT_EQ(model.parts[0].part_number, "M-001");
+  EXPECT_EQ(model.parts[1].part_number, "S-007");
+  const std::array<const TriMesh*, 2> written{&ground, &stone};
+  for (std::size_t k = 0; k < 2; ++k) {
+    const TriMesh& back = model.parts[k].mesh;
+    EXPECT_TRUE(model.parts[k].manifold);
+    EXPECT_EQ(back.triangles, written[k]->triangles);
+    ASSERT_EQ(back.vertices_mm.size(), written[k]->vertices_mm.size());
+    for (std::size_t i = 0; i < back.vertices_mm.size(); ++i)
+      // float at 30 mm: 1e-6 on each axis; six decimals: half of that again
+      ASSERT_LT(norm(back.vertices_mm[i] - written[k]->vertices_mm[i]), 3e-6);
+    EXPECT_NEAR(volume_mm3(back) / volume_mm3(*written[k]), 1.0, 1e-6);
+  }
+}
+
+TEST(Write3mf, HasNeitherClockNorChanceInIt) {
+  const ScratchFolder folder;
+  const TriMesh stone = sphere_solid({10, 12, 5}, 1.25, 12);
+  for (const char* name : {"a.3mf", "b.3mf"})
+    ASSERT_THAT(write_3mf({{"stone", "S", &stone}}, folder / name), Succeeds());
+  const std::string a = read_file(folder / "a.3mf").value();
+  EXPECT_EQ(a, read_file(folder / "b.3mf").value());
+  // Two files written within two seconds could agree by luck: look at the times.
+  const std::string time("\0\0\x21\0", 4);
+  int entries = 0;
+  for (std::size_t at = 0; (at = a.find(std::string("PK\1\2", 4), at)) != std::string::npos;
+       ++at, ++entries)
+    EXPECT_EQ(a.substr(at + 12, 4), time);
+  EXPECT_EQ(entries, 3);
+  EXPECT_EQ(a.substr(0, 4), std::string("PK\3\4", 4));
+  EXPECT_EQ(a.substr(10, 4), time);
+}
+
+TEST(SetZipTimes, RefusesWhatIsNoArchive) {
+  const ScratchFolder folder;
+  ASSERT_TRUE(write_file(folder / "a.zip", std::string(500, 'x')));
+  EXPECT_THAT(set_zip_times(folder / "a.zip"), FailsWith(kLibraryFailed));
+  ASSERT_TRUE(write_file(folder / "b.zip", "short"));
+  EXPECT_THAT(set_zip_times(folder / "b.zip"), FailsWith(kLibraryFailed));
+  EXPECT_THAT(set_zip_times(folder / "none.zip"), FailsWith(kLibraryFailed));
+}
+
+TEST(Write3mf, SaysWhyItCannot) {
+  const ScratchFolder folder;
+  const TriMesh box = box_solid({0, 0, 0}, {1, 1, 1}), nothing;
+  const auto path = folder / "a.3mf";
+  EXPECT_THAT(write_3mf({}, path), FailsWith(kEmptyMesh));
+  EXPECT_THAT(write_3mf({{"a", "1", nullptr}}, path), FailsWith(kEmptyMesh));
+  EXPECT_THAT(write_3mf({{"a", "1", &box}, {"b", "2", &nothing}}, path), FailsWith(kEmptyMesh));
+  EXPECT_THAT(write_3mf({{"a", "1", &box}}, folder / "no/a.3mf"), FailsWith(kFileNotWritable));
+
+  TriMesh folded = box;
+  folded.triangles[0] = {0, 0, 1};
+  const auto refused = write_3mf({{"a", "1", &folded}}, path);
+  ASSERT_THAT(refused, FailsWith(kLibraryFailed));
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("a.3mf"));
+  const TriMesh huge = box_solid({0, 0, 0}, {1, 1, 1e10});
+  EXPECT_THAT(write_3mf({{"a", "1", &huge}}, path), FailsWith(kLibraryFailed));
+
+  const TriMesh fine = terrain_solid(501, 1, -5, [](double, double) { return 0.0; });
+  const std::vector<NamedMesh> many(k3mfTriangleLimit / fine.triangles.size() + 1,
+                                    {"a", "1", &fine});
+  EXPECT_THAT(write_3mf(many, path), FailsWith(kTooManyTriangles));
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+TEST(Write3mf, StopsBeforeAndWhileItWrites) {
+  const ScratchFolder folder;
+  const TriMesh ground = terrain_solid(301, 1, -5, [](double, double) { return 0.0; });
+  for (const double when : {-1.0, 0.25}) {
+    std::stop_source stop;
+    RunContext run;
+    run.stop = stop.get_token();
+    double last = 0.0;
+    run.progress = [&](double share) {
+      last = share;
+      if (share > when) stop.request_stop();
+    };
+    if (when < 0) stop.request_stop();
+    EXPECT_THAT(write_3mf({{"a", "1", &ground}}, folder / "a.3mf", run), FailsWith(kCancelled));
+    EXPECT_LT(last, 1.0);
+  }
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+}  // namespace
+}  // namespace maquette::exporting

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "camera/image_io.hpp"
+
+#include <cmath>
+#include <set>
+
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+#include "core/files.hpp"
+
+namespace maquette::camera {
+namespace fs = std::filesystem;
+namespace {
+
+/// 1 Gpixel is 4 GB a channel; what is larger is a damaged header.
+constexpr std::int64_t kMaxPixels = std::int64_t{1} << 30;
+
+Result<void> write_file(OIIO::ImageSpec spec, const void* pixels, OIIO::TypeDesc type,
+                        const fs::path& path, const Metadata& metadata) {
+  for (const auto& [key, value] : metadata) spec.attribute(key, value);
+  AtomicPath partial(path);
+  MAQUETTE_TRY_VOID(partial.prepare());
+  const auto because = [&](const std::string& reason) {
+    return fail(kFileNotWritable, fmt::format("{}: OpenImageIO: {}; check the file's extension and "
+                                              "the free space",
+                                              path.string(), reason));
+  };
+  auto out = OIIO::ImageOutput::create(partial.path().string());
+  if (!out) return because(OIIO::geterror());
+  if (!out->open(partial.path().string(), spec)) return because(out->geterror());
+  const bool written = out->write_image(type, pixels);
+  if (!out->close() || !written) return because(out->geterror());
+  return partial.commit();
+}
+
+Result<void> check_size(std::ptrdiff_t rows, std::ptrdiff_t cols, const fs::path& path) {
+  if (rows < 1 || cols < 1 || rows > kMaxPixels / cols)
+    return fail(kImageFormat, fmt::format("{}: an image of {} x {} pixels cannot be written",
+                                          path.string(), cols, rows));
+  return {};
+}
+
+Result<void> check_extension(const fs::path& path, std::string_view expected) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  if (extension != expected)
+    return fail(kImageFormat, fmt::format("{}: the name must end in {}", path.string(), expected));
+  return {};
+}
+
+template <class Pixel>
+Result<void> write_png_grid(const Grid<Pixel>& image, const fs::path& path,
+                            const Metadata& metadata) {
+  MAQUETTE_TRY_VOID(check_extension(path, ".png"));
+  MAQUETTE_TRY_VOID(check_size(image.rows(), image.cols(), path));
+  const OIIO::ImageSpec spec(static_cast<int>(image.cols()), static_cast<int>(image.rows()),
+                             static_cast<int>(sizeof(Pixel)), OIIO::TypeDesc::UINT8);
+  return write_file(spec, image.cells().data(), OIIO::TypeDesc::UINT8, path, metadata);
+}
+
+}  // namespace
+
+Result<void> write_exr(const std::vector<std::pair<std::string, const Grid<float>*>>& channels,
+                       const fs::path& path, const Metadata& metadata) {
+  MAQUETTE_TRY_VOID(check_extension(path, ".exr"));
+  if (channels.empty())
+    return fail(kImageFormat, fmt::format("{}: an image without a channel", path.string()));
+  const Grid<float>& first = *channels.front().second;
+  MAQUETTE_TRY_VOID(check_size(first.rows(), first.cols(), path));
+  std::set<std::string> names;
+  for (const auto& [name, grid] : channels) {
+    if (name.empty() || !names.insert(name).second)
+      return fail(kImageFormat, fmt::format("{}: channel '{}': every channel needs a name of its "
+                                            "own",
+                                            path.string(), name));
+    if (grid->rows() != first.rows() || grid->cols() != first.cols())
+      return fail(kImageFormat,
+                  fmt::format("{}: channel {} has {} x {} pixels, channel {} has {} x {}",
+                              path.string(), name, grid->cols(), grid->rows(),
+                              channels.front().first, first.cols(), first.rows()));
+  }
+
+  const auto count = channels.size();
+  OIIO::ImageSpec spec(static_cast<int>(first.cols()), static_cast<int>(first.rows()),
+                       static_cast<int>(count), OIIO::TypeDesc::FLOAT);
+  spec.channelnames.clear();
+  for (const auto& channel : channels) spec.channelnames.push_back(channel.first);
+  spec.attribute("compression", "zip");
+  std::vector<float> pixels(first.cells().size() * count);
+  for (std::size_t k = 0; k < count; ++k) {
+    const auto cells = channels[k].second->cells();
+    for (std::size_t i = 0; i < cells.size(); ++i) pixels[i * count + k] = cells[i];
+  }
+  return write_file(spec, pixels.data(), OIIO::TypeDesc::FLOAT, path, metadata);
+}
+
+Result<void> write_png(const Grid<std::uint8_t>& grey, const fs::path& path,
+                       const Metadata& metadata) {
+  return write_png_grid(grey, path, metadata);
+}
+
+Result<void> write_png(const Grid<Rgb8>& colour, const fs::path& path, const Metadata& metadata) {
+  return write_png_grid(colour, path, metadata);
+}
+
+std::uint8_t srgb8(double linear) {
+  if (!(linear > 0.0)) return 0;
+  if (linear >= 1.0) return 255;
+  const double encoded =
+      linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1.0 / 2.4) - 0.055;
+  return static_cast<std::uint8_t>(std::lround(255.0 * encoded));
+}
+
+Result<LoadedImage> read_image(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored))
+    return fail(kFileNotFound, fmt::format("{}: no such file", path.string()));
+  const auto because = [&](const std::string& reason) {
+    return fail(kImageNotReadable,
+                fmt::format("{}: OpenImageIO: {}; a PNG, TIFF or OpenEXR image was expected",
+                            path.string(), reason));
+  };
+  OIIO::ImageSpec wish;
+  wish.attribute("oiio:UnassociatedAlpha", 1);  // values as in the file, not multiplied by alpha
+  auto in = OIIO::ImageInput::open(path.string(), &wish);
+  if (!in) return because(OIIO::geterror());
+  const OIIO::ImageSpec spec = in->spec();
+  if (spec.width < 1 || spec.height < 1 || spec.depth > 1 || spec.deep || spec.nchannels < 1 ||
+      std::int64_t{spec.width} * spec.height > kMaxPixels)
+    return fail(kImageFormat, fmt::format("{}: {} x {} x {} pixels with {} channels{}: a flat "
+                                          "image of at most {} pixels was expected",
+                                          path.string(), spec.width, spec.height, spec.depth,
+                                          spec.nchannels, spec.deep ? ", deep" : "", kMaxPixels));
+  const auto count = static_cast<std::size_t>(spec.nchannels);
+  const auto size = static_cast<std::size_t>(spec.width) * static_cast<std::size_t>(spec.height);
+  std::vector<float> pixels(size * count);
+  if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data()))
+    return because(in->geterror());
+  in->close();
+
+  LoadedImage image;
+  image.eight_bit = spec.format == OIIO::TypeDesc::UINT8;
+  for (std::size_t k = 0; k < count; ++k) {
+    image.names.push_back(spec.channelnames[k]);
+    image.channels.emplace_back(spec.height, spec.width);
+    const auto cells = image.channels.back().cells();
+    for (std::size_t i = 0; i < size; ++i) cells[i] = pixels[i * count + k];
+  }
+  return image;
+}
+
+}  // namespace maquette::camera

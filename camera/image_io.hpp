@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file image_io.hpp
+/// Image files by OpenImageIO. Row 0 is the upper row. Writers choose by the name's
+/// ending (.exr, .png), appear whole or not at all, and give the same bytes each time.
+/// CAMERA_IMAGE_FORMAT: no pixel, other ending, channels without names of their own or
+/// of different sizes; CORE_FILE_NOT_WRITABLE.
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/grid.hpp"
+#include "core/result.hpp"
+
+namespace maquette::camera {
+
+inline constexpr ErrorCode kImageNotReadable{"CAMERA_IMAGE_NOT_READABLE"};
+inline constexpr ErrorCode kImageFormat{"CAMERA_IMAGE_FORMAT"};
+
+using Rgb8 = std::array<std::uint8_t, 3>;
+using Metadata = std::vector<std::pair<std::string, std::string>>;
+
+/// Linear float image with named channels (EXR), e.g. {"Y", radiance}, {"Z", depth}.
+[[nodiscard]] Result<void> write_exr(
+    const std::vector<std::pair<std::string, const Grid<float>*>>& channels,
+    const std::filesystem::path& path, const Metadata& metadata = {});
+/// 8-bit PNG, grey or colour, values as given (encode sRGB before).
+[[nodiscard]] Result<void> write_png(const Grid<std::uint8_t>& grey,
+                                     const std::filesystem::path& path,
+                                     const Metadata& metadata = {});
+[[nodiscard]] Result<void> write_png(const Grid<Rgb8>& colour, const std::filesystem::path& path,
+                                     const Metadata& metadata = {});
+
+/// Linear value 0..1 -> sRGB 0..255 (IEC 61966-2-1), clamped.
+[[nodiscard]] std::uint8_t srgb8(double linear);
+
+/// Channels as float, 8-bit and 16-bit files scaled to 0..1; encoding as in the file.
+struct LoadedImage {
+  std::vector<std::string> names;
+  std::vector<Grid<float>> channels;
+  bool eight_bit = false;
+};
+/// CORE_FILE_NOT_FOUND; CAMERA_IMAGE_NOT_READABLE: no image, or a damaged one;
+/// CAMERA_IMAGE_FORMAT: a deep, volume or too large image. Alpha is a channel like any
+/// other and multiplies nothing.
+[[nodiscard]] Result<LoadedImage> read_image(const std::filesystem::path& path);
+
+}  // namespace maquette::camera

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// camera/image_io.hpp:
+//   EXR keeps floats, names, text .... read back by OpenImageIO itself, inf and tiny
+//   PNG keeps bytes and text ......... the same, grey and colour, row 0 on top
+//   read_image scales, keeps coding .. 8 and 16 bit files written by OpenImageIO
+//   alpha does not multiply .......... values under transparent pixels
+//   sRGB ............................. values of IEC 61966-2-1, order, clamping
+//   bad files and bad folders ........ each error code; nothing is left behind
+//   same bytes ....................... written twice
+
+#include "camera/image_io.hpp"
+
+#include <fstream>
+#include <limits>
+
+#include <OpenImageIO/imageio.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "support/matchers.hpp"
+
+namespace maquette::camera {
+namespace {
+
+using testing_support::FailsWith;
+using testing_support::ScratchFolder;
+using testing_support::Succeeds;
+
+Grid<float> ramp(std::ptrdiff_t rows, std::ptrdiff_t cols, float scale) {
+  Grid<float> g(rows, cols);
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c) g(r, c) = scale * static_cast<float>(r * cols + c);
+  return g;
+}
+
+TEST(WriteExr, KeepsFloatsNamesAndText) {
+  const ScratchFolder folder;
+  const Grid<float> light = ramp(5, 7, 0.1F);
+  Grid<float> depth = ramp(5, 7, 1e-30F);
+  depth(2, 3) = std::numeric_limits<float>::infinity();
+  ASSERT_THAT(write_exr({{"Y", &light}, {"Z", &depth}}, folder / "a.exr",
+                        {{"maquette:frame", "model, mm"}, {"scene", "Hügel"}}),
+              Succeeds());
+
+  const auto in = OIIO::ImageInput::open((folder / "a.exr").string());
+  ASSERT_TRUE(in);
+  EXPECT_EQ(in->spec().width, 7);
+  EXPECT_EQ(in->spec().height, 5);
+  EXPECT_EQ(in->spec().get_string_attribute("maquette:frame"), "model, mm");
+  EXPECT_EQ(in->spec().get_string_attribute("scene"), "Hügel");
+
+  const auto back = read_image(folder / "a.exr");
+  ASSERT_THAT(back, Succeeds());
+  EXPECT_FALSE(back->eight_bit);
+  ASSERT_THAT(back->names, testing::UnorderedElementsAre("Y", "Z"));
+  for (std::size_t k = 0; k < 2; ++k)
+    EXPECT_EQ(back->channels[k], back->names[k] == "Y" ? light : depth);
+}
+
+TEST(WritePng, KeepsBytesAndText) {
+  const ScratchFolder folder;
+  Grid<std::uint8_t> grey(3, 256);
+  Grid<Rgb8> colour(3, 256);
+  for (std::ptrdiff_t r = 0; r < 3; ++r)
+    for (std::ptrdiff_t c = 0; c < 256; ++c) {
+      grey(r, c) = static_cast<std::uint8_t>((c + 10 * r) % 256);
+      colour(r, c) = {grey(r, c), static_cast<std::uint8_t>(255 - c), static_cast<std::uint8_t>(r)};
+    }
+  ASSERT_THAT(write_png(grey, folder / "g.png", {{"Seed", "42"}}), Succeeds());
+  ASSERT_THAT(write_png(colour, folder / "c.png", {{"Seed", "43"}}), Succeeds());
+  const auto g = read_image(folder / "g.png");
+  const auto c = read_image(folder / "c.png");
+  ASSERT_THAT(g, Succeeds());
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(g->eight_bit);
+  EXPECT_TRUE(c->eight_bit);
+  ASSERT_EQ(g->channels.size(), 1U);
+  ASSERT_EQ(c->channels.size(), 3U);
+  EXPECT_THAT(c->names, testing::ElementsAre("R", "G", "B"));
+  for (std::ptrdiff_t r = 0; r < 3; ++r)
+    for (std::ptrdiff_t x = 0; x < 256; ++x) {
+      EXPECT_EQ(std::lround(255 * g->channels[0](r, x)), grey(r, x));
+      for (std::size_t k = 0; k < 3; ++k)
+        EXPECT_EQ(std::lround(255 * c->channels[k](r, x)), colour(r, x)[k]);
+    }
+  const auto in = OIIO::ImageInput::open((folder / "c.png").string());
+  ASSERT_TRUE(in);
+  EXPECT_EQ(in->spec().get_string_attribute("Seed"), "43");
+}
+
+TEST(WriteImages, GivesTheSameBytesTwice) {
+  const ScratchFolder folder;
+  const Grid<float> light = ramp(300, 200, 0.01F);
+  const Grid<std::uint8_t> grey(300, 200, 7);
+  for (const char* name : {"1", "2"}) {
+    ASSERT_THAT(write_exr({{"Y", &light}}, folder / (std::string(name) + ".exr")), Succeeds());
+    ASSERT_THAT(write_png(grey, folder / (std::string(name) + ".png")), Succeeds());
+  }
+  EXPECT_EQ(sha256_file(folder / "1.exr").value(), sha256_file(folder / "2.exr").value());
+  EXPECT_EQ(sha256_file(folder / "1.png").value(), sha256_file(folder / "2.png").value());
+}
+
+TEST(ReadImage, ScalesSixteenBitsAndLeavesAlphaAlone) {
+  const ScratchFolder folder;
+  const auto path = (folder / "w.png").string();
+  const OIIO::ImageSpec spec(2, 1, 4, OIIO::TypeDesc::UINT16);
+  const std::array<std::uint16_t, 8> pixels{65535, 32768, 0, 0, 1000, 2000, 3000, 30000};
+  auto out = OIIO::ImageOutput::create(path);
+  ASSERT_TRUE(out && out->open(path, [&] {
+    OIIO::ImageSpec s = spec;
+    s.attribute("oiio:UnassociatedAlpha", 1);
+    return s;
+  }()));
+  ASSERT_TRUE(out->write_image(OIIO::TypeDesc::UINT16, pixels.data()));
+  out->close();
+  const auto image = read_image(path);
+  ASSERT_THAT(image, Succeeds());
+  EXPECT_FALSE(image->eight_bit);
+  for (std::size_t k = 0; k < 4; ++k)
+    for (std::ptrdiff_t c = 0; c < 2; ++c)
+      EXPECT_NEAR(image->channels[k](0, c),
+                  static_cast<float>(pixels[static_cast<std::size_t>(4 * c) + k]) / 65535.0F, 1e-6)
+          << "channel " << k;
+}
+
+TEST(Srgb8, HasTheValuesOfTheStandard) {
+  EXPECT_EQ(srgb8(0.0), 0);
+  EXPECT_EQ(srgb8(1.0), 255);
+  EXPECT_EQ(srgb8(0.5), 188);        // 187.5 by the formula
+  EXPECT_EQ(srgb8(0.2140411), 127);  // 127.5 / 255 decoded is 0.21586
+  EXPECT_EQ(srgb8(0.0031308), 10);   // where line meets power: 10.31
+  EXPECT_EQ(srgb8(-1.0), 0);
+  EXPECT_EQ(srgb8(7.0), 255);
+  EXPECT_EQ(srgb8(NAN), 0);
+  for (int i = 0; i < 1000; ++i) EXPECT_LE(srgb8(i / 1000.0), srgb8((i + 1) / 1000.0));
+}
+
+TEST(ReadImage, SaysWhatIsWrong) {
+  const ScratchFolder folder;
+  EXPECT_THAT(read_image(folder / "none.png"), FailsWith(kFileNotFound));
+  ASSERT_TRUE(write_file(folder / "noise.png", std::string(5000, 'x')));
+  EXPECT_THAT(read_image(folder / "noise.png"), FailsWith(kImageNotReadable));
+  ASSERT_TRUE(write_file(folder / "noise.txt", "hello"));
+  EXPECT_THAT(read_image(folder / "noise.txt"), FailsWith(kImageNotReadable));
+
+  Grid<std::uint8_t> grey(200, 200);
+  for (std::size_t i = 0; i < grey.cells().size(); ++i)
+    grey.cells()[i] = static_cast<std::uint8_t>(i * i % 251);
+  ASSERT_TRUE(write_png(grey, folder / "a.png"));
+  const auto whole = read_file(folder / "a.png").value();
+  ASSERT_TRUE(write_file(folder / "half.png", whole.substr(0, whole.size() / 2)));
+  const auto half = read_image(folder / "half.png");
+  ASSERT_THAT(half, FailsWith(kImageNotReadable));
+  EXPECT_THAT(half.error().message, testing::HasSubstr("half.png"));
+}
+
+TEST(WriteImages, SayWhatIsWrongAndLeaveNothing) {
+  const ScratchFolder folder;
+  const Grid<float> a(4, 5), b(5, 4), none;
+  EXPECT_THAT(write_exr({}, folder / "a.exr"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_exr({{"Y", &none}}, folder / "a.exr"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_exr({{"Y", &a}, {"Y", &a}}, folder / "a.exr"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_exr({{"", &a}}, folder / "a.exr"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_exr({{"Y", &a}, {"Z", &b}}, folder / "a.exr"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_exr({{"Y", &a}}, folder / "a.jpg"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_png(Grid<std::uint8_t>(2, 2), folder / "a.exr"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_png(Grid<Rgb8>(), folder / "a.png"), FailsWith(kImageFormat));
+  EXPECT_THAT(write_exr({{"Y", &a}}, folder / "no/folder/a.exr"), FailsWith(kFileNotWritable));
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+}  // namespace
+}  // namespace maquette::camera

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan/surface_distance.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maquette::scan {
+
+using heightmap::ModelField;
+
+double triangle_distance2(Vec3 p, Vec3 a, Vec3 b, Vec3 c) {
+  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+  const auto squared = [](Vec3 v) { return dot(v, v); };
+  const double d1 = dot(ab, ap), d2 = dot(ac, ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return squared(ap);
+  const Vec3 bp = p - b;
+  const double d3 = dot(ab, bp), d4 = dot(ac, bp);
+  if (d3 >= 0.0 && d4 <= d3) return squared(bp);
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return squared(ap - (d1 / (d1 - d3)) * ab);
+  const Vec3 cp = p - c;
+  const double d5 = dot(ab, cp), d6 = dot(ac, cp);
+  if (d6 >= 0.0 && d5 <= d6) return squared(cp);
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return squared(ap - (d2 / (d2 - d6)) * ac);
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0)
+    return squared(bp - ((d4 - d3) / ((d4 - d3) + (d5 - d6))) * (c - b));
+  // Above the face: the distance to its plane, without the detour over the foot point.
+  const Vec3 n = cross(ab, ac);
+  const double h = dot(n, ap);
+  return h * h / dot(n, n);
+}
+
+namespace {
+
+struct Search {
+  const ModelField& field;
+  Vec3 p;
+  double best2;
+
+  void cell(std::ptrdiff_t r, std::ptrdiff_t c) {
+    const double x0 = field.x_mm(c), x1 = field.x_mm(c + 1);
+    const double y0 = field.y_mm(r), y1 = field.y_mm(r + 1);
+    const float* lower = &field.z_mm(r, c);
+    const float* upper = &field.z_mm(r + 1, c);
+    float low = INFINITY, high = -INFINITY;
+    for (const float h : {lower[0], lower[1], upper[0], upper[1]}) {
+      low = std::min(low, h);  // in this order NaN is passed over
+      high = std::max(high, h);
+    }
+    const double gx = std::max({x0 - p.x, p.x - x1, 0.0});
+    const double gy = std::max({y0 - p.y, p.y - y1, 0.0});
+    const double gz =
+        std::max({static_cast<double>(low) - p.z, p.z - static_cast<double>(high), 0.0});
+    if (!(gx * gx + gy * gy + gz * gz < best2)) return;
+    const Vec3 a{x0, y0, static_cast<double>(lower[0])};
+    const Vec3 b{x1, y0, static_cast<double>(lower[1])};
+    const Vec3 d{x1, y1, static_cast<double>(upper[1])};
+    const Vec3 e{x0, y1, static_cast<double>(upper[0])};
+    if (const double right = triangle_distance2(p, a, b, d); right < best2) best2 = right;
+    if (const double left = triangle_distance2(p, a, d, e); left < best2) best2 = left;
+  }
+
+  /// Cells of the square ring at distance k from (r, c) that lie in the field.
+  void ring(std::ptrdiff_t r, std::ptrdiff_t c, std::ptrdiff_t k) {
+    const std::ptrdiff_t last_r = field.z_mm.rows() - 2, last_c = field.z_mm.cols() - 2;
+    const std::ptrdiff_t c0 = std::max(c - k, std::ptrdiff_t{0}), c1 = std::min(c + k, last_c);
+    for (const std::ptrdiff_t row : {r - k, r + k})
+      if (row >= 0 && row <= last_r)
+        for (std::ptrdiff_t col = c0; col <= c1; ++col) cell(row, col);
+    const std::ptrdiff_t r0 = std::max(r - k + 1, std::ptrdiff_t{0});
+    const std::ptrdiff_t r1 = std::min(r + k - 1, last_r);
+    for (const std::ptrdiff_t col : {c - k, c + k})
+      if (col >= 0 && col <= last_c)
+        for (std::ptrdiff_t row = r0; row <= r1; ++row) cell(row, col);
+  }
+};
+
+}  // namespace
+
+double signed_distance_mm(const ModelField& field, Vec3 p, double reach_mm) {
+  const std::ptrdiff_t rows = field.z_mm.rows(), cols = field.z_mm.cols();
+  const double x0 = field.x0.value(), x1 = field.x_mm(cols - 1);
+  const double y0 = field.y0.value(), y1 = field.y_mm(rows - 1);
+  const double wall = std::min({p.x - x0, x1 - p.x, p.y - y0, y1 - p.y});
+  if (!(wall >= -kOutlineSlackMm)) return NAN;
+  const double x = std::clamp(p.x, x0, x1), y = std::clamp(p.y, y0, y1);
+  const double above = p.z - heightmap::height_at(field, x, y);
+  if (std::isnan(above)) return NAN;
+
+  // The point of the surface straight below or above bounds the distance.
+  const double s = field.spacing.value();
+  Search search{field, p, std::min(above * above, reach_mm * reach_mm * (1.0 + 1e-12))};
+  if (p.x != x || p.y != y) search.best2 = reach_mm * reach_mm * (1.0 + 1e-12);
+  const double start2 = search.best2;
+  const double u = (x - x0) / s, v = (y - y0) / s;
+  const auto c = static_cast<std::ptrdiff_t>(std::fmin(u, static_cast<double>(cols - 2)));
+  const auto r = static_cast<std::ptrdiff_t>(std::fmin(v, static_cast<double>(rows - 2)));
+  search.cell(r, c);
+  const double du = u - static_cast<double>(c), dv = v - static_cast<double>(r);
+  const double inner = s * std::min({du, 1.0 - du, dv, 1.0 - dv});
+  const std::ptrdiff_t rings = std::max(rows, cols);
+  for (std::ptrdiff_t k = 1; k < rings; ++k) {
+    const double least = inner + s * static_cast<double>(k - 1);  // to any cell of this ring
+    if (least > 0.0 && least * least >= search.best2) break;
+    search.ring(r, c, k);
+  }
+  if (search.best2 == start2 && !(above * above <= start2)) return NAN;  // nothing within reach
+  const double distance = std::sqrt(search.best2);
+  if (above < -s && wall < distance) return NAN;
+  return above < 0.0 ? -distance : distance;
+}
+
+}  // namespace maquette::scan

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file surface_distance.hpp
+/// How far a point is from the triangulated surface of a model field.
+
+#include "core/vec.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::scan {
+
+/// A point this far beside the outline still counts as on it: rounding of a pose.
+inline constexpr double kOutlineSlackMm = 1e-6;
+
+/// Distance to the nearest point of the triangulated surface; positive above, negative
+/// below (over a height field that is the side of the nearest triangle's normal). NaN if
+/// the point
+///   - is beside the field's outline or over a void,
+///   - is farther than `reach_mm`,
+///   - belongs to a wall of the part: deeper below the surface than one node spacing and
+///     nearer to one of the four vertical planes of the outline than to the surface.
+/// Exact (double precision) also at edges, nodes and steep sides of stones. Cost grows
+/// with (distance / spacing)^2; below one spacing a few cells are looked at.
+[[nodiscard]] double signed_distance_mm(const heightmap::ModelField& field, Vec3 point_mm,
+                                        double reach_mm);
+
+/// Square of the distance between a point and a triangle; NaN if a corner is. Ericson,
+/// "Real-Time Collision Detection", 2005, section 5.1.5 (regions of the nearest feature).
+[[nodiscard]] double triangle_distance2(Vec3 p, Vec3 a, Vec3 b, Vec3 c);
+
+}  // namespace maquette::scan

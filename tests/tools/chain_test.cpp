@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The whole chain as a user runs it, on a small site (40 mm, both scales):
+//   every documented file is there ....... and the manifest's figures hold their bounds
+//   second run does nothing .............. every unit reused
+//   changed parameter .................... only what depends on it
+//   threads do not matter ................ output hashes compared, 1 and 3
+//   killed and run again ................. same hashes
+//   shards and merge ..................... same hashes
+//   real data ............................ both sites of assets/sites, where the data is there
+
+#include <chrono>
+#include <cstdlib>
+#include <map>
+#include <thread>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <nlohmann/json.hpp>
+
+#include "support/matchers.hpp"
+#include "support/program.hpp"
+
+namespace maquette {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using testing_support::Outcome;
+using testing_support::run_program;
+using testing_support::ScratchFolder;
+using testing_support::slurp;
+
+/// The default site, small enough for a test: 3 stations would add nothing.
+constexpr const char* kSmall =
+    " --quiet --set size_mm=40 --set bands.max_width_mm=15 --set stones.count=5 "
+    "--set stones.max_diameter_m=3 --set scanner.max_points=60000 --set camera.samples_per_pixel=1 "
+    "--set export.lod_triangles=2000 ";
+
+const std::string kSite = std::string("run ") + MAQUETTE_SOURCE + "/assets/sites/default.toml";
+
+std::map<std::string, std::string> hashes(const fs::path& out) {
+  std::map<std::string, std::string> all;
+  const json manifest = json::parse(slurp(out / "manifest.json"));
+  for (const json& stage : manifest["stages"])
+    for (const json& o : stage["outputs"]) all[o["path"]] = o["sha256"];
+  return all;
+}
+
+/// One run that all tests compare with.
+class Chain : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    scratch_ = new ScratchFolder;
+    outcome_ = new Outcome(
+        run_program(scratch_->path(), kSite + kSmall + "--out " + (*scratch_ / "out").string()));
+  }
+  static void TearDownTestSuite() {
+    delete outcome_;
+    delete scratch_;
+  }
+  void SetUp() override { ASSERT_EQ(outcome_->exit_code, 0) << outcome_->err; }
+  static fs::path out() { return *scratch_ / "out"; }
+  static const ScratchFolder& scratch() { return *scratch_; }
+  static ScratchFolder* scratch_;
+  static Outcome* outcome_;
+};
+ScratchFolder* Chain::scratch_ = nullptr;
+Outcome* Chain::outcome_ = nullptr;
+
+TEST_F(Chain, LeavesEveryDocumentedFile) {
+  for (const char* file : {"manifest.json", "report.html", "products/synthetic_moon_dtm.img"})
+    EXPECT_TRUE(fs::exists(out() / file)) << file;
+  for (const char* scale : {"s1000", "s200"})
+    for (const char* file : {"design.tif",
+                             "sigma.tif",
+                             "source.tif",
+                             "hillshade.png",
+                             "stones.json",
+                             "stones.csv",
+                             "surface.tif",
+                             "surface.ply",
+                             "surface.certificate.json",
+                             "bands/band_01.ply",
+                             "bands/band_03.ngc",
+                             "certificate.json",
+                             "as_milled.tif",
+                             "export/surface.stl",
+                             "export/surface.glb",
+                             "export/surface_lod1.glb",
+                             "picture.exr",
+                             "picture.png",
+                             "scene.toml",
+                             "scan_01.ply",
+                             "scan_02.ply",
+                             "case.toml",
+                             "summary.json",
+                             "deviation.tif",
+                             "deviation.ply",
+                             "report.html"})
+      EXPECT_TRUE(fs::exists(out() / scale / file)) << scale << "/" << file;
+}
+
+TEST_F(Chain, HoldsItsBounds) {
+  const json manifest = json::parse(slurp(out() / "manifest.json"));
+  for (const json& stage : manifest["stages"]) {
+    const std::string name = stage["name"];
+    const json& f = stage["figures"];
+    if (name.ends_with(".mesh")) {
+      EXPECT_TRUE(f["passed"]) << name;
+      EXPECT_TRUE(f["closed"] && f["manifold"] && f["oriented_outward"]) << name;
+    }
+    if (name.ends_with(".verify")) {
+      // The bound: no gouge above 20 um, seen and unseen together.
+      EXPECT_LE(f["max_gouge_mm"].get<double>() + f["bound_mm"].get<double>(), 0.02) << name;
+      EXPECT_LE(f["max_gouge_against_mesh_mm"].get<double>(), 0.02) << name;
+      EXPECT_EQ(f["rapid_collisions"], 0) << name;
+    }
+    if (name.ends_with(".deviate")) {
+      // Scallop (0.0104 mm), range noise and what the ball cannot reach; a frame error or
+      // a slip by half a pixel would be many times this.
+      EXPECT_LT(std::fabs(f["median_mm"].get<double>()), 0.1) << name;
+      EXPECT_GT(f["coverage"].get<double>(), 0.2) << name;
+    }
+  }
+}
+
+TEST_F(Chain, DoesNothingTwice) {
+  const auto before = hashes(out());
+  const Outcome again =
+      run_program(scratch().path(), kSite + kSmall + "--json --out " + out().string());
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  for (const json& unit : json::parse(again.out)["units"])
+    EXPECT_TRUE(unit["reused"]) << unit["name"];
+  EXPECT_EQ(hashes(out()), before);
+}
+
+TEST_F(Chain, RedoesWhatDependsOnAParameter) {
+  const fs::path copy = scratch() / "changed";
+  fs::copy(out(), copy, fs::copy_options::recursive);
+  const Outcome outcome =
+      run_program(scratch().path(),
+                  kSite + kSmall + "--json --set lamp.elevation_deg=45 --out " + copy.string());
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  for (const json& unit : json::parse(outcome.out)["units"]) {
+    const std::string name = unit["name"];
+    EXPECT_EQ(unit["reused"].get<bool>(), !name.ends_with(".render")) << name;
+  }
+}
+
+TEST_F(Chain, DoesNotDependOnThreads) {
+  const fs::path other = scratch() / "threads";
+  const Outcome outcome =
+      run_program(scratch().path(), kSite + kSmall + "--threads 3 --out " + other.string());
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const fs::path one = scratch() / "one";
+  const Outcome single =
+      run_program(scratch().path(), kSite + kSmall + "--threads 1 --out " + one.string());
+  ASSERT_EQ(single.exit_code, 0) << single.err;
+  EXPECT_EQ(hashes(one), hashes(other));
+  EXPECT_EQ(hashes(out()), hashes(other));
+}
+
+TEST_F(Chain, GoesOnAfterAKill) {
+  const fs::path killed = scratch() / "killed";
+  int kills = 0;
+  for (const int after_ms : {300, 900, 1800, 3000}) {
+    const pid_t child = ::fork();
+    if (child == 0) {
+      ::setpgid(0, 0);
+      const std::string command = fmt::format("exec '{}' {} {} --out '{}' >/dev/null 2>&1",
+                                              MAQUETTE_PROGRAM, kSite, kSmall, killed.string());
+      ::execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+      ::_exit(127);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(after_ms));
+    ::kill(child, SIGKILL);
+    int status = 0;
+    ::waitpid(child, &status, 0);
+    kills += WIFSIGNALED(status) ? 1 : 0;
+  }
+  EXPECT_GT(kills, 0) << "every run ended before it was killed: nothing was tested";
+  const Outcome outcome =
+      run_program(scratch().path(), kSite + kSmall + "--out " + killed.string());
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(hashes(killed), hashes(out()));
+  for (const auto& entry : fs::recursive_directory_iterator(killed))
+    EXPECT_EQ(entry.path().string().find(".partial-"), std::string::npos) << entry.path();
+}
+
+TEST_F(Chain, ShardsAndMergeAreTheSame) {
+  const fs::path sharded = scratch() / "sharded";
+  const std::string out_option = "--out " + sharded.string();
+  const auto step = [&](const std::string& options) {
+    const Outcome o = run_program(scratch().path(), kSite + kSmall + options + " " + out_option);
+    EXPECT_EQ(o.exit_code, 0) << options << ": " << o.err;
+  };
+  for (const char* stage : {"products", "fuse", "stones", "mesh"})
+    step(std::string("--stage ") + stage);
+  for (const char* stage : {"bands", "mill"})
+    for (const char* shard : {"2/3", "3/3", "1/3"})
+      step(fmt::format("--stage {} --shard {}", stage, shard));
+  step("--merge");
+  EXPECT_EQ(hashes(sharded), hashes(out()));
+}
+
+TEST_F(Chain, RefusesAFolderThatIsInUse) {
+  const fs::path lock = out() / ".maquette" / "lock";
+  const Outcome outcome =
+      run_program(scratch().path(), kSite + kSmall + "--out " + out().string(),
+                  fmt::format("exec 9<'{}'; flock -n 9 || exit 99; ", lock.string()));
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.err, testing::HasSubstr("another maquette run"));
+}
+
+/// The real products are not part of the project.
+class RealSites : public testing::TestWithParam<const char*> {};
+
+TEST_P(RealSites, RunThroughTheWholeChain) {
+  const char* variable = std::getenv("MAQUETTE_DATA");
+  const fs::path data = variable != nullptr
+                            ? fs::path(variable)
+                            : fs::path(MAQUETTE_SOURCE).parent_path() / "shared" / "data";
+  if (!fs::exists(data / "mars"))
+    GTEST_SKIP() << "no real data in " << data << "; set MAQUETTE_DATA to its folder";
+  const ScratchFolder scratch;
+  // Small pieces of the sites: the chain, not the size, is what is tested here.
+  const Outcome outcome = run_program(
+      scratch.path(),
+      fmt::format("run '{}/assets/sites/{}.toml' --quiet --set size_mm=60 --set stones.count=3 "
+                  "--set stones.max_diameter_m=2 --set scanner.max_points=60000 --out '{}'",
+                  MAQUETTE_SOURCE, GetParam(), (scratch / "out").string()),
+      fmt::format("MAQUETTE_DATA='{}'", data.string()));
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(fs::exists(scratch / "out/report.html"));
+}
+
+INSTANTIATE_TEST_SUITE_P(Site, RealSites, testing::Values("gale", "shoemaker"),
+                         [](const auto& param) { return std::string(param.param); });
+
+}  // namespace
+}  // namespace maquette

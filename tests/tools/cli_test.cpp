@@ -1,0 +1,316 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// What a user gets for malformed input: one clear error that names file, place and
+// what was expected, the documented exit code, and nothing half-written. Exit codes
+// 0, 1, 2 and 3 are reached here; 4 is our bug and has no input of its own.
+
+#include <fstream>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "assets/synthetic_products.hpp"
+#include "heightmap/field_io.hpp"
+#include "support/matchers.hpp"
+#include "support/program.hpp"
+
+namespace maquette {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+using testing_support::Outcome;
+using testing_support::run_program;
+using testing_support::ScratchFolder;
+using testing_support::slurp;
+
+class CommandLine : public testing::Test {
+ protected:
+  ScratchFolder scratch;
+  fs::path out = scratch / "out";
+
+  Outcome run(const std::string& arguments, const std::string& before = "") {
+    return run_program(scratch.path(), arguments, before);
+  }
+  fs::path file(const std::string& name, const std::string& content) {
+    EXPECT_TRUE(write_file(scratch / name, content));
+    return scratch / name;
+  }
+  /// A hill of 20 mm x 20 mm.
+  fs::path design(float void_at = 0.0F) {
+    heightmap::ModelField field{Grid<float>(41, 41), Millimetres{0.5}, {}, {}};
+    for (std::ptrdiff_t r = 0; r < 41; ++r)
+      for (std::ptrdiff_t c = 0; c < 41; ++c)
+        field.z_mm(r, c) = static_cast<float>(std::sin(0.1 * static_cast<double>(r + c)));
+    field.z_mm(7, 9) += void_at;  // NaN makes a void
+    EXPECT_TRUE(heightmap::write_model_field(field, scratch / "design.tif"));
+    return scratch / "design.tif";
+  }
+  /// Products of a small synthetic site, and a site file that uses them.
+  assets::SyntheticProducts products() {
+    assets::SyntheticSite site;
+    site.body = *heightmap::body_by_name("moon");
+    site.half_width = Metres{25.0};
+    auto files = assets::write_synthetic_products(site, scratch.path());
+    EXPECT_TRUE(files.has_value());
+    return *files;
+  }
+  fs::path site_file(const fs::path& source, const std::string& more = "") {
+    return file("site.toml", more + fmt::format("size_mm = 20.0\nscales = [1000.0]\n[[source]]\n"
+                                                "name = \"dtm\"\npath = \"{}\"\n",
+                                                source.string()));
+  }
+  /// Bad input: exit code 2, one error, nothing but the lock in the result folder.
+  void expect_refused(const Outcome& o, const testing::Matcher<std::string>& message,
+                      int exit_code = 2) {
+    EXPECT_EQ(o.exit_code, exit_code) << o.err;
+    EXPECT_THAT(o.err, message);
+    EXPECT_THAT(o.err, HasSubstr("error: "));
+    if (!fs::exists(out)) return;
+    for (const auto& e : fs::recursive_directory_iterator(out))
+      EXPECT_TRUE(e.is_directory() || e.path().filename() == "lock") << e.path() << " is left";
+  }
+};
+
+TEST_F(CommandLine, TypingErrorInTheSiteFile) {
+  const auto site = file("site.toml", "size_mm = 200.0\n[mill]\nstepovr_mm = 0.5\n");
+  expect_refused(run("run " + site.string() + " --out " + out.string()),
+                 AllOf(HasSubstr("site.toml:3"), HasSubstr("mill.stepover_mm")));
+}
+
+TEST_F(CommandLine, SiteFileThatIsNoToml) {
+  const auto site = file("site.toml", "size_mm == 200.0\n");
+  expect_refused(run("run " + site.string() + " --out " + out.string()), HasSubstr("site.toml:1:"));
+}
+
+TEST_F(CommandLine, SiteFileThatIsNotThere) {
+  expect_refused(run("run nowhere.toml --out " + out.string()), HasSubstr("nowhere.toml"));
+}
+
+TEST_F(CommandLine, TruncatedImage) {
+  const auto p = products();
+  fs::resize_file(p.fine_img, fs::file_size(p.fine_img) / 2);
+  expect_refused(run("run " + site_file(p.fine_img).string() + " --out " + out.string()),
+                 AllOf(HasSubstr(p.fine_img.filename().string()), HasSubstr("bytes")));
+}
+
+TEST_F(CommandLine, LabelWithoutItsImage) {
+  const auto p = products();
+  fs::remove(p.coarse_img);
+  expect_refused(run("run " + site_file(p.coarse_lbl).string() + " --out " + out.string()),
+                 HasSubstr(p.coarse_img.filename().string()));
+}
+
+TEST_F(CommandLine, SourceOfAnotherBody) {
+  const auto p = products();
+  expect_refused(
+      run("run " + site_file(p.fine_img, "body = \"mars\"\n").string() + " --out " + out.string()),
+      AllOf(HasSubstr("mars"), HasSubstr("moon")));
+}
+
+TEST_F(CommandLine, SourceThatDoesNotReachTheSite) {
+  const auto p = products();
+  expect_refused(run("run " + site_file(p.fine_img, "centre_longitude_deg = 10.0\n").string() +
+                     " --out " + out.string()),
+                 HasSubstr(p.fine_img.filename().string()));
+}
+
+TEST_F(CommandLine, ModelSurfaceAsASource) {
+  expect_refused(run("run " + site_file(design()).string() + " --out " + out.string()),
+                 HasSubstr("design.tif"));
+}
+
+TEST_F(CommandLine, EnvironmentVariableThatIsNotSet) {
+  const auto site = site_file("${MAQUETTE_NO_SUCH_VARIABLE}");
+  expect_refused(run("run " + site.string() + " --out " + out.string()),
+                 HasSubstr("MAQUETTE_NO_SUCH_VARIABLE"));
+}
+
+TEST_F(CommandLine, VoidInTheDesign) {
+  const auto holed = design(NAN);
+  expect_refused(run("mill " + holed.string() + " --out " + (scratch / "part.ngc").string()),
+                 HasSubstr("row"));
+  EXPECT_FALSE(fs::exists(scratch / "part.ngc"));
+  expect_refused(run("mesh " + holed.string() + " --out " + (scratch / "s.ply").string()),
+                 HasSubstr("row"));
+}
+
+TEST_F(CommandLine, RasterOfNothingButVoids) {
+  heightmap::ModelField field{Grid<float>(8, 8, NAN), Millimetres{0.5}, {}, {}};
+  ASSERT_TRUE(heightmap::write_model_field(field, scratch / "void.tif"));
+  expect_refused(run("mill " + (scratch / "void.tif").string() + " --out x.ngc"),
+                 HasSubstr("void.tif"));
+}
+
+TEST_F(CommandLine, PlanetRasterAsADesign) {
+  const auto p = products();
+  fs::copy(p.fine_img, scratch / "planet.tif");
+  expect_refused(run("mill " + (scratch / "planet.tif").string() + " --out x.ngc"),
+                 HasSubstr("planet.tif"));
+}
+
+TEST_F(CommandLine, OptionsOutOfRange) {
+  const auto d = design().string();
+  expect_refused(run("mill " + d + " --stepover-mm 0 --out x.ngc"), HasSubstr("stepover"));
+  expect_refused(run("mill " + d + " --ball-diameter-mm -6 --out x.ngc"), HasSubstr("diameter"));
+  expect_refused(run("mill " + d + " --post fanucc --out x.ngc"), HasSubstr("fanucc"));
+  expect_refused(run("mill " + d + " --machine nonesuch --out x.ngc"), HasSubstr("nonesuch"));
+  expect_refused(run("export " + d + " --format stll --out " + out.string()), HasSubstr("stll"));
+  expect_refused(run("run x.toml --shard 4/3"), HasSubstr("4/3"));
+  expect_refused(run("nonesuch"), HasSubstr("--help"));
+  expect_refused(run("mill " + d + " --nonesuch"), HasSubstr("nonesuch"));
+}
+
+TEST_F(CommandLine, GcodeWithAnError) {
+  const auto program = file("part.ngc", "G21 G90\nG1 X1 Y1 Z1 F100\nG1 X2 Q&7\nM2\n");
+  const auto outcome = run("verify " + program.string() + " --design " + design().string() +
+                           " --out " + out.string());
+  expect_refused(outcome, HasSubstr("part.ngc:3:"));
+}
+
+TEST_F(CommandLine, GcodeThatIsCutOff) {
+  const auto program = file("part.ngc", "G21 G90\nG1 X1 Y1 Z-1 F100\nG1 X2");
+  expect_refused(run("verify " + program.string() + " --design " + design().string() + " --out " +
+                     out.string()),
+                 HasSubstr("part.ngc:3"));
+}
+
+TEST_F(CommandLine, StoneLargerThanTheSite) {
+  const auto site = file("site.toml",
+                         "size_mm = 20.0\n[stones]\nmin_diameter_m = 500.0\nmax_diameter_m = "
+                         "900.0\n");
+  const auto o = run("run " + site.string() + " --quiet --out " + out.string());
+  EXPECT_EQ(o.exit_code, 2) << o.err;
+  EXPECT_THAT(o.err, HasSubstr("stone"));
+  EXPECT_FALSE(fs::exists(out / "s1000/stones.json"));
+}
+
+TEST_F(CommandLine, DamagedPointCloud) {
+  design();
+  file("scan.ply",
+       "ply\nformat binary_little_endian 1.0\nelement vertex 1000000\n"
+       "property float x\nproperty float y\nproperty float z\nend_header\nabc");
+  const auto c = file("case.toml", "design = \"design.tif\"\n[[scan]]\npoints = \"scan.ply\"\n");
+  expect_refused(run("deviate " + c.string() + " --out " + out.string()), HasSubstr("scan.ply"));
+}
+
+TEST_F(CommandLine, CaseWithoutMeasurement) {
+  design();
+  const auto c = file("case.toml", "design = \"design.tif\"\n");
+  expect_refused(run("deviate " + c.string() + " --out " + out.string()), HasSubstr("[[scan]]"));
+}
+
+TEST_F(CommandLine, FolderThatCannotBeWritten) {
+  const auto site = file("site.toml", "size_mm = 20.0\n");
+  expect_refused(run("run " + site.string() + " --out /proc/maquette"), HasSubstr("/proc/maquette"),
+                 3);
+  expect_refused(run("mill " + design().string() + " --out /proc/x.ngc"), HasSubstr("/proc/x.ngc"),
+                 3);
+}
+
+TEST_F(CommandLine, DiskThatIsFull) {
+  // A file system of 64 kB in a name space of our own; the kernel may forbid that.
+  const fs::path tiny = scratch / "tiny";
+  fs::create_directories(tiny);
+  const std::string mount = fmt::format("mount -t tmpfs -o size=64k none '{}'", tiny.string());
+  if (std::system(("unshare -r -m sh -c \"" + mount + "\" 2>/dev/null").c_str()) != 0)
+    GTEST_SKIP() << "no small file system can be mounted here (unshare -r -m)";
+  const auto d = design();
+  std::ofstream(scratch / "full.sh")
+      << mount << "\n'" << MAQUETTE_PROGRAM << "' --quiet export '" << d.string()
+      << "' --format ply --out '" << tiny.string() << "'\ncode=$?\nls -A '" << tiny.string()
+      << "' | wc -l > '" << (scratch / "left").string() << "'\nexit $code\n";
+  const int status =
+      std::system(fmt::format("unshare -r -m sh '{}' 2>'{}' >/dev/null",
+                              (scratch / "full.sh").string(), (scratch / "err").string())
+                      .c_str());
+  EXPECT_EQ(WEXITSTATUS(status), 3);
+  EXPECT_THAT(slurp(scratch / "err"), HasSubstr("disk is full"));
+  EXPECT_EQ(slurp(scratch / "left"), "0\n") << "a partial file is left";
+}
+
+TEST_F(CommandLine, InitNeverOverwrites) {
+  const fs::path site = scratch / "mine.toml";
+  ASSERT_EQ(run("init --out " + site.string()).exit_code, 0);
+  const std::string text = slurp(site);
+  EXPECT_THAT(text, AllOf(HasSubstr("size_mm = 200"), HasSubstr("# ")));
+  std::ofstream(site, std::ios::app) << "# mine\n";
+  const auto again = run("init --out " + site.string());
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_THAT(again.err, HasSubstr("exists"));
+  EXPECT_EQ(slurp(site), text + "# mine\n");
+}
+
+TEST_F(CommandLine, AToleranceThatIsNotMetIsExitCodeOne) {
+  const auto d = design();
+  ASSERT_EQ(run("mill " + d.string() + " --out " + (scratch / "part.ngc").string()).exit_code, 0);
+  const std::string verify = "verify " + (scratch / "part.ngc").string() + " --design " +
+                             d.string() + " --out " + out.string() + " --max-gouge-mm ";
+  EXPECT_EQ(run(verify + "0.02").exit_code, 0);
+  const auto strict = run(verify + "0");
+  EXPECT_EQ(strict.exit_code, 1);
+  EXPECT_THAT(strict.err, HasSubstr("above the limit"));
+  EXPECT_TRUE(fs::exists(out / "certificate.json")) << "the figures are wanted all the same";
+}
+
+TEST_F(CommandLine, ErrorsAreJsonForPrograms) {
+  const auto o = run("--json mill nowhere.tif --out x.ngc");
+  EXPECT_EQ(o.exit_code, 2);
+  const json j = json::parse(o.out);
+  EXPECT_EQ(j["error"]["code"], "CORE_FILE_NOT_FOUND");
+  EXPECT_EQ(j["exit_code"], 2);
+}
+
+TEST_F(CommandLine, ErrorsHaveStableCodes) {
+  const auto code = [&](const std::string& arguments, const std::string& before = "") {
+    return json::parse(run("--json --quiet " + arguments, before).out)["error"]["code"]
+        .get<std::string>();
+  };
+  const auto d = design().string();
+  EXPECT_EQ(code("init --out " + d), "TOOLS_FILE_EXISTS");
+  EXPECT_EQ(code("export " + d + " --format stll"), "TOOLS_UNKNOWN_FORMAT");
+  EXPECT_EQ(code("mill " + d + " --machine nonesuch"), "TOOLS_UNKNOWN_NAME");
+  EXPECT_EQ(code("run x.toml --shard 1/2 --merge"), "TOOLS_USAGE");
+  // A limit on the size of files stands for the full disk where none can be mounted.
+  EXPECT_EQ(
+      code("export " + d + " --format ply --out " + out.string(), "trap '' XFSZ; ulimit -f 8;"),
+      "CORE_DISK_FULL");
+  for (const auto& e : fs::directory_iterator(out)) ADD_FAILURE() << e.path() << " is left";
+}
+
+TEST_F(CommandLine, ResultsAreOneJsonDocument) {
+  const auto o =
+      run("export " + design().string() + " --json --quiet --format stl,obj --out " + out.string());
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  EXPECT_EQ(json::parse(o.out).size(), 2U);
+  EXPECT_EQ(o.err, "");
+}
+
+TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
+  for (const char* verb : {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "verify",
+                           "export", "render", "compare", "scan", "deviate", "info", "doctor"}) {
+    const auto o = run(std::string(verb) + " --help");
+    EXPECT_EQ(o.exit_code, 0) << verb;
+    EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));
+  }
+  // What waits for its issue does not pretend to be there.
+  for (const char* verb : {"diagnose", "detectability", "calibrate", "view"}) {
+    EXPECT_EQ(run(verb).exit_code, 2) << verb;
+    EXPECT_THAT(run("--help").out, Not(HasSubstr(verb)));
+  }
+}
+
+TEST_F(CommandLine, InfoAndDoctorAnswer) {
+  const auto info = run("info --json " + design().string());
+  ASSERT_EQ(info.exit_code, 0) << info.err;
+  EXPECT_EQ(json::parse(info.out)["nodes"], json({41, 41}));
+  EXPECT_EQ(run("doctor --out " + out.string()).exit_code, 0);
+}
+
+}  // namespace
+}  // namespace maquette

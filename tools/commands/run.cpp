@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <set>
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "assets/devices.hpp"
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "heightmap/source_files.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/jobs.hpp"
+#include "tools/report.hpp"
+
+namespace maquette::tools {
+namespace {
+
+struct RunOptions {
+  fs::path site, out = "out";
+  std::vector<std::string> set, stages;
+  std::string shard;
+  bool merge = false;
+};
+
+cnc::MillOptions mill_options(const Site& site, double scale) {
+  const auto machine = *assets::find_preset(assets::machine_presets(), site.machine);
+  cnc::MillOptions o;
+  o.ball_diameter = Millimetres{site.ball_diameter_mm};
+  o.stepover = Millimetres{site.stepover_mm};
+  o.tolerance = Millimetres{site.tolerance_mm};
+  o.zigzag = site.zigzag;
+  o.feed = FeedRate{site.feed_mm_per_min};
+  o.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
+  o.spindle_rpm = site.spindle_rpm;
+  o.clearance = Millimetres{site.clearance_mm};
+  o.post = site.post;
+  o.program_name = fmt::format("{} 1:{:g}", site.name, scale);
+  o.travel_x = Millimetres{machine.travel_x_mm};
+  o.travel_y = Millimetres{machine.travel_y_mm};
+  o.travel_z = Millimetres{machine.travel_z_mm};
+  return o;
+}
+
+/// As many bands as split_into_bands makes of a square surface of this size.
+std::size_t band_count(const Site& site) {
+  const double cells = std::round(site.size_mm / site.spacing_mm);
+  const double cells_a_band = std::floor(site.band_max_width_mm / site.spacing_mm + 1e-9);
+  return static_cast<std::size_t>(std::ceil(cells / std::max(1.0, cells_a_band)));
+}
+
+/// The whole chain of one scale, stage by stage. Files are named here and only here.
+std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
+                                   const std::vector<SiteSource>& sources,
+                                   const std::vector<fs::path>& source_files,
+                                   const fs::path& folder) {
+  const Site& site = *file.site;
+  const std::string name = scale_folder(scale);
+  const fs::path here = folder / name;
+  const fs::path design = here / "design.tif", stones = here / "stones.json",
+                 surface = here / "surface.tif", mesh = here / "surface.ply",
+                 as_milled = here / "as_milled.tif", scene = here / "scene.toml";
+  const auto values = [&](std::vector<std::string> prefixes) {
+    for (const char* common : {"size_mm", "spacing_mm", "exaggeration", "seed"})
+      prefixes.emplace_back(common);
+    auto j = nlohmann::json::parse(file.schema.values_json(prefixes));
+    j["scale"] = scale;
+    return j.dump();
+  };
+  const auto single = [&](const std::string& stage, std::vector<fs::path> inputs,
+                          std::vector<std::string> prefixes, auto work) {
+    const std::string full = name + "." + stage;
+    return Stage{full, {{full, std::move(inputs), values(std::move(prefixes)), work}}};
+  };
+  std::vector<Stage> stages;
+  stages.push_back(single(
+      "fuse", source_files, {"body", "centre_", "fusion.", "source", "stock.lowest_mm", "scales"},
+      [=, &site](const RunContext& run) { return fuse_job(site, sources, scale, here, run); }));
+  stages.push_back(single(
+      "stones", {design}, {"stones.", "scales"},
+      [=, &site](const RunContext& run) { return stones_job(site, scale, design, here, run); }));
+  stages.push_back(single("mesh", {design, stones}, {"stock."}, [=, &site](const RunContext& run) {
+    return mesh_job(design, stones, Millimetres{site.base_thickness_mm}, mesh, run);
+  }));
+
+  const Millimetres width{site.band_max_width_mm};
+  const std::size_t bands = band_count(site);
+  Stage band_stage{name + ".bands", {}}, mill_stage{name + ".mill", {}};
+  std::vector<fs::path> programs;
+  for (std::size_t b = 0; b < bands; ++b) {
+    const std::string band = fmt::format("band_{:02}", b + 1);
+    const fs::path solid = here / "bands" / (band + ".ply");
+    const fs::path program = here / "bands" / (band + ".ngc");
+    programs.push_back(program);
+    band_stage.units.push_back({fmt::format("{}.bands.{}", name, band),
+                                {design},
+                                values({"bands.", "stock."}),
+                                [=, &site](const RunContext& run) {
+                                  std::error_code ec;
+                                  fs::create_directories(solid.parent_path(), ec);
+                                  return band_job(design, width, b,
+                                                  Millimetres{site.base_thickness_mm}, solid, run);
+                                }});
+    mill_stage.units.push_back({fmt::format("{}.mill.{}", name, band),
+                                {design},
+                                values({"name", "bands.", "cutter.", "mill.", "machine."}),
+                                [=, &site](const RunContext& run) {
+                                  std::error_code ec;
+                                  fs::create_directories(program.parent_path(), ec);
+                                  auto options = mill_options(site, scale);
+                                  options.program_name += " " + band;
+                                  return mill_job(design, options, width, b, program, run);
+                                }});
+  }
+  stages.push_back(std::move(band_stage));
+  stages.push_back(std::move(mill_stage));
+
+  std::vector<fs::path> verify_inputs{design, stones, mesh};
+  verify_inputs.insert(verify_inputs.end(), programs.begin(), programs.end());
+  stages.push_back(
+      single("verify", verify_inputs, {"cutter.", "verify."}, [=, &site](const RunContext& run) {
+        return verify_job({programs, design, stones, mesh, Millimetres{site.ball_diameter_mm},
+                           Millimetres{site.verify_cell_mm}, Millimetres{site.max_gouge_mm}},
+                          here, run);
+      }));
+
+  Stage export_stage{name + ".export", {}};
+  for (const std::string& format : site.export_formats)
+    export_stage.units.push_back(
+        {fmt::format("{}.export.{}", name, format),
+         {mesh, design},
+         values({"export."}),
+         [=, &site](const RunContext& run) {
+           const ExportOptions options{scale, Millimetres{site.contour_interval_mm},
+                                       site.lod_triangles, static_cast<int>(site.position_bits)};
+           return export_job(format, mesh, design, options, here / "export", run);
+         }});
+  stages.push_back(std::move(export_stage));
+
+  stages.push_back(single("render", {design, mesh}, {"camera.", "lamp.", "surface."},
+                          [=, &site](const RunContext& run) -> Result<JobResult> {
+                            MAQUETTE_TRY_VOID(scene_job(site, design, mesh, scene));
+                            MAQUETTE_TRY(auto result, render_job(scene, here / "picture.exr", run));
+                            result.outputs.push_back(scene);
+                            return result;
+                          }));
+
+  Stage scan_stage{name + ".scan", {}};
+  std::vector<fs::path> scans;
+  for (std::int64_t i = 0; i < site.stations; ++i) {
+    const std::string station = fmt::format("scan_{:02}", i + 1);
+    scans.push_back(here / (station + ".ply"));
+    scan_stage.units.push_back(
+        {fmt::format("{}.scan.{}", name, station),
+         {as_milled, stones, surface},
+         values({"scanner."}),
+         [=, &site, out = scans.back()](const RunContext& run) -> Result<JobResult> {
+           MAQUETTE_TRY(const auto field, heightmap::read_model_field(surface));
+           scan::ScanOptions options;
+           options.scanner = *assets::find_preset(assets::scanner_presets(), site.scanner);
+           options.station_mm = station_position(site, field, i);
+           options.max_points = static_cast<std::uint64_t>(site.max_points);
+           options.seed = static_cast<std::uint64_t>(site.seed) + static_cast<std::uint64_t>(i);
+           return scan_job(as_milled, stones, options, out, run);
+         }});
+  }
+  stages.push_back(std::move(scan_stage));
+
+  std::vector<fs::path> deviate_inputs{surface};
+  deviate_inputs.insert(deviate_inputs.end(), scans.begin(), scans.end());
+  stages.push_back(single("deviate", deviate_inputs, {"deviation.", "scanner.", "cutter."},
+                          [=, &site](const RunContext& run) -> Result<JobResult> {
+                            MAQUETTE_TRY(auto files, case_job(site, here, programs, scans));
+                            MAQUETTE_TRY(auto result, deviate_job(here / "case.toml", here, run));
+                            result.outputs.insert(result.outputs.end(), files.outputs.begin(),
+                                                  files.outputs.end());
+                            return result;
+                          }));
+  return stages;
+}
+
+std::string summary_table(std::span<const UnitRecord> records) {
+  std::string text =
+      fmt::format("{:<24} {:>9} {:>9} {:>10}  {}\n", "unit", "wall", "CPU", "memory", "");
+  for (const UnitRecord& r : records)
+    text += fmt::format("{:<24} {:>9} {:>9} {:>10}  {}{}\n", r.name, human_seconds(r.wall_s),
+                        human_seconds(r.cpu_s), human_bytes(r.peak_mib * 1048576.0), r.note,
+                        r.reused ? " (was up to date)" : "");
+  return text;
+}
+
+/// "mill" or "s200.mill" or "mill.band_01"
+bool selected(const std::string& stage, const std::vector<std::string>& wanted) {
+  return wanted.empty() || std::any_of(wanted.begin(), wanted.end(), [&](const std::string& w) {
+           return stage == w || stage.ends_with("." + w);
+         });
+}
+
+Result<int> run_site(const RunOptions& options, const CommonOptions& common, Console& console) {
+  const bool sharded = !options.shard.empty();
+  Shard shard;
+  if (sharded) {
+    MAQUETTE_TRY(shard, parse_shard(options.shard));
+  }
+  if (sharded && options.merge)
+    return fail(kUsage, "--shard and --merge exclude each other: first every shard, then --merge");
+  std::vector<std::string> set = options.set;
+  if (common.seed >= 0) set.push_back(fmt::format("seed={}", common.seed));
+  MAQUETTE_TRY(const SiteFile file, read_site(options.site, set));
+  const Site& site = *file.site;
+  const fs::path folder = fs::absolute(options.out).lexically_normal();
+  MAQUETTE_TRY(auto pipeline, Pipeline::open(folder, sharded, console));
+
+  std::vector<SiteSource> sources(site.sources.begin(), site.sources.end());
+  std::vector<fs::path> source_files;
+  std::vector<Stage> stages;
+  if (sources.empty()) {
+    const fs::path products = folder / "products";
+    stages.push_back({"products",
+                      {{"products",
+                        {},
+                        file.schema.values_json(
+                            {"body", "centre_", "size_mm", "scales", "fusion.synthetic_seed"}),
+                        [&site, products](const RunContext& run) {
+                          return products_job(site, products, run);
+                        }}}});
+    sources = embedded_sources(site, products);
+    for (const char* end : {"_dtm.img", "_ldem.lbl", "_ldem.img"})
+      source_files.push_back(products / ("synthetic_" + site.body + end));
+  } else {
+    for (const SiteSource& s : sources) {
+      MAQUETTE_TRY(const auto files, heightmap::source_files(s.path));
+      source_files.insert(source_files.end(), files.begin(), files.end());
+    }
+  }
+  for (const double scale : site.scales)
+    for (Stage& s : stages_of_scale(file, scale, sources, source_files, folder))
+      stages.push_back(std::move(s));
+
+  if (!options.stages.empty() && std::none_of(stages.begin(), stages.end(), [&](const Stage& s) {
+        return selected(s.name, options.stages);
+      })) {
+    std::set<std::string> names;
+    for (const Stage& s : stages) names.insert(s.name.substr(s.name.find('.') + 1));
+    return fail(kUsage, fmt::format("--stage {}: stages are {}", fmt::join(options.stages, ", "),
+                                    fmt::join(names, ", ")));
+  }
+  for (const Stage& stage : stages)
+    if (selected(stage.name, options.stages)) MAQUETTE_TRY_VOID(pipeline.run(stage, shard));
+
+  const auto& records = pipeline.records();
+  const bool whole = options.stages.empty() && !sharded;
+  if (whole) {
+    MAQUETTE_TRY_VOID(write_manifest(file, records, options.site, folder / "manifest.json"));
+    MAQUETTE_TRY_VOID(write_run_page(site, records, folder, folder / "report.html"));
+  }
+  console.result(summary_table(records));
+  int code = 0;
+  nlohmann::json report{{"out", folder.string()}};
+  for (const UnitRecord& r : records) {
+    report["units"].push_back({{"name", r.name},
+                               {"reused", r.reused},
+                               {"wall_s", r.wall_s},
+                               {"figures", nlohmann::json::parse(r.figures_json)}});
+    if (r.unmet.empty()) continue;
+    console.error(fmt::format("{}: {}", r.name, r.unmet));
+    report["unmet"].push_back(r.name + ": " + r.unmet);
+    code = 1;
+  }
+  console.json_result(report.dump(1));
+  if (whole)
+    console.result(
+        fmt::format("Results are in {0}\n  report    {0}/report.html\n  manifest  "
+                    "{0}/manifest.json",
+                    folder.string()));
+  return code;
+}
+
+}  // namespace
+
+Command add_run(CLI::App& root, const CommonOptions& common) {
+  auto o = std::make_shared<RunOptions>();
+  auto* app = root.add_subcommand(
+      "run",
+      "The whole chain of a site file: surface, mesh, toolpath, simulated cut, files, "
+      "picture, deviation.\nExample: maquette run site.toml --out out --set size_mm=400");
+  app->add_option("site", o->site, "site file (maquette init writes one)")->required();
+  app->add_option("--out", o->out, "folder for the results")->capture_default_str();
+  app->add_option("--set", o->set, "key=value, overrides the site file (repeatable)")
+      ->allow_extra_args(false);
+  app->add_option(
+         "--stage", o->stages,
+         "only this stage (repeatable); what it needs must be there: fuse, mill, s200.mill")
+      ->allow_extra_args(false);
+  app->add_option("--shard", o->shard,
+                  "i/n: only every n-th unit (band, station, file) of each stage, starting at the "
+                  "i-th; several shards may share the folder");
+  app->add_flag("--merge", o->merge,
+                "after all shards: takes their results, does what is missing, writes the report");
+  return {app, [o, &common](Console& console) { return run_site(*o, common, console); }};
+}
+
+}  // namespace maquette::tools

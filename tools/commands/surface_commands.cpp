@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// init, fuse, stones, mesh, bands
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/jobs.hpp"
+#include "tools/report.hpp"
+
+namespace maquette::tools {
+
+Result<int> finish(Console& console, const std::string& what,
+                   const std::function<Result<JobResult>(const RunContext&)>& job) {
+  const RunContext run = console.begin(what);
+  const auto result = job(run);
+  if (!result) {
+    console.end("failed");
+    return tl::unexpected(result.error());
+  }
+  console.end(result->note);
+  for (const fs::path& f : result->outputs) console.result(f.string());
+  console.json_result(result->figures_json);
+  if (result->unmet.empty()) return 0;
+  console.error(result->unmet);
+  return 1;
+}
+
+Command add_init(CLI::App& root, const CommonOptions&) {
+  auto out = std::make_shared<fs::path>("site.toml");
+  auto* app = root.add_subcommand("init",
+                                  "Writes a commented site file with all keys and defaults.\n"
+                                  "Example: maquette init --out crater.toml");
+  app->add_option("--out", *out, "file to write; must not exist")->capture_default_str();
+  return {app, [out](Console& console) -> Result<int> {
+            if (fs::exists(*out))
+              return fail(kExists, fmt::format("{}: exists already and is left as it is; choose "
+                                               "another --out or remove it",
+                                               out->string()));
+            MAQUETTE_TRY_VOID(write_file(*out, empty_site_file().schema.template_text()));
+            console.result(out->string());
+            console.json_result(fmt::format("{{\"site\": \"{}\"}}", out->string()));
+            return 0;
+          }};
+}
+
+namespace {
+
+struct SiteVerb {
+  fs::path site, out = "out", design;
+  std::vector<std::string> set;
+  double scale = 0.0;
+};
+
+void site_options(CLI::App* app, SiteVerb& o) {
+  app->add_option("site", o.site, "site file")->required();
+  app->add_option("--out", o.out, "folder for the results")->capture_default_str();
+  app->add_option("--set", o.set, "key=value, overrides the site file (repeatable)")
+      ->allow_extra_args(false);
+}
+
+std::vector<std::string> with_seed(std::vector<std::string> set, const CommonOptions& common) {
+  if (common.seed >= 0) set.push_back(fmt::format("seed={}", common.seed));
+  return set;
+}
+
+}  // namespace
+
+Command add_fuse(CLI::App& root, const CommonOptions& common) {
+  auto o = std::make_shared<SiteVerb>();
+  auto* app =
+      root.add_subcommand("fuse",
+                          "Elevation products to one surface per scale: DIR/s1000/design.tif ...\n"
+                          "Example: maquette fuse site.toml --out out");
+  site_options(app, *o);
+  return {app, [o, &common](Console& console) -> Result<int> {
+            MAQUETTE_TRY(const auto file, read_site(o->site, with_seed(o->set, common)));
+            const Site& site = *file.site;
+            std::vector<SiteSource> sources(site.sources.begin(), site.sources.end());
+            if (sources.empty()) {
+              const fs::path products = o->out / "products";
+              MAQUETTE_TRY_VOID(finish(console, "products", [&](const RunContext& run) {
+                return products_job(site, products, run);
+              }));
+              sources = embedded_sources(site, products);
+            }
+            for (const double scale : site.scales)
+              MAQUETTE_TRY_VOID(
+                  finish(console, scale_folder(scale) + ".fuse", [&](const RunContext& run) {
+                    return fuse_job(site, sources, scale, o->out / scale_folder(scale), run);
+                  }));
+            return 0;
+          }};
+}
+
+Command add_stones(CLI::App& root, const CommonOptions& common) {
+  auto o = std::make_shared<SiteVerb>();
+  auto* app = root.add_subcommand(
+      "stones",
+      "Lays the site's stones on a designed surface: stones.json, stones.csv, "
+      "surface.tif.\nExample: maquette stones site.toml --design out/s200/design.tif "
+      "--scale 200 --out out/s200");
+  site_options(app, *o);
+  app->add_option("--design", o->design, "model field (.tif)")->required();
+  app->add_option("--scale", o->scale, "N of its scale 1:N")->required();
+  return {app, [o, &common](Console& console) -> Result<int> {
+            MAQUETTE_TRY(const auto file, read_site(o->site, with_seed(o->set, common)));
+            if (std::find(file.site->scales.begin(), file.site->scales.end(), o->scale) ==
+                file.site->scales.end())
+              return fail(kUsage, fmt::format("--scale {:g}: the site file has {:g}", o->scale,
+                                              fmt::join(file.site->scales, ", ")));
+            return finish(console, "stones", [&](const RunContext& run) {
+              return stones_job(*file.site, o->scale, o->design, o->out, run);
+            });
+          }};
+}
+
+Command add_mesh(CLI::App& root, const CommonOptions&) {
+  struct Options {
+    fs::path design, out = "surface.ply", stones;
+    double base_thickness_mm = 10.0;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "mesh",
+      "A designed surface (and stones) to a checked closed solid, with certificate.\n"
+      "Example: maquette mesh design.tif --stones stones.json --out surface.ply");
+  app->add_option("design", o->design, "model field (.tif, mm)")->required();
+  app->add_option("--out", o->out, "PLY file")->capture_default_str();
+  app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
+  app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
+      ->capture_default_str()
+      ->check(CLI::Range(1.0, 1000.0));
+  return {app, [o](Console& console) {
+            return finish(console, "mesh", [&](const RunContext& run) {
+              return mesh_job(o->design,
+                              o->stones.empty() ? std::nullopt : std::optional(o->stones),
+                              Millimetres{o->base_thickness_mm}, o->out, run);
+            });
+          }};
+}
+
+Command add_bands(CLI::App& root, const CommonOptions&) {
+  struct Options {
+    fs::path design, out = "bands";
+    double max_width_mm = 500.0, base_thickness_mm = 10.0;
+    std::string shard;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "bands",
+      "Splits a designed surface into bands, each a closed solid with certificate.\n"
+      "Example: maquette bands design.tif --max-width-mm 500 --out bands");
+  app->add_option("design", o->design, "model field (.tif, mm)")->required();
+  app->add_option("--out", o->out, "folder")->capture_default_str();
+  app->add_option("--max-width-mm", o->max_width_mm, "of a band, in y")->capture_default_str();
+  app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
+      ->capture_default_str()
+      ->check(CLI::Range(1.0, 1000.0));
+  app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
+  return {app, [o](Console& console) -> Result<int> {
+            Shard shard;
+            if (!o->shard.empty()) {
+              MAQUETTE_TRY(shard, parse_shard(o->shard));
+            }
+            MAQUETTE_TRY(const auto design, heightmap::read_model_field(o->design));
+            MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, meshing::BandAxis::y,
+                                                                     Millimetres{o->max_width_mm}));
+            std::error_code ec;
+            fs::create_directories(o->out, ec);
+            if (ec) return tl::unexpected(write_error(o->out, ec.value()));
+            for (std::size_t b = shard.index; b < bands.size(); b += shard.count) {
+              const std::string name = fmt::format("band_{:02}", b + 1);
+              MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
+                return band_job(o->design, Millimetres{o->max_width_mm}, b,
+                                Millimetres{o->base_thickness_mm}, o->out / (name + ".ply"), run);
+              }));
+            }
+            return 0;
+          }};
+}
+
+}  // namespace maquette::tools

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file jobs.hpp
+/// What each verb does: documented files in, documented files out, figures for
+/// the manifest. The verbs call these directly; the pipeline wraps them as units.
+
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "camera/render.hpp"
+#include "cnc/mill.hpp"
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "meshing/bands.hpp"
+#include "scan/scanner_sim.hpp"
+#include "tools/pipeline.hpp"
+#include "tools/scene_file.hpp"
+#include "tools/site.hpp"
+
+namespace maquette::tools {
+
+inline constexpr ErrorCode kUnknownFormat{"TOOLS_UNKNOWN_FORMAT"};
+inline constexpr ErrorCode kUnknownName{"TOOLS_UNKNOWN_NAME"};
+inline constexpr ErrorCode kMeshFailed{"TOOLS_MESH_CHECK_FAILED", ErrorKind::internal};
+
+namespace fs = std::filesystem;
+
+/// The embedded site's products: synthetic_<body>_dtm.img, _ldem.lbl, _ldem.img,
+/// _truth.json.
+[[nodiscard]] Result<JobResult> products_job(const Site& site, const fs::path& folder,
+                                             const RunContext& run);
+/// The sources that the products above stand for.
+[[nodiscard]] std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& products);
+
+/// design.tif (mm), sigma.tif (mm), source.tif (index), hillshade.png, fuse.json.
+[[nodiscard]] Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources,
+                                         double scale, const fs::path& folder,
+                                         const RunContext& run);
+
+/// stones.json, stones.csv, surface.tif (design with the stones' envelope).
+[[nodiscard]] Result<JobResult> stones_job(const Site& site, double scale, const fs::path& design,
+                                           const fs::path& folder, const RunContext& run);
+
+/// The solid with stones and its certificate beside it (surface.ply,
+/// surface.certificate.json). A mesh that fails its checks is not written.
+[[nodiscard]] Result<JobResult> mesh_job(const fs::path& design,
+                                         const std::optional<fs::path>& stones,
+                                         Millimetres base_thickness, const fs::path& out,
+                                         const RunContext& run);
+
+/// One band as a closed solid of terrain, with certificate.
+[[nodiscard]] Result<JobResult> band_job(const fs::path& design, Millimetres max_width,
+                                         std::size_t band, Millimetres base_thickness,
+                                         const fs::path& out, const RunContext& run);
+
+/// One band's program (band: index), or the whole surface's (no band).
+[[nodiscard]] Result<JobResult> mill_job(const fs::path& design, cnc::MillOptions options,
+                                         Millimetres max_width, std::optional<std::size_t> band,
+                                         const fs::path& out, const RunContext& run);
+
+struct VerifyJob {
+  std::vector<fs::path> programs;
+  fs::path design;
+  std::optional<fs::path> stones, mesh;  ///< with both: gouge against the mesh is checked too
+  Millimetres ball_diameter{6.0};
+  Millimetres cell{0.1};
+  std::optional<Millimetres> max_gouge;  ///< unmet if exceeded, bound included
+};
+/// certificate.json, as_milled.tif, excess.png.
+[[nodiscard]] Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder,
+                                           const RunContext& run);
+
+struct ExportOptions {
+  double scale_denominator = 1000.0;
+  Millimetres contour_interval{5.0};
+  std::int64_t lod_triangles = 100000;
+  int position_bits = 16;
+};
+[[nodiscard]] const std::vector<std::string>& export_formats();
+/// One format: <stem>.<ext>; glb also writes the decimated level <stem>_lod1.glb where
+/// a design is given. `surface` is a mesh file or a model field (.tif: its solid).
+[[nodiscard]] Result<JobResult> export_job(const std::string& format, const fs::path& surface,
+                                           const std::optional<fs::path>& design,
+                                           const ExportOptions& options, const fs::path& folder,
+                                           const RunContext& run);
+
+/// EXR (radiance Y, depth Z in mm, mask lit) and a PNG preview beside it.
+[[nodiscard]] Result<JobResult> render_job(const fs::path& scene, const fs::path& image,
+                                           const RunContext& run);
+/// scene.toml for the site's camera and lamp.
+[[nodiscard]] Result<JobResult> scene_job(const Site& site, const fs::path& design,
+                                          const fs::path& mesh, const fs::path& scene);
+
+/// Simulated scan of a surface (.tif or mesh) with stones.
+[[nodiscard]] Result<JobResult> scan_job(const fs::path& surface,
+                                         const std::optional<fs::path>& stones,
+                                         const scan::ScanOptions& options, const fs::path& out,
+                                         const RunContext& run);
+/// Station `index` of the site's `stations`, round the part.
+[[nodiscard]] Vec3 station_position(const Site& site, const heightmap::ModelField& surface,
+                                    std::int64_t index);
+
+/// case.toml for the site's scans, as deviate (and later diagnosis) takes it.
+[[nodiscard]] Result<JobResult> case_job(const Site& site, const fs::path& folder,
+                                         std::span<const fs::path> programs,
+                                         std::span<const fs::path> scans);
+/// summary.json, deviation.tif, deviation.ply, deviation.png, report.html.
+[[nodiscard]] Result<JobResult> deviate_job(const fs::path& case_file, const fs::path& folder,
+                                            const RunContext& run);
+
+/// compare.json and difference.png.
+[[nodiscard]] Result<JobResult> compare_job(const fs::path& real, const fs::path& rendered,
+                                            const fs::path& folder, const RunContext& run);
+
+/// A model field by its extension (.tif, .tiff); anything else is taken for a mesh.
+[[nodiscard]] bool is_field(const fs::path& surface);
+
+/// Extent of a model field or a mesh file.
+[[nodiscard]] Result<Box3> surface_bounds(const fs::path& surface);
+
+/// A mesh file, or the solid of a model field with its default base.
+[[nodiscard]] Result<TriMesh> load_solid(const fs::path& surface, const RunContext& run);
+
+}  // namespace maquette::tools

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "assets/devices.hpp"
+#include "camera/compare.hpp"
+#include "camera/image_io.hpp"
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "tools/jobs.hpp"
+
+namespace maquette::tools {
+using nlohmann::json;
+namespace {
+
+camera::Reflectance reflectance_by_name(const std::string& name) {
+  if (name == "lommel_seeliger") return camera::Reflectance::lommel_seeliger;
+  if (name == "lunar_lambert") return camera::Reflectance::lunar_lambert;
+  return camera::Reflectance::lambert;
+}
+
+/// Unit vector to a place at `azimuth` (clockwise from north) and `elevation`.
+Vec3 direction_to(double azimuth_deg, double elevation_deg) {
+  const double a = degrees(azimuth_deg).value();
+  const double e = degrees(elevation_deg).value();
+  return {std::sin(a) * std::cos(e), std::cos(a) * std::cos(e), std::sin(e)};
+}
+
+std::string list(Vec3 v) {
+  return fmt::format("[{}, {}, {}]", v.x, v.y, v.z);
+}
+
+Vec3 middle_of(const heightmap::ModelField& field) {
+  const double x = 0.5 * (field.x_mm(0) + field.x_mm(field.z_mm.cols() - 1));
+  const double y = 0.5 * (field.y_mm(0) + field.y_mm(field.z_mm.rows() - 1));
+  return {x, y, heightmap::height_at(field, x, y)};
+}
+
+}  // namespace
+
+Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const fs::path& mesh,
+                            const fs::path& scene) {
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
+  const auto camera = *assets::find_preset(assets::camera_presets(), site.camera);
+  const auto lamp = *assets::find_preset(assets::lamp_presets(), site.lamp);
+  const Vec3 middle = middle_of(design);
+  double distance = site.camera_distance_mm;
+  if (distance == 0.0) {
+    // The part's diagonal fills the shorter side of the frame.
+    const double short_side_mm =
+        std::min(camera.width_px, camera.height_px) * camera.pixel_pitch_um / 1000.0;
+    distance = site.size_mm * std::numbers::sqrt2 * camera.focal_length_mm / short_side_mm;
+  }
+  const double lamp_distance =
+      std::max(site.lamp_distance_mm, 1.5 * site.size_mm * std::numbers::sqrt2);
+  const Vec3 position =
+      middle + distance * direction_to(site.camera_azimuth_deg, site.camera_elevation_deg);
+  const Vec3 lamp_position =
+      middle + lamp_distance * direction_to(site.lamp_azimuth_deg, site.lamp_elevation_deg);
+  std::string text = "schema = \"maquette.scene/1\"\n";
+  text += fmt::format("surface = \"{}\"\n",
+                      mesh.lexically_relative(scene.parent_path()).generic_string());
+  text +=
+      fmt::format("resolution_px = [{}, {}]\npixel_pitch_um = {}\nfocal_length_mm = {}\n",
+                  camera.width_px, camera.height_px, camera.pixel_pitch_um, camera.focal_length_mm);
+  text +=
+      fmt::format("camera_position_mm = {}\ncamera_target_mm = {}\n", list(position), list(middle));
+  text += fmt::format("lamp_position_mm = {}\nlamp_target_mm = {}\n", list(lamp_position),
+                      list(middle));
+  text += fmt::format("lamp_diameter_mm = {}\nlamp_beam_deg = {}\nlamp_samples = {}\n",
+                      lamp.lens_diameter_mm, lamp.beam_deg, site.lamp_samples);
+  // White facing the lamp would be 1; the ground is darker and seen obliquely.
+  text += fmt::format("exposure_scale = {}\nalbedo = {}\nreflectance = \"{}\"\n", 0.8 / site.albedo,
+                      site.albedo, site.reflectance);
+  text += fmt::format("samples_per_pixel = {}\nseed = {}\n", site.samples_per_pixel, site.seed);
+  MAQUETTE_TRY_VOID(write_file(scene, text));
+  JobResult result;
+  result.outputs = {scene};
+  return result;
+}
+
+Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_path,
+                             const RunContext& run) {
+  MAQUETTE_TRY(const auto scene, read_scene(scene_path));
+  const Scene& s = *scene;
+  MAQUETTE_TRY(const TriMesh mesh, load_solid(s.surface, run));
+  camera::SceneObject object;
+  object.mesh = &mesh;
+  object.material = {reflectance_by_name(s.reflectance), s.albedo, s.lunar_lambert_l};
+  const camera::CameraModel camera{static_cast<int>(s.resolution_px[0]),
+                                   static_cast<int>(s.resolution_px[1]), s.pixel_pitch_um,
+                                   s.focal_length_mm};
+  const RigidTransform model_from_camera =
+      std::isnan(s.camera_target_mm.x)
+          ? RigidTransform{normalized(s.camera_quaternion_wxyz), s.camera_position_mm}
+          : camera::look_at(s.camera_position_mm, s.camera_target_mm);
+  const camera::Lamp lamp{s.lamp_position_mm, s.lamp_target_mm, s.lamp_diameter_mm,
+                          s.lamp_beam_deg};
+  camera::RenderOptions options;
+  options.samples_per_pixel = static_cast<int>(s.samples_per_pixel);
+  options.lamp_samples = static_cast<int>(s.lamp_samples);
+  options.exposure_scale = s.exposure_scale;
+  options.seed = static_cast<std::uint64_t>(s.seed);
+  auto image = camera::render({object}, camera, model_from_camera, lamp, options, run);
+  if (!image) return tl::unexpected(std::move(image.error()).within(scene_path.string()));
+
+  Grid<float> lit(image->lit.rows(), image->lit.cols());
+  std::copy(image->lit.cells().begin(), image->lit.cells().end(), lit.cells().begin());
+  Grid<std::uint8_t> preview(lit.rows(), lit.cols());
+  double sum = 0.0;
+  std::uint64_t seen = 0;
+  for (std::size_t i = 0; i < preview.cells().size(); ++i) {
+    const float value = image->radiance.cells()[i];
+    preview.cells()[i] = camera::srgb8(static_cast<double>(value));
+    if (std::isfinite(image->depth_mm.cells()[i])) sum += static_cast<double>(value), ++seen;
+  }
+  MAQUETTE_TRY(const std::string scene_text, read_file(scene_path));
+  const camera::Metadata metadata{{"maquette:scene", scene_text}};
+  JobResult result;
+  const fs::path png = image_path.parent_path() / (image_path.stem().string() + ".png");
+  result.outputs = {image_path};
+  if (image_path.extension() == ".png") {
+    MAQUETTE_TRY_VOID(camera::write_png(preview, image_path, metadata));
+  } else {
+    MAQUETTE_TRY_VOID(camera::write_exr(
+        {{"Y", &image->radiance}, {"Z", &image->depth_mm}, {"lit", &lit}}, image_path, metadata));
+    MAQUETTE_TRY_VOID(camera::write_png(preview, png, metadata));
+    result.outputs.push_back(png);
+  }
+  result.figures_json = json{
+      {"triangles", mesh.triangles.size()},
+      {"mean_radiance", seen > 0 ? sum / static_cast<double>(seen) : 0.0},
+      {"pixels_on_part",
+       seen}}.dump();
+  result.note =
+      fmt::format("{} x {} pixels of {} triangles", lit.cols(), lit.rows(), mesh.triangles.size());
+  return result;
+}
+
+Result<JobResult> compare_job(const fs::path& real_path, const fs::path& rendered_path,
+                              const fs::path& folder, const RunContext&) {
+  MAQUETTE_TRY(const auto real, camera::read_image(real_path));
+  MAQUETTE_TRY(const auto rendered, camera::read_image(rendered_path));
+  auto comparison = camera::compare_images(real, rendered);
+  if (!comparison)
+    return tl::unexpected(
+        std::move(comparison.error())
+            .within(fmt::format("{} and {}", real_path.string(), rendered_path.string())));
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  JobResult result;
+  result.outputs = {folder / "compare.json", folder / "difference.png"};
+  result.figures_json = camera::to_json(*comparison);
+  MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json));
+  MAQUETTE_TRY_VOID(camera::write_png(comparison->difference, result.outputs[1]));
+  result.note = fmt::format("mean difference {:.2f}/255", comparison->mean_abs_diff_255);
+  return result;
+}
+
+}  // namespace maquette::tools

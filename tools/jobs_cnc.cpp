@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "camera/image_io.hpp"
+#include "cnc/verify.hpp"
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/mesh_io.hpp"
+#include "meshing/stones.hpp"
+#include "tools/jobs.hpp"
+#include "tools/pictures.hpp"
+
+namespace maquette::tools {
+using nlohmann::json;
+namespace {
+
+/// Deepest place where the simulated cut lies below the mesh that is shown, exported
+/// and rendered; under the stones the mesh is not milled and does not count.
+double gouge_against_mesh(const TriMesh& mesh, const heightmap::ModelField& as_milled,
+                          const heightmap::ModelField& design,
+                          const heightmap::ModelField& with_stones) {
+  double deepest = 0.0;
+  for (const Vec3& v : mesh.vertices_mm) {
+    const double terrain = heightmap::height_at(design, v.x, v.y);
+    // Walls and base are below the surface, stones above it.
+    constexpr double kOnSurface = 1e-3;
+    if (!(std::fabs(v.z - terrain) < kOnSurface)) continue;
+    if (heightmap::height_at(with_stones, v.x, v.y) > terrain + kOnSurface) continue;
+    const double cut = heightmap::height_at(as_milled, v.x, v.y);
+    if (!std::isnan(cut)) deepest = std::max(deepest, v.z - cut);
+  }
+  return deepest;
+}
+
+}  // namespace
+
+Result<JobResult> mill_job(const fs::path& design_path, cnc::MillOptions options,
+                           Millimetres max_width, std::optional<std::size_t> band,
+                           const fs::path& out, const RunContext& run) {
+  MAQUETTE_TRY(auto design, heightmap::read_model_field(design_path));
+  if (band) {
+    MAQUETTE_TRY(const auto bands,
+                 meshing::split_into_bands(design, meshing::BandAxis::y, max_width));
+    MAQUETTE_CHECK(*band < bands.size(), "band {} of {}", *band, bands.size());
+    const meshing::Band& b = bands[*band];
+    options.first_y_mm = design.y_mm(b.first);
+    options.last_y_mm = design.y_mm(b.last);
+    // The cutter feels the neighbours as far as its radius reaches.
+    design = meshing::band_field(design, b, options.ball_diameter);
+  }
+  MAQUETTE_TRY(const auto report, cnc::mill(design, options, out, run));
+  JobResult result;
+  result.outputs = {out};
+  result.figures_json = json{{"passes", report.passes},
+                             {"points_sampled", report.points_sampled},
+                             {"blocks", report.blocks},
+                             {"bytes", report.bytes},
+                             {"path_length_mm", report.path_length_mm},
+                             {"cutting_time_min", report.cutting_time_min},
+                             {"scallop_flat_mm", report.scallop_flat_mm},
+                             {"certified_gouge_mm", report.certified_gouge_mm},
+                             {"lowest_tip_mm", report.lowest_tip_mm},
+                             {"highest_tip_mm", report.highest_tip_mm}}
+                            .dump();
+  result.note =
+      fmt::format("{} blocks, {:.1f} m, {}", report.blocks, report.path_length_mm / 1000.0,
+                  human_seconds(60.0 * report.cutting_time_min));
+  return result;
+}
+
+Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
+  cnc::VerifyOptions options;
+  options.ball_diameter = job.ball_diameter;
+  options.cell = job.cell;
+  MAQUETTE_TRY(const auto verification, cnc::verify(job.programs, design, options, run));
+  const cnc::Certificate& certificate = verification.certificate;
+
+  json figures = json::parse(cnc::to_json(certificate));
+  if (job.mesh && job.stones) {
+    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
+    MAQUETTE_TRY(const auto mesh, meshing::read_mesh(*job.mesh));
+    figures["max_gouge_against_mesh_mm"] = gouge_against_mesh(mesh, verification.as_milled, design,
+                                                              meshing::with_stones(design, plan));
+  }
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  JobResult result;
+  result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
+  MAQUETTE_TRY_VOID(write_file(result.outputs[0], figures.dump(1)));
+  MAQUETTE_TRY_VOID(heightmap::write_model_field(verification.as_milled, result.outputs[1]));
+  // Excess (red) and gouge (blue) on the design's own nodes.
+  Grid<float> excess(design.z_mm.rows(), design.z_mm.cols());
+  for (std::ptrdiff_t r = 0; r < excess.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < excess.cols(); ++c)
+      excess(r, c) = static_cast<float>(
+          heightmap::height_at(verification.as_milled, design.x_mm(c), design.y_mm(r)) -
+          static_cast<double>(design.z_mm(r, c)));
+  MAQUETTE_TRY_VOID(
+      camera::write_png(signed_picture(excess, colour_limit(excess, 0.01)), result.outputs[2]));
+
+  const double gouge =
+      std::max(certificate.max_gouge_mm, figures.value("max_gouge_against_mesh_mm", 0.0));
+  if (job.max_gouge && gouge + certificate.bound_mm > job.max_gouge->value())
+    result.unmet = fmt::format(
+        "gouge of up to {:.4f} mm ({:.4f} found, {:.4f} may be unseen) is "
+        "above the limit of {:.4f} mm",
+        gouge + certificate.bound_mm, gouge, certificate.bound_mm, job.max_gouge->value());
+  if (certificate.rapid_collisions > 0)
+    result.unmet += fmt::format("{}{} rapid moves touch material", result.unmet.empty() ? "" : "; ",
+                                certificate.rapid_collisions);
+  result.figures_json = figures.dump();
+  result.note =
+      fmt::format("gouge {:.1f} um (+{:.1f} bound), excess {:.1f} um where reachable", 1e3 * gouge,
+                  1e3 * certificate.bound_mm, 1e3 * certificate.max_excess_mm);
+  return result;
+}
+
+}  // namespace maquette::tools

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "assets/synthetic_products.hpp"
+#include "camera/image_io.hpp"
+#include "core/files.hpp"
+#include "heightmap/body.hpp"
+#include "heightmap/field_io.hpp"
+#include "heightmap/fuse.hpp"
+#include "meshing/stones.hpp"
+#include "tools/jobs.hpp"
+#include "tools/pictures.hpp"
+
+namespace maquette::tools {
+using nlohmann::json;
+
+Result<JobResult> products_job(const Site& site, const fs::path& folder, const RunContext& run) {
+  assets::SyntheticSite synthetic;
+  synthetic.body = *heightmap::body_by_name(site.body);
+  synthetic.centre_latitude_deg = site.centre_latitude_deg;
+  synthetic.centre_longitude_deg = site.centre_longitude_deg;
+  // The fine product reaches beyond the site on every side, and is large enough to be
+  // shifted onto the coarse one however small the site is.
+  constexpr double kMargin = 1.1, kLeastHalfWidth_m = 60.0;
+  synthetic.half_width =
+      Metres{std::max(kLeastHalfWidth_m, kMargin * half_width_m(site, site.scales.front()))};
+  synthetic.seed = static_cast<std::uint64_t>(site.synthetic_seed);
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  MAQUETTE_TRY(const auto files, assets::write_synthetic_products(synthetic, folder, run));
+  JobResult result;
+  result.outputs = {files.fine_img, files.coarse_lbl, files.coarse_img, files.truth_json};
+  result.figures_json = json{{"half_width_m", synthetic.half_width.value()},
+                             {"fine_pixel_m", synthetic.fine_pixel.value()},
+                             {"coarse_pixel_m", synthetic.coarse_pixel.value()}}
+                            .dump();
+  result.note = fmt::format("{:.0f} m square, {:.0f} m and {:.0f} m pixels",
+                            2.0 * synthetic.half_width.value(), synthetic.fine_pixel.value(),
+                            synthetic.coarse_pixel.value());
+  return result;
+}
+
+std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& products) {
+  const std::string stem = "synthetic_" + site.body;
+  const assets::SyntheticSite synthetic;
+  return {{"ldem", products / (stem + "_ldem.lbl"), "auto", synthetic.coarse_noise_m},
+          {"dtm", products / (stem + "_dtm.img"), "auto", synthetic.fine_noise_m}};
+}
+
+Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources, double scale,
+                           const fs::path& folder, const RunContext& run) {
+  heightmap::FuseRequest request;
+  request.body = *heightmap::body_by_name(site.body);
+  request.centre_latitude_deg = site.centre_latitude_deg;
+  request.centre_longitude_deg = site.centre_longitude_deg;
+  request.half_width = Metres{half_width_m(site, scale)};
+  request.spacing = ModelScale(scale).unscale_horizontal(Millimetres{site.spacing_mm});
+  request.synthetic_detail = site.synthetic_detail;
+  request.seed = static_cast<std::uint64_t>(site.seed);
+  for (const SiteSource& s : sources)
+    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m});
+  MAQUETTE_TRY(const auto fused, heightmap::fuse(request, run));
+
+  const ModelScale model_scale(scale, site.exaggeration);
+  const heightmap::ModelField design =
+      heightmap::to_model(fused.field, model_scale, Millimetres{site.lowest_mm});
+  const auto range_m = heightmap::height_range(fused.field.z_m);
+  const auto range_mm = heightmap::height_range(design.z_mm);
+
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  JobResult result;
+  result.outputs = {folder / "design.tif", folder / "sigma.tif", folder / "source.tif",
+                    folder / "hillshade.png", folder / "fuse.json"};
+  MAQUETTE_TRY_VOID(heightmap::write_model_field(design, result.outputs[0]));
+  Grid<float> values(design.z_mm.rows(), design.z_mm.cols());
+  for (std::size_t i = 0; i < values.cells().size(); ++i)
+    values.cells()[i] = static_cast<float>(
+        model_scale.vertical(Metres{static_cast<double>(fused.sigma_m.cells()[i])}).value());
+  MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "mm", result.outputs[1]));
+  for (std::size_t i = 0; i < values.cells().size(); ++i)
+    values.cells()[i] = static_cast<float>(fused.source.cells()[i]);
+  MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "index", result.outputs[2]));
+  MAQUETTE_TRY_VOID(camera::write_png(hillshade_picture(design), result.outputs[3]));
+
+  json figures{
+      {"scale", scale},
+      {"nodes", {design.z_mm.cols(), design.z_mm.rows()}},
+      {"spacing_mm", site.spacing_mm},
+      {"lowest_m", range_m.min},
+      {"highest_m", range_m.max},
+      {"relief_mm", static_cast<double>(range_mm.max) - static_cast<double>(range_mm.min)}};
+  for (const auto& s : fused.sources)
+    figures["sources"].push_back({{"name", s.name},
+                                  {"pixel_m", s.pixel_m},
+                                  {"coverage", s.coverage},
+                                  {"shift_east_m", s.shift_east_m},
+                                  {"shift_north_m", s.shift_north_m},
+                                  {"shift_up_m", s.shift_up_m},
+                                  {"nmad_before_m", s.nmad_before_m},
+                                  {"nmad_after_m", s.nmad_after_m}});
+  MAQUETTE_TRY_VOID(write_file(result.outputs[4], figures.dump(1)));
+  result.figures_json = figures.dump();
+  result.note = fmt::format("{} x {} nodes, relief {:.1f} mm", design.z_mm.cols(),
+                            design.z_mm.rows(), figures["relief_mm"].get<double>());
+  return result;
+}
+
+Result<JobResult> stones_job(const Site& site, double scale, const fs::path& design_path,
+                             const fs::path& folder, const RunContext&) {
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
+  meshing::SitePlanRequest request;
+  request.count = static_cast<int>(site.stone_count);
+  request.inner_share = site.scales.size() > 1 ? site.stone_inner_share : 0.0;
+  request.half_width = Metres{half_width_m(site, site.scales.front())};
+  request.inner_half_width =
+      Metres{site.scales.size() > 1 ? half_width_m(site, site.scales[1]) : 0.0};
+  request.min_diameter = Metres{site.stone_min_diameter_m};
+  request.max_diameter = Metres{site.stone_max_diameter_m};
+  request.k = site.stone_k;
+  request.seed = static_cast<std::uint64_t>(site.seed);
+  MAQUETTE_TRY(auto plan, meshing::plan_stones(request));
+  for (auto& stone : plan) stone.shape.angularity = site.stone_angularity;
+
+  const double west_m = -half_width_m(site, scale);
+  const auto placed = meshing::lay_stones(plan, design, ModelScale(scale, site.exaggeration),
+                                          west_m, west_m, site.stone_embedded_share);
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  JobResult result;
+  result.outputs = {folder / "stones.json", folder / "stones.csv", folder / "surface.tif"};
+  MAQUETTE_TRY_VOID(meshing::write_stone_plan(placed, result.outputs[0]));
+  MAQUETTE_TRY_VOID(meshing::write_stone_table(placed, result.outputs[1]));
+  MAQUETTE_TRY_VOID(
+      heightmap::write_model_field(meshing::with_stones(design, placed), result.outputs[2]));
+  double largest = 0.0;
+  for (const auto& s : placed) largest = std::max(largest, s.scale_mm);
+  result.figures_json =
+      json{{"planned", plan.size()}, {"on_surface", placed.size()}, {"largest_mm", largest}}.dump();
+  result.note =
+      fmt::format("{} of {} stones, largest {:.1f} mm", placed.size(), plan.size(), largest);
+  return result;
+}
+
+}  // namespace maquette::tools

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file pictures.hpp
+/// Pictures for people: small enough for a page, row 0 is the upper row.
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "camera/image_io.hpp"
+#include "core/grid.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::tools {
+
+/// Shaded relief, averaged down to at most `longest_px`.
+[[nodiscard]] Grid<std::uint8_t> hillshade_picture(const heightmap::ModelField& field,
+                                                   int longest_px = 1000);
+
+/// Signed values on a field's nodes: blue below, white zero, red above, grey where
+/// there is none; full colour at +-limit. Averaged down to at most `longest_px`.
+[[nodiscard]] Grid<camera::Rgb8> signed_picture(const Grid<float>& values, double limit,
+                                                int longest_px = 1000);
+
+/// The same scale as a bar with labels, as SVG.
+[[nodiscard]] std::string signed_legend_svg(double limit, const std::string& unit);
+
+/// Bars over [-limit, limit], with the normal curve of the same mean and deviation.
+[[nodiscard]] std::string histogram_svg(std::span<const std::uint64_t> bins, double limit,
+                                        double mean, double sigma, const std::string& unit);
+
+/// Robust scale for a signed picture: the 98th percentile of the absolute values, at
+/// least `least`.
+[[nodiscard]] double colour_limit(const Grid<float>& values, double least);
+
+[[nodiscard]] std::string base64(const std::string& data);
+
+}  // namespace maquette::tools

@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tools/report.hpp"
+
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/files.hpp"
+#include "tools/pictures.hpp"
+#include "tools/version.hpp"
+
+namespace maquette::tools {
+namespace fs = std::filesystem;
+using nlohmann::json;
+namespace {
+
+constexpr const char* kPageStart = R"(<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark; }}
+body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; }}
+h1 {{ font-size: 1.6em; }} h2 {{ margin-top: 2em; border-bottom: 1px solid #8886; }}
+table {{ border-collapse: collapse; margin: 1em 0; }}
+td, th {{ padding: .2em .8em; text-align: left; border-bottom: 1px solid #8884; }}
+td.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
+figure {{ margin: 1em 0; display: inline-block; vertical-align: top; max-width: 100%; }}
+figcaption {{ font-size: .85em; opacity: .8; }}
+img {{ max-width: 100%; height: auto; image-rendering: auto; }}
+svg text {{ fill: currentColor; }}
+.warn {{ color: #b2182b; font-weight: 600; }}
+</style></head><body><h1>{title}</h1>
+)";
+constexpr const char* kPageEnd = "</body></html>\n";
+
+std::string escape(const std::string& text) {
+  std::string out;
+  for (const char c : text) switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
+    }
+  return out;
+}
+
+std::string picture(const fs::path& png, const std::string& caption, int width) {
+  const auto data = read_file(png);
+  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", escape(png.string()));
+  return fmt::format(
+      "<figure><img width='{}' alt='{}' src='data:image/png;base64,{}'><figcaption>{}</figcaption>"
+      "</figure>\n",
+      width, escape(caption), base64(*data), escape(caption));
+}
+
+std::string number(const json& v) {
+  if (v.is_number_float()) return fmt::format("{:.6g}", v.get<double>());
+  if (v.is_string()) return escape(v.get<std::string>());
+  return escape(v.dump());
+}
+
+/// The figures that a person asks for first, in this order, when present.
+std::string figure_table(const json& figures,
+                         std::initializer_list<std::pair<const char*, const char*>> rows) {
+  std::string html = "<table>";
+  for (const auto& [key, label] : rows)
+    if (figures.contains(key))
+      html += fmt::format("<tr><td>{}</td><td class='n'>{}</td></tr>", label, number(figures[key]));
+  return html + "</table>\n";
+}
+
+std::string deviation_rows(const json& s) {
+  return figure_table(s, {{"points", "points on the part"},
+                          {"off_part", "points off the part"},
+                          {"coverage", "share of nodes measured"},
+                          {"mean_mm", "mean, mm"},
+                          {"rms_mm", "RMS, mm"},
+                          {"sigma_mm", "standard deviation, mm"},
+                          {"median_mm", "median, mm"},
+                          {"nmad_mm", "NMAD, mm"},
+                          {"p05_mm", "5th percentile, mm"},
+                          {"p95_mm", "95th percentile, mm"},
+                          {"min_mm", "lowest, mm"},
+                          {"max_mm", "highest, mm"}});
+}
+
+constexpr const char* kRegistrationRemark =
+    "<p>Each scan was brought onto the design by best fit before this comparison. A best fit "
+    "absorbs what looks like a shift or a tilt of the whole part, an even coat of paint for "
+    "example: such a deviation does not appear here.</p>\n";
+
+}  // namespace
+
+std::string scale_folder(double scale) {
+  return fmt::format("s{:g}", scale);
+}
+
+Result<void> write_deviation_page(const scan::Deviation& deviation, const std::string& summary_json,
+                                  double limit_mm, const fs::path& map_png, const fs::path& out) {
+  const json summary = json::parse(summary_json);
+  std::string html =
+      fmt::format(fmt::runtime(kPageStart), fmt::arg("title", "Scan against design"));
+  html += deviation_rows(summary) + kRegistrationRemark;
+  html +=
+      "<table><tr><th>scan</th><th>iterations</th><th>RMS before, mm</th><th>RMS after, "
+      "mm</th><th>pose uncertainty, mm</th><th>not determined by the relief</th></tr>";
+  for (const json& r : summary["registrations"])
+    html += fmt::format(
+        "<tr><td>{}</td><td class='n'>{}</td><td class='n'>{}</td><td class='n'>{}</td><td "
+        "class='n'>{}</td><td>{}</td></tr>",
+        number(r["points"]), number(r["iterations"]), number(r["rms_before_mm"]),
+        number(r["rms_after_mm"]), number(r["sigma_translation_mm"]),
+        r["free_directions"].empty() ? "nothing" : escape(r["free_directions"].dump()));
+  html += "</table>\n<h2>Deviation</h2>\n" +
+          picture(map_png, "measured minus design along the normal; grey: not measured", 700) +
+          signed_legend_svg(limit_mm, "mm") + "\n<h2>Distribution</h2>\n" +
+          histogram_svg(deviation.histogram, deviation.histogram_limit_mm,
+                        deviation.statistics.mean_mm, deviation.statistics.sigma_mm, "mm") +
+          "<p>Line: normal distribution of the same mean and standard deviation.</p>\n";
+  return write_file(out, html + kPageEnd);
+}
+
+Result<void> write_run_page(const Site& site, std::span<const UnitRecord> records,
+                            const fs::path& folder, const fs::path& out) {
+  const auto figures_of = [&](const std::string& unit) {
+    for (const UnitRecord& r : records)
+      if (r.name == unit) return json::parse(r.figures_json);
+    return json::object();
+  };
+  std::string html =
+      fmt::format(fmt::runtime(kPageStart), fmt::arg("title", "maquette: " + escape(site.name)));
+  html += fmt::format(
+      "<p>{}, {:.4f}&deg; latitude, {:.4f}&deg; longitude; {} mm x {} mm at {} mm; "
+      "maquette {}.</p>\n",
+      escape(site.body), site.centre_latitude_deg, site.centre_longitude_deg, site.size_mm,
+      site.size_mm, site.spacing_mm, kVersion);
+  for (const UnitRecord& r : records)
+    if (!r.unmet.empty())
+      html += fmt::format("<p class='warn'>{}: {}</p>\n", escape(r.name), escape(r.unmet));
+
+  for (const double scale : site.scales) {
+    const std::string name = scale_folder(scale);
+    const fs::path here = folder / name;
+    html += fmt::format("<h2>Scale 1:{:g}</h2>\n", scale);
+    html +=
+        picture(here / "hillshade.png", "hillshade of the design, sun from the north-west", 500);
+    html += picture(here / "picture.png", "rendered: solid with stones under the lamp", 500);
+
+    json fuse = figures_of(name + ".fuse");
+    html += "<h3>Surface</h3>\n" + figure_table(fuse, {{"nodes", "nodes"},
+                                                       {"spacing_mm", "spacing, mm"},
+                                                       {"relief_mm", "relief, mm"},
+                                                       {"lowest_m", "lowest, m"},
+                                                       {"highest_m", "highest, m"}});
+    html +=
+        "<table><tr><th>source</th><th>pixel, m</th><th>coverage</th><th>shift east, "
+        "m</th><th>north, m</th><th>up, m</th><th>NMAD before, m</th><th>after, m</th></tr>";
+    for (const json& s : fuse.value("sources", json::array())) {
+      html += "<tr>";
+      for (const char* key : {"name", "pixel_m", "coverage", "shift_east_m", "shift_north_m",
+                              "shift_up_m", "nmad_before_m", "nmad_after_m"})
+        html += fmt::format("<td class='n'>{}</td>", number(s[key]));
+      html += "</tr>";
+    }
+    html += "</table>\n<h3>Mesh</h3>\n" +
+            figure_table(figures_of(name + ".mesh"),
+                         {{"triangles", "triangles"},
+                          {"closed", "closed"},
+                          {"manifold", "2-manifold"},
+                          {"oriented_outward", "oriented outward"},
+                          {"euler_number", "Euler number"},
+                          {"volume_mm3", "volume, mm&sup3;"},
+                          {"rms_vertical_error_mm", "RMS vertical error against the design, mm"},
+                          {"max_vertical_error_mm", "largest, mm"}});
+    html +=
+        "<h3>Toolpath</h3>\n<table><tr><th>program</th><th>passes</th><th>blocks</th><th>bytes"
+        "</th><th>path, m</th><th>time at feed, min</th><th>certified gouge, mm</th></tr>";
+    for (const UnitRecord& r : records) {
+      if (!r.name.starts_with(name + ".mill.")) continue;
+      const json f = json::parse(r.figures_json);
+      html += fmt::format(
+          "<tr><td>{}</td><td class='n'>{}</td><td class='n'>{}</td><td class='n'>{}</td><td "
+          "class='n'>{:.2f}</td><td class='n'>{:.1f}</td><td class='n'>{:.5f}</td></tr>",
+          escape(r.name.substr(name.size() + 6)), number(f["passes"]), number(f["blocks"]),
+          number(f["bytes"]), f.value("path_length_mm", 0.0) / 1000.0,
+          f.value("cutting_time_min", 0.0), f.value("certified_gouge_mm", 0.0));
+    }
+    html += "</table>\n<h3>Simulated cut</h3>\n" +
+            figure_table(figures_of(name + ".verify"),
+                         {{"max_gouge_mm", "deepest gouge, mm"},
+                          {"bound_mm", "that may be unseen between cells, mm"},
+                          {"max_gouge_against_mesh_mm", "deepest below the mesh, mm"},
+                          {"max_excess_mm", "highest excess where the ball reaches, mm"},
+                          {"max_excess_anywhere_mm", "highest excess anywhere, mm"},
+                          {"rms_excess_mm", "RMS excess, mm"},
+                          {"rapid_collisions", "rapid moves that touch material"}});
+    html +=
+        picture(here / "excess.png", "material left (red) and gouged (blue) after milling", 400);
+
+    const json deviation = figures_of(name + ".deviate");
+    html += "<h3>Scan against design</h3>\n" + deviation_rows(deviation) + kRegistrationRemark +
+            picture(here / "deviation.png",
+                    "measured minus design along the normal; grey: not measured", 500);
+    if (deviation.contains("histogram")) {
+      const auto bins = deviation["histogram"].get<std::vector<std::uint64_t>>();
+      html += signed_legend_svg(deviation["colour_limit_mm"], "mm") +
+              histogram_svg(bins, deviation["histogram_limit_mm"], deviation.value("mean_mm", 0.0),
+                            deviation.value("sigma_mm", 0.0), "mm");
+    }
+  }
+  html +=
+      "<h2>Stages</h2>\n<table><tr><th>unit</th><th>wall, s</th><th>CPU, s</th><th>peak "
+      "memory, MiB</th><th></th></tr>";
+  for (const UnitRecord& r : records)
+    html += fmt::format(
+        "<tr><td>{}</td><td class='n'>{:.2f}</td><td class='n'>{:.2f}</td><td "
+        "class='n'>{:.0f}</td><td>{}</td></tr>",
+        escape(r.name), r.wall_s, r.cpu_s, r.peak_mib, escape(r.note));
+  return write_file(out, html + "</table>\n" + kPageEnd);
+}
+
+Result<void> write_manifest(const SiteFile& site, std::span<const UnitRecord> records,
+                            const fs::path& site_path, const fs::path& out) {
+  json manifest{
+      {"schema", "maquette.manifest/1"}, {"maquette", kVersion},
+      {"compiler", __VERSION__},         {"site", site.site->name},
+      {"site_file", site_path.string()}, {"parameters", json::parse(site.schema.values_json())}};
+  if (const auto digest = sha256_file(site_path)) manifest["site_sha256"] = *digest;
+  const auto files = [](const std::vector<OutputRecord>& list) {
+    json j = json::array();
+    for (const OutputRecord& o : list)
+      j.push_back({{"path", o.path}, {"sha256", o.sha256}, {"bytes", o.bytes}});
+    return j;
+  };
+  for (const UnitRecord& r : records)
+    manifest["stages"].push_back({{"name", r.name},
+                                  {"wall_s", r.wall_s},
+                                  {"cpu_s", r.cpu_s},
+                                  {"peak_mib", r.peak_mib},
+                                  {"note", r.note},
+                                  {"unmet", r.unmet},
+                                  {"figures", json::parse(r.figures_json)},
+                                  {"parameters", json::parse(r.parameters_json)},
+                                  {"inputs", files(r.inputs)},
+                                  {"outputs", files(r.outputs)}});
+  return write_file(out, manifest.dump(1) + "\n");
+}
+
+}  // namespace maquette::tools

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file report.hpp
+/// Pages that carry everything inside: pictures as data, no network.
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/result.hpp"
+#include "scan/deviate.hpp"
+#include "tools/pipeline.hpp"
+#include "tools/site.hpp"
+
+namespace maquette::tools {
+
+/// The deviation report of one case.
+[[nodiscard]] Result<void> write_deviation_page(const scan::Deviation& deviation,
+                                                const std::string& summary_json, double limit_mm,
+                                                const std::filesystem::path& map_png,
+                                                const std::filesystem::path& out);
+
+/// report.html of a run: for each scale hillshade, mesh and toolpath figures, picture,
+/// deviation map and histogram. `folder` is the run's, with one folder a scale.
+[[nodiscard]] Result<void> write_run_page(const Site& site, std::span<const UnitRecord> records,
+                                          const std::filesystem::path& folder,
+                                          const std::filesystem::path& out);
+
+/// manifest.json: versions, parameters, inputs and outputs with SHA-256, seconds,
+/// memory and figures of every unit.
+[[nodiscard]] Result<void> write_manifest(const SiteFile& site, std::span<const UnitRecord> records,
+                                          const std::filesystem::path& site_path,
+                                          const std::filesystem::path& out);
+
+/// Name of a scale's folder: "s1000".
+[[nodiscard]] std::string scale_folder(double scale);
+
+}  // namespace maquette::tools

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tools/scene_file.hpp"
+
+#include <fmt/format.h>
+
+namespace maquette::tools {
+namespace {
+constexpr double kInf = INFINITY;
+}
+
+Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
+  auto scene = std::make_unique<Scene>();
+  Scene& s = *scene;
+  Schema t;
+  t.add({"schema", &s.schema_name, "", -kInf, kInf, {"maquette.scene/1"}});
+  t.add({"surface", &s.surface, "mesh or model field", -kInf, kInf, {}, true});
+  t.add({"resolution_px", &s.resolution_px, "width, height", 1, 100000});
+  t.add({"pixel_pitch_um", &s.pixel_pitch_um, "", 0.01, 1000});
+  t.add({"focal_length_mm", &s.focal_length_mm, "", 0.1, 100000});
+  t.add({"camera_position_mm", &s.camera_position_mm, ""});
+  t.add({"camera_quaternion_wxyz", &s.camera_quaternion_wxyz,
+         "model_from_camera, camera looks along -z, y up", -1, 1});
+  t.add({"camera_target_mm", &s.camera_target_mm, "looked at, instead of the quaternion"});
+  t.add({"lamp_position_mm", &s.lamp_position_mm, ""});
+  t.add({"lamp_target_mm", &s.lamp_target_mm, ""});
+  t.add({"lamp_diameter_mm", &s.lamp_diameter_mm, "0: point lamp", 0, 1e5});
+  t.add({"lamp_beam_deg", &s.lamp_beam_deg, "full angle", 0.01, 180});
+  t.add({"exposure_scale", &s.exposure_scale,
+         "value of a white Lambert surface that faces the lamp at its target", 1e-9, 1e9});
+  t.add({"albedo", &s.albedo, "", 0.001, 1});
+  t.add({"reflectance",
+         &s.reflectance,
+         "",
+         -kInf,
+         kInf,
+         {"lambert", "lommel_seeliger", "lunar_lambert"}});
+  t.add({"lunar_lambert_l", &s.lunar_lambert_l, "McEwen's L", 0, 1});
+  t.add({"samples_per_pixel", &s.samples_per_pixel, "a square number", 1, 1024});
+  t.add({"lamp_samples", &s.lamp_samples, "", 1, 1024});
+  t.add({"seed", &s.seed, "", 0, 1e15});
+  MAQUETTE_TRY_VOID(t.read(path));
+  if (s.resolution_px.size() != 2)
+    return fail(kConfigInvalid,
+                fmt::format("{}: resolution_px must be [width, height]", path.string()));
+  return scene;
+}
+
+Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
+  auto result = std::make_unique<Case>();
+  Case& c = *result;
+  Schema t;
+  t.add({"schema", &c.schema_name, "", -kInf, kInf, {"maquette.case/1"}});
+  t.add({"design", &c.design, "designed surface, model frame, mm", -kInf, kInf, {}, true});
+  t.add({"gcode", &c.gcode, "the program that was run"});
+  t.add({"tool.ball_diameter_mm", &c.ball_diameter_mm, "", 0.01, 1000});
+  t.add({"coating.thickness_mm", &c.coating_thickness_mm, "as declared", 0, 100});
+  t.add({"coating.roughness_sigma_mm", &c.coating_roughness_sigma_mm, "", 0, 10});
+  t.add({"coating.roughness_correlation_mm", &c.coating_roughness_correlation_mm, "", 0, 1000});
+  t.add({"deviation.reach_mm", &c.reach_mm, "farther points are off the part", 0.01, 1000});
+  t.array("scan", "measured point clouds", [&c] {
+    CaseScan& scan = c.scans.emplace_back();
+    Schema e;
+    e.add({"points", &scan.points, "point cloud, mm", -kInf, kInf, {}, true});
+    e.add({"scanner_position_mm", &scan.scanner_position_mm, "in the cloud's frame"});
+    e.add({"range_sigma_mm", &scan.range_sigma_mm, "", 0, 100});
+    return e;
+  });
+  t.array("probe", "probed or CMM points", [&c] {
+    CaseProbe& probe = c.probes.emplace_back();
+    Schema e;
+    e.add({"points", &probe.points, "CSV, mm", -kInf, kInf, {}, true});
+    return e;
+  });
+  t.array("photo", "photographs", [&c] {
+    CasePhoto& p = c.photos.emplace_back();
+    Schema e;
+    e.add({"image", &p.image, "", -kInf, kInf, {}, true});
+    e.add({"encoding", &p.encoding, "", -kInf, kInf, {"linear", "srgb"}});
+    e.add({"resolution_px", &p.resolution_px, "width, height", 1, 100000});
+    e.add({"principal_point_px", &p.principal_point_px, "the middle unless given", -1e6, 1e6});
+    e.add({"pixel_pitch_um", &p.pixel_pitch_um, "", 0.01, 1000});
+    e.add({"focal_length_mm", &p.focal_length_mm, "", 0.1, 100000});
+    e.add({"camera_position_mm", &p.camera_position_mm, ""});
+    e.add({"camera_quaternion_wxyz", &p.camera_quaternion_wxyz, "", -1, 1});
+    e.add({"lamp_position_mm", &p.lamp_position_mm, ""});
+    e.add({"lamp_target_mm", &p.lamp_target_mm, ""});
+    e.add({"lamp_diameter_mm", &p.lamp_diameter_mm, "", 0, 1e5});
+    e.add({"lamp_beam_deg", &p.lamp_beam_deg, "", 0.01, 180});
+    e.add({"exposure_scale", &p.exposure_scale, "", 1e-9, 1e9});
+    e.add({"albedo", &p.albedo, "", 0.001, 1});
+    e.add({"reflectance",
+           &p.reflectance,
+           "",
+           -kInf,
+           kInf,
+           {"lambert", "lommel_seeliger", "lunar_lambert"}});
+    e.add({"full_well_e", &p.full_well_e, "", 1, 1e9});
+    e.add({"read_noise_e", &p.read_noise_e, "", 0, 1e6});
+    e.add({"surface", &p.surface, "", -kInf, kInf, {"design", "as_milled"}});
+    return e;
+  });
+  MAQUETTE_TRY_VOID(t.read(path));
+  if (c.scans.empty())
+    return fail(kConfigInvalid,
+                fmt::format("{}: no measurement; add a [[scan]] table with points = \"FILE\"",
+                            path.string()));
+  return result;
+}
+
+}  // namespace maquette::tools

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file scene_file.hpp
+/// Scene files (what `render` takes) and case files (what `deviate` takes), with
+/// the keys of a [[photo]] and a [[scan]] spelled the same way in both.
+
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "camera/render.hpp"
+#include "core/result.hpp"
+#include "tools/schema.hpp"
+
+namespace maquette::tools {
+
+struct Scene {
+  std::string schema_name = "maquette.scene/1";
+  std::filesystem::path surface;  ///< mesh or model field
+  std::vector<double> resolution_px{1024, 768};
+  double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
+  Vec3 camera_position_mm{100.0, -400.0, 700.0};
+  Quaternion camera_quaternion_wxyz{1, 0, 0, 0};
+  Vec3 camera_target_mm{NAN, NAN, NAN};  ///< instead of the quaternion
+  Vec3 lamp_position_mm{-3000.0, 500.0, 2500.0};
+  Vec3 lamp_target_mm{100.0, 100.0, 0.0};
+  double lamp_diameter_mm = 0.0, lamp_beam_deg = 56.0;
+  double exposure_scale = 1.0;
+  double albedo = 0.3;
+  std::string reflectance = "lambert";
+  double lunar_lambert_l = 0.5;
+  std::int64_t samples_per_pixel = 4, lamp_samples = 1, seed = 1;
+};
+[[nodiscard]] Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path);
+
+struct CaseScan {
+  std::filesystem::path points;
+  Vec3 scanner_position_mm{NAN, NAN, NAN};
+  double range_sigma_mm = 0.05;
+};
+struct CaseProbe {
+  std::filesystem::path points;
+};
+struct CasePhoto {
+  std::filesystem::path image;
+  std::string encoding = "linear", reflectance = "lambert", surface = "as_milled";
+  std::vector<double> resolution_px{1024, 768}, principal_point_px;
+  double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
+  Vec3 camera_position_mm, lamp_position_mm, lamp_target_mm;
+  Quaternion camera_quaternion_wxyz;
+  double lamp_diameter_mm = 0.0, lamp_beam_deg = 56.0, exposure_scale = 1.0, albedo = 0.3,
+         full_well_e = 50000.0, read_noise_e = 20.0;
+};
+/// One case file serves every verb: what a verb has no use for (deviate none for
+/// probes and photographs) is still checked, so that a typing error never waits.
+struct Case {
+  std::string schema_name = "maquette.case/1";
+  std::filesystem::path design, gcode;
+  double ball_diameter_mm = 6.0;
+  double coating_thickness_mm = 0.0, coating_roughness_sigma_mm = 0.04,
+         coating_roughness_correlation_mm = 0.25;
+  double reach_mm = 5.0;
+  std::deque<CaseScan> scans;
+  std::deque<CaseProbe> probes;
+  std::deque<CasePhoto> photos;
+};
+[[nodiscard]] Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path);
+
+}  // namespace maquette::tools

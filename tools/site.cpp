@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tools/site.hpp"
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "assets/devices.hpp"
+
+namespace maquette::tools {
+namespace {
+
+template <class Preset>
+std::vector<std::string> preset_names(const std::vector<Preset>& presets) {
+  std::vector<std::string> names;
+  for (const Preset& p : presets) names.push_back(p.name);
+  return names;
+}
+
+/// What no single key can say about itself. One message a finding.
+std::vector<std::string> contradictions(const Site& s) {
+  std::vector<std::string> found;
+  const double cells = s.size_mm / s.spacing_mm;
+  if (std::fabs(cells - std::round(cells)) > 1e-9 * cells || cells < 4)
+    found.push_back(fmt::format("size_mm {} is not a whole number (>= 4) of spacing_mm {}",
+                                s.size_mm, s.spacing_mm));
+  for (std::size_t i = 1; i < s.scales.size(); ++i)
+    if (!(s.scales[i] < s.scales[i - 1]))
+      found.push_back(
+          "scales must descend: the whole site first (1000), then sections of it (200)");
+  if (s.stone_min_diameter_m >= s.stone_max_diameter_m)
+    found.push_back(fmt::format("stones.min_diameter_m {} must be below stones.max_diameter_m {}",
+                                s.stone_min_diameter_m, s.stone_max_diameter_m));
+  if (s.stepover_mm >= s.ball_diameter_mm)
+    found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
+                                s.stepover_mm, s.ball_diameter_mm));
+  if (s.spacing_mm > s.ball_diameter_mm)
+    found.push_back(fmt::format("spacing_mm {} must not exceed cutter.ball_diameter_mm {}",
+                                s.spacing_mm, s.ball_diameter_mm));
+  if (s.samples_per_pixel !=
+      std::llround(std::pow(std::round(std::sqrt(static_cast<double>(s.samples_per_pixel))), 2)))
+    found.push_back(
+        fmt::format("camera.samples_per_pixel {} must be a square number", s.samples_per_pixel));
+  return found;
+}
+
+}  // namespace
+
+SiteFile empty_site_file() {
+  SiteFile file;
+  Site& s = *file.site;
+  Schema& t = file.schema;
+  constexpr double kInf = INFINITY;
+  t.section("", "A mock-up for maquette. Every key has its unit in its name; all have defaults.");
+  t.add(
+      {"schema", &s.schema_name, "version of this file's keys", -kInf, kInf, {"maquette.site/1"}});
+  t.add({"name", &s.name, "for file headers and the report"});
+  t.add({"body", &s.body, "whose surface it is", -kInf, kInf, {"moon", "mars"}});
+  t.add({"centre_latitude_deg", &s.centre_latitude_deg, "planetocentric, north positive", -90, 90});
+  t.add({"centre_longitude_deg", &s.centre_longitude_deg, "east positive", -180, 360});
+  t.add({"size_mm", &s.size_mm, "edge of each square model surface", 1, 20000});
+  t.add({"spacing_mm", &s.spacing_mm, "distance of the surface's nodes", 0.01, 10});
+  t.add({"scales", &s.scales, "1:N of each surface; the first is the whole site", 1, 1e7});
+  t.add({"exaggeration", &s.exaggeration, "vertical factor; 1 is true to scale", 0.01, 100});
+  t.add({"seed", &s.seed, "of everything drawn at random", 0, 1e15});
+
+  t.section("fusion", "How the sources become one surface.");
+  t.add({"fusion.synthetic_detail", &s.synthetic_detail,
+         "strength of relief below the finest source's pixel, marked as synthetic; 0: none", 0, 5});
+  t.add({"fusion.synthetic_seed", &s.synthetic_seed,
+         "of the embedded site, used when no [[source]] is given", 0, 1e15});
+
+  t.section("stones", "Rocks that are made apart and glued on.");
+  t.add({"stones.count", &s.stone_count, "on the first surface", 0, 100000});
+  t.add({"stones.inner_share", &s.stone_inner_share,
+         "share of them that lies on the second surface too", 0, 1});
+  t.add({"stones.min_diameter_m", &s.stone_min_diameter_m, "smallest, on the planet", 1e-3, 1e4});
+  t.add({"stones.max_diameter_m", &s.stone_max_diameter_m, "largest, on the planet", 1e-3, 1e4});
+  t.add({"stones.area_fraction_k", &s.stone_k, "Golombek-Rapp total rock coverage", 0.005, 0.5});
+  t.add({"stones.angularity", &s.stone_angularity, "0 rounded to 1 angular", 0, 1});
+  t.add({"stones.embedded_share", &s.stone_embedded_share, "of a stone's height in the ground", 0,
+         0.9});
+
+  t.section("stock", "The block.");
+  t.add({"stock.base_thickness_mm", &s.base_thickness_mm, "under the lowest point of the relief", 1,
+         1000});
+  t.add({"stock.lowest_mm", &s.lowest_mm, "model height of the lowest point of the relief", -1000,
+         1000});
+
+  t.section("bands", "Strips that are milled one at a time.");
+  t.add({"bands.max_width_mm", &s.band_max_width_mm, "in y", 1, 20000});
+
+  t.section("cutter", "");
+  t.add({"cutter.ball_diameter_mm", &s.ball_diameter_mm, "of the ball nose", 0.1, 100});
+
+  t.section("mill", "The finishing pass.");
+  t.add({"mill.stepover_mm", &s.stepover_mm, "distance of neighbouring passes", 0.01, 50});
+  t.add(
+      {"mill.tolerance_mm", &s.tolerance_mm, "of the written path, all causes together", 1e-4, 1});
+  t.add({"mill.zigzag", &s.zigzag, "false: all passes in +x"});
+  t.add({"mill.feed_mm_per_min", &s.feed_mm_per_min, "along the path", 1, 100000});
+  t.add({"mill.plunge_feed_mm_per_min", &s.plunge_feed_mm_per_min, "downwards into material", 1,
+         100000});
+  t.add({"mill.spindle_rpm", &s.spindle_rpm, "", 1, 200000});
+  t.add(
+      {"mill.clearance_mm", &s.clearance_mm, "of rapid moves above the highest point", 0.1, 1000});
+
+  t.section("machine", "");
+  t.add({"machine.name", &s.machine, "preset with travel and limits", -kInf, kInf,
+         preset_names(assets::machine_presets())});
+  t.add({"machine.post", &s.post, "dialect of the controller", -kInf, kInf, {"linuxcnc", "grbl"}});
+
+  t.section("verify", "The program is read back and cut in simulation.");
+  t.add({"verify.cell_mm", &s.verify_cell_mm, "grid of the simulated stock", 0.01, 5});
+  t.add({"verify.max_gouge_mm", &s.max_gouge_mm, "deeper, bound included, ends with exit code 1", 0,
+         10});
+
+  t.section("export", "");
+  t.add({"export.formats",
+         &s.export_formats,
+         "files of the solid",
+         -kInf,
+         kInf,
+         {"stl", "ply", "obj", "3mf", "dxf", "glb"}});
+  t.add({"export.lod_triangles", &s.lod_triangles, "of the decimated level", 100, 1e8});
+  t.add({"export.position_bits", &s.position_bits, "Draco quantisation", 8, 24});
+  t.add({"export.contour_interval_mm", &s.contour_interval_mm, "of the DXF", 0.01, 1000});
+
+  t.section("camera", "");
+  t.add({"camera.name", &s.camera, "preset", -kInf, kInf, preset_names(assets::camera_presets())});
+  t.add({"camera.azimuth_deg", &s.camera_azimuth_deg,
+         "of the camera seen from the part's middle, "
+         "clockwise from north",
+         -360, 360});
+  t.add({"camera.elevation_deg", &s.camera_elevation_deg, "above the horizon", 1, 90});
+  t.add({"camera.distance_mm", &s.camera_distance_mm, "to the middle; 0: the part fills the frame",
+         0, 1e6});
+  t.add({"camera.samples_per_pixel", &s.samples_per_pixel, "a square number", 1, 1024});
+
+  t.section("lamp", "");
+  t.add({"lamp.name", &s.lamp, "preset", -kInf, kInf, preset_names(assets::lamp_presets())});
+  t.add({"lamp.azimuth_deg", &s.lamp_azimuth_deg, "clockwise from north", -360, 360});
+  t.add({"lamp.elevation_deg", &s.lamp_elevation_deg, "above the horizon", 1, 90});
+  t.add({"lamp.distance_mm", &s.lamp_distance_mm, "to the part's middle; at least its diagonal", 1,
+         1e9});
+  t.add({"lamp.samples", &s.lamp_samples, "points on the lens per camera sample", 1, 1024});
+
+  t.section("surface", "How it reflects.");
+  t.add({"surface.reflectance",
+         &s.reflectance,
+         "model",
+         -kInf,
+         kInf,
+         {"lambert", "lommel_seeliger", "lunar_lambert"}});
+  t.add({"surface.albedo", &s.albedo, "", 0.001, 1});
+
+  t.section("scanner", "");
+  t.add(
+      {"scanner.name", &s.scanner, "preset", -kInf, kInf, preset_names(assets::scanner_presets())});
+  t.add({"scanner.stations", &s.stations, "evenly round the part", 1, 36});
+  t.add({"scanner.elevation_deg", &s.scanner_elevation_deg, "of the stations", 5, 90});
+  t.add({"scanner.distance_mm", &s.scanner_distance_mm, "from the part's border", 10, 1e6});
+  t.add({"scanner.max_points", &s.max_points, "per station", 1000, 2e8});
+
+  t.section("deviation", "");
+  t.add({"deviation.reach_mm", &s.reach_mm, "farther points are off the part", 0.01, 1000});
+
+  t.array(
+      "source",
+      "Elevation products, coarse to fine; none: the embedded site is generated. Remove the # "
+      "to use your own; ${NAME} takes a path from the environment.",
+      [&s] {
+        SiteSource& source = s.sources.emplace_back();
+        Schema e;
+        e.add({"name",
+               &source.name,
+               "for messages and the source mask",
+               -INFINITY,
+               INFINITY,
+               {},
+               true});
+        e.add({"path",
+               &source.path,
+               "what GDAL opens: image, label or VRT",
+               -INFINITY,
+               INFINITY,
+               {},
+               true});
+        e.add({"unit", &source.unit, "of the heights", -INFINITY, INFINITY, {"auto", "m", "km"}});
+        e.add({"sigma_m", &source.sigma_m, "standard uncertainty of one pixel", 1e-6, 1e6});
+        return e;
+      });
+  return file;
+}
+
+Result<SiteFile> read_site(const std::filesystem::path& path,
+                           const std::vector<std::string>& overrides) {
+  SiteFile file = empty_site_file();
+  MAQUETTE_TRY_VOID(file.schema.read(path, overrides));
+  if (const auto found = contradictions(*file.site); !found.empty())
+    return fail(kConfigInvalid,
+                fmt::format("{}: {}", path.string(),
+                            fmt::join(found, fmt::format("\n{}: ", path.string()))));
+  return file;
+}
+
+double half_width_m(const Site& site, double scale) {
+  return 0.5 * site.size_mm * scale / 1000.0;
+}
+
+}  // namespace maquette::tools

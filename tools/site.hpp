@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file site.hpp
+/// The site file: one mock-up, from its sources to its scanner. Every key, its
+/// default and its range stand once, in site.cpp.
+
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/result.hpp"
+#include "tools/schema.hpp"
+
+namespace maquette::tools {
+
+struct SiteSource {
+  std::string name;
+  std::filesystem::path path;
+  std::string unit = "auto";
+  double sigma_m = 1.0;
+};
+
+struct Site {
+  std::string schema_name = "maquette.site/1";
+  std::string name = "default";
+  std::string body = "moon";
+  double centre_latitude_deg = -43.3;
+  double centre_longitude_deg = 348.8;
+  double size_mm = 200.0;
+  double spacing_mm = 0.5;
+  std::vector<double> scales{1000.0, 200.0};
+  double exaggeration = 1.0;
+  std::int64_t seed = 1;
+  std::deque<SiteSource>
+      sources;  ///< none: the embedded site is generated; deque: stable addresses
+
+  std::int64_t synthetic_seed = 20260101;
+  double synthetic_detail = 1.0;
+
+  std::int64_t stone_count = 12;
+  double stone_inner_share = 0.5;
+  double stone_min_diameter_m = 1.5, stone_max_diameter_m = 5.0;
+  double stone_k = 0.1;
+  double stone_angularity = 0.6;
+  double stone_embedded_share = 0.25;
+
+  double base_thickness_mm = 10.0;
+  double lowest_mm = 0.0;
+
+  double band_max_width_mm = 500.0;
+
+  double ball_diameter_mm = 6.0;
+  double stepover_mm = 0.5;
+  double tolerance_mm = 0.01;
+  bool zigzag = true;
+  double feed_mm_per_min = 3000.0;
+  double plunge_feed_mm_per_min = 600.0;
+  double spindle_rpm = 18000.0;
+  double clearance_mm = 5.0;
+  std::string post = "linuxcnc";
+  std::string machine = "portal_mill_2500";
+
+  double verify_cell_mm = 0.1;
+  double max_gouge_mm = 0.02;
+
+  std::vector<std::string> export_formats{"stl", "glb"};
+  std::int64_t lod_triangles = 100000;
+  std::int64_t position_bits = 16;
+  double contour_interval_mm = 5.0;
+
+  std::string camera = "mono_space";
+  double camera_azimuth_deg = 200.0, camera_elevation_deg = 40.0, camera_distance_mm = 0.0;
+  std::int64_t samples_per_pixel = 4;
+  std::string lamp = "arri_d5";
+  double lamp_azimuth_deg = 290.0, lamp_elevation_deg = 20.0, lamp_distance_mm = 4000.0;
+  std::int64_t lamp_samples = 1;
+  std::string reflectance = "lunar_lambert";
+  double albedo = 0.3;
+
+  std::string scanner = "zf5006h";
+  std::int64_t stations = 2;
+  double scanner_elevation_deg = 55.0, scanner_distance_mm = 1500.0;
+  std::int64_t max_points = 1'000'000;
+  double reach_mm = 5.0;
+};
+
+/// A site and the schema that is bound to it; keep them together.
+struct SiteFile {
+  std::unique_ptr<Site> site = std::make_unique<Site>();
+  Schema schema;
+};
+[[nodiscard]] SiteFile empty_site_file();
+
+/// Reads, overrides and cross-checks (size a whole multiple of spacing, stones smaller
+/// than the site, scales descending and distinct, ...).
+[[nodiscard]] Result<SiteFile> read_site(const std::filesystem::path& path,
+                                         const std::vector<std::string>& overrides = {});
+
+/// Nodes of one surface are spacing apart and span size.
+[[nodiscard]] double half_width_m(const Site& site, double scale);
+
+}  // namespace maquette::tools

@@ -38,6 +38,7 @@
 #include <string>
 #include <string_view>
 
+#include "cnc/toolpath.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/vec.hpp"
@@ -50,8 +51,6 @@ inline constexpr double kArcRadiusTolerance_mm = 0.005;
 inline constexpr double kArcRadiusToleranceRelative = 0.001;
 /// Longer lines are refused as CNC_GCODE_SYNTAX.
 inline constexpr std::size_t kLongestLine = 65536;
-
-enum class ArcPlane : std::uint8_t { xy, zx, yz };  ///< G17, G18, G19
 
 struct Motion {
   enum class Kind : std::uint8_t { rapid, line, arc };

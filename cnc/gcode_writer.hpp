@@ -7,18 +7,12 @@
 /// is no block.
 
 #include <cstdint>
-#include <limits>
 #include <string>
 #include <string_view>
 
-namespace maquette::cnc {
+#include "cnc/toolpath.hpp"
 
-/// Coordinates in ticks of 0.0001 mm.
-struct ToolPosition {
-  static constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::min();
-  std::int64_t x = kUnknown, y = kUnknown, z = kUnknown;
-  friend bool operator==(const ToolPosition&, const ToolPosition&) = default;
-};
+namespace maquette::cnc {
 
 class GcodeWriter {
  public:

@@ -20,15 +20,9 @@
 
 #include "cnc/cutter_location.hpp"
 #include "cnc/steepness.hpp"
+#include "cnc/toolpath.hpp"
 
 namespace maquette::cnc {
-
-/// Programs are written in 0.0001 mm; positions are whole numbers of it from the start, so
-/// that what is certified is what is written.
-inline constexpr double kTick_mm = 1e-4;
-[[nodiscard]] inline double mm_of_ticks(std::int64_t ticks) {
-  return static_cast<double>(ticks) / 10000.0;  // the double that reading the decimal gives
-}
 
 enum class Axis { x, y };
 

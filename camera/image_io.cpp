@@ -19,6 +19,8 @@ constexpr std::int64_t kMaxPixels = std::int64_t{1} << 30;
 Result<void> write_file(OIIO::ImageSpec spec, const void* pixels, OIIO::TypeDesc type,
                         const fs::path& path, const Metadata& metadata) {
   for (const auto& [key, value] : metadata) spec.attribute(key, value);
+  // OpenImageIO would write the present time: the same job must give the same bytes.
+  if (spec.find_attribute("DateTime") == nullptr) spec.attribute("DateTime", "1970:01:01 00:00:00");
   AtomicPath partial(path);
   MAQUETTE_TRY_VOID(partial.prepare());
   const auto because = [&](const std::string& reason) {

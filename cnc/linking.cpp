@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "cnc/linking.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "cnc/cutter_location.hpp"
+#include "core/check.hpp"
+
+namespace maquette::cnc {
+namespace {
+
+std::int64_t tick_above(double mm) {
+  return static_cast<std::int64_t>(std::ceil(mm / kTick_mm));
+}
+
+}  // namespace
+
+struct BallClearance::Shared {
+  DropCutter widened;
+  double step_mm;
+};
+
+// The ball of radius R + w about the same centre contains the ball of radius R anywhere within w.
+// Its tip hangs w lower.
+BallClearance::BallClearance(const heightmap::ModelField& field, BallNose tool, double step_mm)
+    : shared_(std::make_shared<const Shared>(
+          Shared{DropCutter(field, {tool.radius_mm + 0.5 * step_mm}), step_mm})) {
+  MAQUETTE_CHECK(step_mm > 0.0, "step {} mm", step_mm);
+}
+BallClearance::~BallClearance() = default;
+
+LinkSurface BallClearance::for_thread() const {
+  auto cutter = std::make_shared<DropCutter>(shared_->widened);
+  const double step = shared_->step_mm;
+  return {step,
+          [cutter, step](double x, double y) { return cutter->drop(x, y).tip_mm + 0.5 * step; }};
+}
+
+double highest_tip(const LinkSurface& surface, double x0_mm, double y0_mm, double x1_mm,
+                   double y1_mm) {
+  const double length = std::hypot(x1_mm - x0_mm, y1_mm - y0_mm);
+  const auto steps = std::max<std::int64_t>(
+      1, static_cast<std::int64_t>(std::ceil(length / surface.step_mm * (1.0 - 1e-12))));
+  double highest = -INFINITY;
+  for (std::int64_t k = 0; k < steps; ++k) {  // the middle of each step
+    const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
+    highest = std::max(
+        highest, surface.tip_mm(x0_mm + t * (x1_mm - x0_mm), y0_mm + t * (y1_mm - y0_mm)));
+  }
+  return highest;
+}
+
+void append_link(Toolpath& path, ToolPosition to, const LinkSurface& surface,
+                 const LinkOptions& options) {
+  constexpr auto kUnknown = ToolPosition::kUnknown;
+  const ToolPosition from = end_of(path);
+  MAQUETTE_CHECK(from.x != kUnknown && from.y != kUnknown && from.z != kUnknown &&
+                     to.x != kUnknown && to.y != kUnknown && to.z != kUnknown,
+                 "a link needs two known positions");
+  MAQUETTE_CHECK(options.clearance_mm >= 0.0 && options.approach_mm >= 0.0 &&
+                     options.plunge_feed_mm_min > 0.0,
+                 "clearance {} mm, approach {} mm, plunge feed {} mm/min", options.clearance_mm,
+                 options.approach_mm, options.plunge_feed_mm_min);
+  ToolPosition at = from;
+  const auto go = [&](PathMove::Kind kind, ToolPosition target) {
+    if (target == at) return;
+    PathMove move;
+    move.kind = kind;
+    move.to = target;
+    if (kind == PathMove::Kind::line) move.feed_mm_min = options.plunge_feed_mm_min;
+    path.moves.push_back(move);
+    at = target;
+  };
+  const double x = mm_of_ticks(to.x), y = mm_of_ticks(to.y);
+  const double standing = surface.tip_mm(x, y);
+  std::int64_t above = to.z;  // where the rapid down ends
+  if (std::isfinite(standing))
+    above = std::max(to.z, tick_above(std::max(standing, mm_of_ticks(to.z)) + options.approach_mm));
+  if (from.x == to.x && from.y == to.y) {
+    if (to.z < from.z) go(PathMove::Kind::rapid, {to.x, to.y, std::min(from.z, above)});
+    if (to.z > at.z) go(PathMove::Kind::rapid, to);  // straight up
+    go(PathMove::Kind::line, to);
+    return;
+  }
+  const double highest = highest_tip(surface, mm_of_ticks(from.x), mm_of_ticks(from.y), x, y);
+  std::int64_t across = std::max(from.z, above);
+  if (std::isfinite(highest))
+    across = std::max(across, tick_above(highest + options.clearance_mm));
+  go(PathMove::Kind::rapid, {from.x, from.y, across});
+  go(PathMove::Kind::rapid, {to.x, to.y, across});
+  go(PathMove::Kind::rapid, {to.x, to.y, above});
+  go(PathMove::Kind::line, to);
+}
+
+}  // namespace maquette::cnc

@@ -105,36 +105,4 @@ const std::vector<ScannerPreset>& scanner_presets() {
   return presets;
 }
 
-const std::vector<MachinePreset>& machine_presets() {
-  // All values assumed, typical of the class; no particular make.
-  static const std::vector<MachinePreset> presets = {
-      {.name = "portal_mill_2500",
-       .travel_x_mm = 2500.0,
-       .travel_y_mm = 2500.0,
-       .travel_z_mm = 400.0,
-       .max_feed_mm_per_min = 12000.0,
-       .max_plunge_mm_per_min = 4000.0,
-       .max_spindle_rpm = 24000.0,
-       .max_acceleration_mm_per_s2 = 2000.0},
-      {.name = "bench_router_600",
-       .travel_x_mm = 600.0,
-       .travel_y_mm = 600.0,
-       .travel_z_mm = 120.0,
-       .max_feed_mm_per_min = 4000.0,
-       .max_plunge_mm_per_min = 1500.0,
-       .max_spindle_rpm = 24000.0,
-       .max_acceleration_mm_per_s2 = 500.0},
-      // Larger and faster than any program for a model needs.
-      {.name = "unlimited",
-       .travel_x_mm = 1e6,
-       .travel_y_mm = 1e6,
-       .travel_z_mm = 1e6,
-       .max_feed_mm_per_min = 1e6,
-       .max_plunge_mm_per_min = 1e6,
-       .max_spindle_rpm = 1e6,
-       .max_acceleration_mm_per_s2 = 1e6},
-  };
-  return presets;
-}
-
 }  // namespace maquette::assets

@@ -2,7 +2,7 @@
 #pragma once
 
 /// @file devices.hpp
-/// Lamps, cameras, scanners and machines that a site file may name. Every value
+/// Lamps, cameras and scanners that a site file may name. Every value
 /// has its source in devices.cpp or is marked as assumed there.
 
 #include <optional>
@@ -39,20 +39,9 @@ struct ScannerPreset {
   double beam_divergence_mrad = 0.0;  ///< full angle
 };
 
-/// Machine limits that a program may not exceed.
-struct MachinePreset {
-  std::string name;
-  double travel_x_mm = 0.0, travel_y_mm = 0.0, travel_z_mm = 0.0;
-  double max_feed_mm_per_min = 0.0;
-  double max_plunge_mm_per_min = 0.0;
-  double max_spindle_rpm = 0.0;
-  double max_acceleration_mm_per_s2 = 0.0;
-};
-
 [[nodiscard]] const std::vector<CameraPreset>& camera_presets();
 [[nodiscard]] const std::vector<LampPreset>& lamp_presets();
 [[nodiscard]] const std::vector<ScannerPreset>& scanner_presets();
-[[nodiscard]] const std::vector<MachinePreset>& machine_presets();
 
 /// By name, from the list of that kind; nothing if there is none.
 template <class Preset>

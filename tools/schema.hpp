@@ -18,6 +18,7 @@
 #include <variant>
 #include <vector>
 
+#include "core/nearest_name.hpp"
 #include "core/result.hpp"
 #include "core/vec.hpp"
 
@@ -78,9 +79,5 @@ class Schema {
   std::vector<Section> sections_;
   std::vector<Array> arrays_;
 };
-
-/// The candidate closest to `word` by edit distance, or "" if none is close.
-[[nodiscard]] std::string nearest_name(std::string_view word,
-                                       const std::vector<std::string>& candidates);
 
 }  // namespace maquette::tools

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "assets/devices.hpp"
+#include "cnc/machine.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -107,7 +108,7 @@ SiteFile empty_site_file() {
 
   t.section("machine", "");
   t.add({"machine.name", &s.machine, "preset with travel and limits", -kInf, kInf,
-         preset_names(assets::machine_presets())});
+         cnc::machine_names()});
   t.add({"machine.post", &s.post, "dialect of the controller", -kInf, kInf, {"linuxcnc", "grbl"}});
 
   t.section("verify", "The program is read back and cut in simulation.");

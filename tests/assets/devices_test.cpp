@@ -38,7 +38,6 @@ TEST(Devices, AreFoundByUniqueNames) {
   expect_found_by_unique_name(camera_presets());
   expect_found_by_unique_name(lamp_presets());
   expect_found_by_unique_name(scanner_presets());
-  expect_found_by_unique_name(machine_presets());
 }
 
 TEST(Devices, TheOnesThatOthersNameExist) {
@@ -48,8 +47,6 @@ TEST(Devices, TheOnesThatOthersNameExist) {
     EXPECT_TRUE(find_preset(lamp_presets(), name).has_value()) << name;
   for (const char* name : {"zf5006h", "structured_light"})
     EXPECT_TRUE(find_preset(scanner_presets(), name).has_value()) << name;
-  for (const char* name : {"portal_mill_2500", "bench_router_600", "unlimited"})
-    EXPECT_TRUE(find_preset(machine_presets(), name).has_value()) << name;
 }
 
 double horizontal_fov_deg(const CameraPreset& c) {
@@ -128,24 +125,6 @@ TEST(Devices, ScannersArePhysical) {
   EXPECT_EQ(zf->range_resolution_mm, 0.1);
   EXPECT_EQ(zf->beam_diameter_mm, 3.0);
   EXPECT_EQ(zf->beam_divergence_mrad, 0.22);
-}
-
-TEST(Devices, MachinesArePhysical) {
-  for (const MachinePreset& m : machine_presets()) {
-    SCOPED_TRACE(m.name);
-    EXPECT_GT(m.travel_x_mm, 0.0);
-    EXPECT_GT(m.travel_y_mm, 0.0);
-    EXPECT_GT(m.travel_z_mm, 0.0);
-    EXPECT_GT(m.max_plunge_mm_per_min, 0.0);
-    EXPECT_GE(m.max_feed_mm_per_min, m.max_plunge_mm_per_min);
-    EXPECT_GT(m.max_spindle_rpm, 0.0);
-    EXPECT_GT(m.max_acceleration_mm_per_s2, 0.0);
-  }
-  const auto portal = find_preset(machine_presets(), "portal_mill_2500");
-  ASSERT_TRUE(portal.has_value());
-  EXPECT_EQ(portal->travel_x_mm, 2500.0);
-  EXPECT_EQ(portal->travel_y_mm, 2500.0);
-  EXPECT_EQ(portal->travel_z_mm, 400.0);
 }
 
 }  // namespace

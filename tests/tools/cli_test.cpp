@@ -274,7 +274,8 @@ TEST_F(CommandLine, ErrorsHaveStableCodes) {
   const auto d = design().string();
   EXPECT_EQ(code("init --out " + d), "TOOLS_FILE_EXISTS");
   EXPECT_EQ(code("export " + d + " --format stll"), "TOOLS_UNKNOWN_FORMAT");
-  EXPECT_EQ(code("mill " + d + " --machine nonesuch"), "TOOLS_UNKNOWN_NAME");
+  EXPECT_EQ(code("mill " + d + " --machine nonesuch"), "CNC_UNKNOWN_MACHINE");
+  EXPECT_EQ(code("scan " + d + " --scanner nonesuch"), "TOOLS_UNKNOWN_NAME");
   EXPECT_EQ(code("run x.toml --shard 1/2 --merge"), "TOOLS_USAGE");
   // A limit on the size of files stands for the full disk where none can be mounted.
   EXPECT_EQ(

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "assets/devices.hpp"
+#include "cnc/machine.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
@@ -58,7 +59,8 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--clearance-mm", o->clearance_mm, "of rapid moves above the highest point")
       ->capture_default_str();
   app->add_option("--post", o->post, "dialect of the controller")->capture_default_str();
-  app->add_option("--machine", o->machine, "preset whose travel is checked; none: not checked");
+  app->add_option("--machine", o->machine,
+                  "name or .toml file; its travel is checked; none: not checked");
   app->add_option("--name", o->name, "in the program's header")->capture_default_str();
   app->add_flag("--one-way", o->one_way, "all passes in +x instead of zig-zag");
   return {app, [o](Console& console) -> Result<int> {
@@ -74,11 +76,10 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
             m.post = o->post;
             m.program_name = o->name;
             if (!o->machine.empty()) {
-              MAQUETTE_TRY(const auto machine,
-                           preset(assets::machine_presets(), "machine", o->machine));
-              m.travel_x = Millimetres{machine.travel_x_mm};
-              m.travel_y = Millimetres{machine.travel_y_mm};
-              m.travel_z = Millimetres{machine.travel_z_mm};
+              MAQUETTE_TRY(const auto machine, cnc::find_machine(o->machine));
+              m.travel_x = Millimetres{machine.travel_mm.x};
+              m.travel_y = Millimetres{machine.travel_mm.y};
+              m.travel_z = Millimetres{machine.travel_mm.z};
             }
             return finish(console, "mill", [&](const RunContext& run) {
               return mill_job(o->design, m, Millimetres{0.0}, std::nullopt, o->out, run);

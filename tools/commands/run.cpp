@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "assets/devices.hpp"
+#include "cnc/machine.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "heightmap/source_files.hpp"
@@ -25,7 +26,7 @@ struct RunOptions {
 };
 
 cnc::MillOptions mill_options(const Site& site, double scale) {
-  const auto machine = *assets::find_preset(assets::machine_presets(), site.machine);
+  const auto machine = *cnc::find_machine(site.machine);
   cnc::MillOptions o;
   o.ball_diameter = Millimetres{site.ball_diameter_mm};
   o.stepover = Millimetres{site.stepover_mm};
@@ -37,9 +38,9 @@ cnc::MillOptions mill_options(const Site& site, double scale) {
   o.clearance = Millimetres{site.clearance_mm};
   o.post = site.post;
   o.program_name = fmt::format("{} 1:{:g}", site.name, scale);
-  o.travel_x = Millimetres{machine.travel_x_mm};
-  o.travel_y = Millimetres{machine.travel_y_mm};
-  o.travel_z = Millimetres{machine.travel_z_mm};
+  o.travel_x = Millimetres{machine.travel_mm.x};
+  o.travel_y = Millimetres{machine.travel_mm.y};
+  o.travel_z = Millimetres{machine.travel_mm.z};
   return o;
 }
 

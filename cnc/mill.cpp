@@ -66,7 +66,8 @@ Result<void> check_options(const ModelField& design, const MillOptions& o) {
   MAQUETTE_TRY_VOID(check_rate("feed", o.feed.value(), "mm/min"));
   MAQUETTE_TRY_VOID(check_rate("plunge_feed", o.plunge_feed.value(), "mm/min"));
   MAQUETTE_TRY_VOID(check_rate("spindle_rpm", o.spindle_rpm, "1/min"));
-  if (!post_by_name(o.post))
+  // The other controls are written by program.hpp alone.
+  if (o.post != "linuxcnc" && o.post != "grbl")
     return fail(kUnknownPost,
                 fmt::format("post '{}' is not known; there are: {}", o.post, post_names()));
   if (!(o.clearance.value() >= 0.0 && o.clearance.value() <= 1e4))
@@ -143,12 +144,12 @@ std::string header(const ModelField& design, const MillOptions& o, const Post& p
                    mm_of_ticks(clearance));
   h += fmt::format("(at least {:.1f} min of cutting; what it came to stands at the end)\n",
                    flat / o.feed.value());
-  h += fmt::format("{} G{}\n", post.preamble, o.work_offset);
-  if (post.blending) {
+  h += fmt::format("{} G{}\n", post.modes, o.work_offset);
+  if (!post.blend.empty()) {
     h += "(the path is already inside the tolerance: blend a little, never leave out points)\n";
     h += fmt::format("G64 P{:.5f} Q0\n", kBlendingShare * o.tolerance.value());
   }
-  h += post.tool;
+  if (!post.blend.empty()) h += "T1 M6\nG43 H1\n";
   h += fmt::format("S{:.0f} M3\n", o.spindle_rpm);
   return h;
 }

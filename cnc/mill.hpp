@@ -28,6 +28,7 @@
 #include <filesystem>
 #include <string>
 
+#include "cnc/posts.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/units.hpp"
@@ -41,7 +42,6 @@ inline constexpr ErrorCode kToleranceOutOfRange{"CNC_TOLERANCE_OUT_OF_RANGE"};
 inline constexpr ErrorCode kFeedOutOfRange{"CNC_FEED_OUT_OF_RANGE"};
 inline constexpr ErrorCode kHeightNotFinite{"CNC_HEIGHT_NOT_FINITE"};
 inline constexpr ErrorCode kBeyondTravel{"CNC_BEYOND_TRAVEL"};
-inline constexpr ErrorCode kUnknownPost{"CNC_UNKNOWN_POST"};
 inline constexpr ErrorCode kMillOptionOutOfRange{"CNC_MILL_OPTION_OUT_OF_RANGE"};
 
 struct MillOptions {

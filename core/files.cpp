@@ -63,11 +63,10 @@ struct AtomicFile::State {
   fs::path final_path, partial;
   std::FILE* file = nullptr;
   int error = 0;
+  bool renamed = false;
   ~State() {
-    if (file != nullptr) {
-      std::fclose(file);
-      ::unlink(partial.c_str());
-    }
+    if (file != nullptr) std::fclose(file);
+    if (!renamed) ::unlink(partial.c_str());
   }
 };
 
@@ -81,7 +80,10 @@ Result<AtomicFile> AtomicFile::create(const fs::path& final_path) {
   state->final_path = final_path;
   state->partial = partial_name(final_path);
   state->file = std::fopen(state->partial.c_str(), "wb");
-  if (state->file == nullptr) return tl::unexpected(write_error(final_path, errno));
+  if (state->file == nullptr) {
+    state->renamed = true;  // there is nothing to remove
+    return tl::unexpected(write_error(final_path, errno));
+  }
   std::setvbuf(state->file, nullptr, _IOFBF, std::size_t{1} << 20);
   return AtomicFile(std::move(state));
 }
@@ -91,17 +93,24 @@ void AtomicFile::write(const void* data, std::size_t bytes) {
     state_->error = errno != 0 ? errno : EIO;
 }
 
+Result<void> AtomicFile::close() {
+  State& s = *state_;
+  if (s.file != nullptr) {
+    if (s.error == 0 && std::fflush(s.file) != 0) s.error = errno;
+    if (s.error == 0 && ::fsync(::fileno(s.file)) != 0 && errno != EINVAL) s.error = errno;
+    if (std::fclose(s.file) != 0 && s.error == 0) s.error = errno;
+    s.file = nullptr;
+  }
+  if (s.error != 0) return tl::unexpected(write_error(s.final_path, s.error));
+  return {};
+}
+
 Result<void> AtomicFile::commit() {
   State& s = *state_;
-  if (s.error == 0 && std::fflush(s.file) != 0) s.error = errno;
-  if (s.error == 0 && ::fsync(::fileno(s.file)) != 0 && errno != EINVAL) s.error = errno;
-  if (std::fclose(s.file) != 0 && s.error == 0) s.error = errno;
-  s.file = nullptr;
-  if (s.error != 0) {
-    ::unlink(s.partial.c_str());
-    return tl::unexpected(write_error(s.final_path, s.error));
-  }
-  return rename_into_place(s.partial, s.final_path);
+  MAQUETTE_TRY_VOID(close());
+  MAQUETTE_TRY_VOID(rename_into_place(s.partial, s.final_path));
+  s.renamed = true;
+  return {};
 }
 
 AtomicPath::AtomicPath(fs::path final_path)

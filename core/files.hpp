@@ -36,6 +36,10 @@ class AtomicFile {
   void write(const void* data, std::size_t bytes);
   void write(std::string_view text) { write(text.data(), text.size()); }
 
+  /// Flushes to disk and lets go of the file handle and its buffer; commit() may come later.
+  /// For work of so many files that they cannot all be open. @return as commit()
+  [[nodiscard]] Result<void> close();
+
   /// Flushes to disk and renames. CORE_DISK_FULL or CORE_FILE_NOT_WRITABLE if any
   /// write failed; then the final name is untouched.
   [[nodiscard]] Result<void> commit();

@@ -19,7 +19,6 @@ std::optional<fs::path> given(const fs::path& path) {
   return path.empty() ? std::nullopt : std::optional(path);
 }
 
-/// Several progress bars would be noise: one bar, one JSON document, for a list.
 template <class Preset>
 Result<Preset> preset(const std::vector<Preset>& presets, const std::string& kind,
                       const std::string& name) {

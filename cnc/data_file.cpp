@@ -97,7 +97,8 @@ Result<void> read_data(std::string_view text, std::string_view place,
   }
   std::sort(findings.begin(), findings.end());
   std::vector<std::string> lines;
-  for (const auto& [line, what] : findings) lines.push_back(fmt::format("{}:{}: {}", place, line, what));
+  for (const auto& [line, what] : findings)
+    lines.push_back(fmt::format("{}:{}: {}", place, line, what));
   for (const DataKey& k : keys)
     if (k.required && !table.contains(k.name))
       lines.push_back(fmt::format("{}: key '{}' is missing ({})", place, k.name, allowed(k)));

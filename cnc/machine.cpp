@@ -23,12 +23,18 @@ Result<Machine> parse_machine(std::string_view text, std::string_view place) {
       {"cycle_s", &m.cycle_s, 1e-6, 0.1},
       {"blocks_per_s", &m.blocks_per_s, 1.0, 1e6},
       {"look_ahead_blocks", &m.look_ahead_blocks, 1.0, 1e6},
+      {"corner", &m.corner},
+      {"corner_tolerance_mm", &m.corner_tolerance_mm, 0.0, 1.0},
       {"min_spindle_rpm", &m.min_spindle_rpm, 1.0, 1e6},
       {"max_spindle_rpm", &m.max_spindle_rpm, 1.0, 1e6},
       {"tool_clearance_mm", &m.tool_clearance_mm, 1.0, 1e6},
       {"arc_radius_tolerance_mm", &m.arc_radius_tolerance_mm, 0.0001, 1.0},
   };
   MAQUETTE_TRY_VOID(read_data(text, place, keys));
+  if (m.corner != "arc" && m.corner != "point")
+    return fail(kDataFile,
+                fmt::format("{}: key 'corner' is \"{}\"; allowed is \"arc\" or \"point\"", place,
+                            m.corner));
   if (m.min_spindle_rpm > m.max_spindle_rpm)
     return fail(kDataFile, fmt::format("{}: min_spindle_rpm {} is above max_spindle_rpm {}", place,
                                        m.min_spindle_rpm, m.max_spindle_rpm));

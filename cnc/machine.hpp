@@ -29,12 +29,14 @@ struct Machine {
   double max_plunge_mm_min;  ///< downwards into material
   Vec3 rapid_mm_min;         ///< of each axis in rapids
   Vec3 acceleration_mm_s2;
-  Vec3 jerk_mm_s3;              ///< 0: not limited
-  double cycle_s;               ///< of the interpolator; no move is shorter
-  double blocks_per_s;          ///< that the controller can read
-  int look_ahead_blocks;        ///< moves behind which it must be able to stop
+  Vec3 jerk_mm_s3;             ///< 0: not limited
+  double cycle_s;              ///< of the interpolator; no move is shorter
+  double blocks_per_s;         ///< that the controller can read
+  int look_ahead_blocks;       ///< moves, rounded corners included, behind which it can stop
+  std::string corner;          ///< "arc": rounded within G64 P; "point": passed at a speed
+  double corner_tolerance_mm;  ///< point: what an arc would leave the corner by, that speed's
   double min_spindle_rpm, max_spindle_rpm;
-  double tool_clearance_mm;     ///< spindle nose to table with z at its top
+  double tool_clearance_mm;        ///< spindle nose to table with z at its top
   double arc_radius_tolerance_mm;  ///< start and end radius of an arc may differ by this
 };
 

@@ -77,10 +77,10 @@ TEST(Machine, EveryValueOfTheFilesHasItsSourceBesideIt) {
 TEST(Machine, AnyOtherIsReadFromItsPath) {
   const ScratchFolder folder;
   const std::string path = (folder / "mine.toml").string();
-  ASSERT_THAT(write_file(path, replaced(replaced(portal(), "2500.0, 2500.0, 400.0",
-                                                 "700, 800.5, 90"),
-                                        "jerk_mm_s3", "# jerk_mm_s3")),
-              Succeeds());
+  ASSERT_THAT(
+      write_file(path, replaced(replaced(portal(), "2500.0, 2500.0, 400.0", "700, 800.5, 90"),
+                                "jerk_mm_s3", "# jerk_mm_s3")),
+      Succeeds());
   const auto m = find_machine(path);
   ASSERT_THAT(m, Succeeds());
   EXPECT_EQ(m->travel_mm, (Vec3{700, 800.5, 90}));
@@ -119,8 +119,8 @@ TEST(Machine, EveryMistakeIsNamed) {
   EXPECT_THAT(message(replaced(portal(), "= 24000.0", "= 2000.0")),
               HasSubstr("min_spindle_rpm 3000 is above max_spindle_rpm 2000"));
   // Two at once, by line.
-  const std::string both = message(replaced(replaced(portal(), "= 0.001 ", "= 7.0 "), "travel_mm",
-                                            "travl_mm"));
+  const std::string both =
+      message(replaced(replaced(portal(), "= 0.001 ", "= 7.0 "), "travel_mm", "travl_mm"));
   EXPECT_LT(both.find("travl_mm"), both.find("cycle_s"));
   EXPECT_NE(both.find("cycle_s"), std::string::npos);
   // No machine of that name.

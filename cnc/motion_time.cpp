@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "cnc/motion_time.hpp"
+
+#include <algorithm>
+
+#include <nlohmann/json.hpp>
+
+namespace maquette::cnc {
+namespace {
+
+double row_s(const TimeTable& table, const TimeRow& row) {
+  return row.time.total_s() + row.dwell_s +
+         table.tool_change_s * static_cast<double>(row.tool_changes);
+}
+
+}  // namespace
+
+MotionTimer::MotionTimer(const Machine& machine, const PathControl& control, Watch watch)
+    : machine_(machine),
+      control_(control),
+      watch_(std::move(watch)),
+      plan_(static_cast<std::size_t>(machine.look_ahead_blocks),
+            [this](const PlannedPiece& p) { take(p); }),
+      planned_end_s_(static_cast<std::size_t>(machine.look_ahead_blocks), 0.0),
+      real_end_s_(planned_end_s_) {}
+
+void MotionTimer::add(const Motion& motion) {
+  const Vec3 d = motion.to_mm - motion.from_mm;
+  constexpr double kNoLength_mm = 1e-9;
+  if (motion.kind != Motion::Kind::arc && dot(d, d) < kNoLength_mm * kNoLength_mm) {
+    ++time_.moves;
+    ++blocks_;
+    return;
+  }
+  const MoveLimits next = move_limits(machine_, motion);
+  const bool rapid = next.rapid;
+  if (last_) join(corner(machine_, control_, *last_, next), next);
+  rapid_ = rapid;
+  last_ = next;
+
+  ++time_.moves;
+  if (rapid) {
+    time_.rapid_mm += next.length_mm;
+  } else {
+    time_.cutting_mm += next.length_mm;
+    time_.programmed_s += next.length_mm / (motion.feed_mm_min / 60.0);
+    if (time_.shortest_cut_mm == 0.0 || next.length_mm < time_.shortest_cut_mm)
+      time_.shortest_cut_mm = next.length_mm;
+  }
+}
+
+/// The last move, whose end is known now, and the corner behind it.
+void MotionTimer::join(const Corner& c, const MoveLimits& next) {
+  const MoveLimits& m = *last_;
+  const double share = 1.0 - std::fmax(lost_in_, c.lost_share);
+  double rest = m.length_mm - trim_in_mm_ - c.trim_mm;
+  PathPiece arc{c.length_mm,   c.speed_mm_s,
+                c.along_mm_s2, std::fmin(m.jerk_mm_s3, next.jerk_mm_s3),
+                c.speed_mm_s,  0};
+  // What corners leave of a line is run at the speed of the corner if it is that short.
+  constexpr double kShortestCycles = 4.0;
+  const bool whole =
+      c.length_mm > 0.0 && !m.curved && rest < kShortestCycles * machine_.cycle_s * c.speed_mm_s;
+  if (whole) {
+    arc.length_mm += std::fmax(rest, 0.0);
+    arc.entry_mm_s = entry_mm_s_;
+    arc.moves_ended = ++blocks_;
+  } else {
+    constexpr double kShortest_mm = 1e-7;  // arcs may meet in the middle of a move
+    rest = std::fmax(rest, kShortest_mm);
+    plan_.add({rest, std::fmin(m.speed_mm_s, rest / machine_.cycle_s), m.along_mm_s2 * share,
+               m.jerk_mm_s3, entry_mm_s_, ++blocks_});
+  }
+  blocks_ = 0;
+  if (c.length_mm > 0.0) {
+    arc.speed_mm_s = std::fmin(arc.speed_mm_s, arc.length_mm / machine_.cycle_s);
+    plan_.add(arc);
+  }
+  if (c.speed_mm_s == 0.0) {
+    plan_.rest();
+    ++time_.stops;
+    move_s_ = 0.0;
+  }
+  lost_in_ = c.lost_share;
+  trim_in_mm_ = c.trim_mm;
+  entry_mm_s_ = c.speed_mm_s;
+}
+
+void MotionTimer::rest() {
+  if (!last_) return;
+  join({}, *last_);
+  last_.reset();
+}
+
+void MotionTimer::take(const PlannedPiece& planned) {
+  (rapid_ ? time_.rapid_s : time_.cutting_s) += planned.seconds;
+  move_s_ += planned.seconds;
+  if (const std::uint32_t ended = planned.piece.moves_ended; ended > 0) {
+    for (std::uint32_t i = 0; i < ended; ++i) move_done(move_s_ / ended);
+    move_s_ = 0.0;
+  }
+  if (watch_) watch_(planned);
+}
+
+void MotionTimer::move_done(double seconds) {
+  const std::size_t n = planned_end_s_.size();
+  const std::size_t slot = done_++ % n;
+  planned_s_ += seconds;
+  if (done_ > n && planned_s_ > planned_end_s_[slot])
+    time_.highest_blocks_per_s = std::fmax(
+        time_.highest_blocks_per_s, static_cast<double>(n) / (planned_s_ - planned_end_s_[slot]));
+  planned_end_s_[slot] = planned_s_;
+  // The buffer has room when the block n before is done.
+  read_s_ = std::fmax(read_s_, real_end_s_[slot]) + 1.0 / machine_.blocks_per_s;
+  time_.waiting_s += std::fmax(0.0, read_s_ - real_s_);
+  real_s_ = std::fmax(real_s_, read_s_) + seconds;
+  real_end_s_[slot] = real_s_;
+}
+
+Result<MotionTime> time_program(const std::filesystem::path& program, const Machine& machine,
+                                const PathControl& control, const RunContext& run) {
+  MotionTimer timer(machine, control);
+  MAQUETTE_TRY([[maybe_unused]] const auto summary,
+               read_gcode(
+                   program,
+                   [&](std::span<const Motion> motions) -> Result<void> {
+                     for (const Motion& m : motions) timer.add(m);
+                     return {};
+                   },
+                   run));
+  timer.rest();
+  return timer.time();
+}
+
+MotionTime time_path(const Toolpath& path, const Machine& machine, const PathControl& control) {
+  MotionTimer timer(machine, control);
+  ToolPosition at = path.start;
+  for (const PathMove& move : path.moves) {
+    timer.add(motion_of(at, move));
+    at = move.to;
+  }
+  timer.rest();
+  return timer.time();
+}
+
+double TimeTable::total_s() const {
+  double sum = 0.0;
+  for (const TimeRow& r : rows) sum += row_s(*this, r);
+  return sum;
+}
+
+std::string to_json(const TimeTable& table) {
+  using nlohmann::ordered_json;
+  ordered_json rows = ordered_json::array(), tools = ordered_json::array(),
+               bands = ordered_json::array();
+  const auto add = [](ordered_json& list, const char* key, const auto& value, double seconds) {
+    for (auto& e : list)
+      if (e[key] == value) {
+        e["total_s"] = e["total_s"].template get<double>() + seconds;
+        return false;
+      }
+    list.push_back({{key, value}, {"total_s", seconds}});
+    return true;
+  };
+  for (const TimeRow& r : table.rows) {
+    const double seconds = row_s(table, r);
+    rows.push_back({{"band", r.band},
+                    {"operation", r.operation},
+                    {"tool", r.tool},
+                    {"tool_name", r.tool_name},
+                    {"spindle_rpm", r.spindle_rpm},
+                    {"cutting_s", r.time.cutting_s},
+                    {"rapid_s", r.time.rapid_s},
+                    {"waiting_s", r.time.waiting_s},
+                    {"dwell_s", r.dwell_s},
+                    {"tool_changes", r.tool_changes},
+                    {"total_s", seconds},
+                    {"programmed_s", r.time.programmed_s},
+                    {"cutting_mm", r.time.cutting_mm},
+                    {"rapid_mm", r.time.rapid_mm},
+                    {"moves", r.time.moves},
+                    {"stops", r.time.stops},
+                    {"shortest_cut_mm", r.time.shortest_cut_mm},
+                    {"highest_blocks_per_s", r.time.highest_blocks_per_s}});
+    if (add(tools, "tool", r.tool, seconds)) tools.back()["name"] = r.tool_name;
+    add(bands, "band", r.band, seconds);
+  }
+  return ordered_json{{"machine", table.machine},
+                      {"tool_change_s", table.tool_change_s},
+                      {"rows", rows},
+                      {"tools", tools},
+                      {"bands", bands},
+                      {"total_s", table.total_s()}}
+      .dump(1);
+}
+
+}  // namespace maquette::cnc

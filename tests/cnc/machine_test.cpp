@@ -98,8 +98,8 @@ TEST(Machine, EveryMistakeIsNamed) {
   EXPECT_THAT(message(replaced(portal(), "travel_mm", "travl_mm")),
               AllOf(HasSubstr("mine.toml:5: unknown key 'travl_mm'; did you mean 'travel_mm'?"),
                     HasSubstr("mine.toml: key 'travel_mm' is missing")));
-  EXPECT_THAT(message("colour = 3\n" + portal()),
-              HasSubstr("mine.toml:1: unknown key 'colour'; known are name,"));
+  EXPECT_THAT(message("zzzzzzzz = 3\n" + portal()),
+              HasSubstr("mine.toml:1: unknown key 'zzzzzzzz'; known are name,"));
   EXPECT_THAT(message(replaced(portal(), "[2500.0, 2500.0, 400.0]", "2500.0")),
               HasSubstr("mine.toml:5: key 'travel_mm' must be three numbers (x, y, z), 1 to"));
   EXPECT_THAT(message(replaced(portal(), "[2500.0, 2500.0, 400.0]", "[2500.0, 2500.0]")),

@@ -64,7 +64,7 @@ char* put_decimal(char* at, std::int64_t value, bool point) {
   return at;
 }
 
-struct PlaneAxes {
+struct PlaneWords {
   std::int64_t ToolPosition::*first;
   std::int64_t ToolPosition::*second;
   char first_axis, second_axis, first_centre, second_centre;
@@ -72,7 +72,7 @@ struct PlaneAxes {
   std::int64_t PathMove::*second_arm;
   std::string_view code;
 };
-constexpr std::array<PlaneAxes, 3> kPlanes{{
+constexpr std::array<PlaneWords, 3> kPlanes{{
     {&ToolPosition::x, &ToolPosition::y, 'X', 'Y', 'I', 'J', &PathMove::i, &PathMove::j, "G17"},
     {&ToolPosition::z, &ToolPosition::x, 'Z', 'X', 'K', 'I', &PathMove::k, &PathMove::i, "G18"},
     {&ToolPosition::y, &ToolPosition::z, 'Y', 'Z', 'J', 'K', &PathMove::j, &PathMove::k, "G19"},
@@ -186,7 +186,7 @@ void BlockText::line(ToolPosition to, double feed_mm_min) {
 
 void BlockText::arc(const PathMove& move) {
   const auto plane = static_cast<std::size_t>(move.plane);
-  const PlaneAxes& axis = kPlanes[plane];
+  const PlaneWords& axis = kPlanes[plane];
   const std::int64_t c1 = in_units(exact_.*axis.first + move.*axis.first_arm);
   const std::int64_t c2 = in_units(exact_.*axis.second + move.*axis.second_arm);
   const ToolPosition to = in_units(move.to);

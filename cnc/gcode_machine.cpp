@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "cnc/arc_geometry.hpp"
+
 namespace maquette::cnc {
 namespace {
 
@@ -18,6 +20,12 @@ constexpr int kMostTurns = 1000;
   return fmt::format("{}{}.{}", letter, tenths / 10, tenths % 10);
 }
 
+[[nodiscard]] std::string system_name(int system) {
+  if (system < 100) return fmt::format("G{}", system);
+  if (system < 1000) return fmt::format("G59.{}", system % 10);
+  return fmt::format("the additional system {}", system - 5400);
+}
+
 [[nodiscard]] BlockFault syntax(int column, std::string text) {
   return {kGcodeSyntax, column, std::move(text)};
 }
@@ -25,6 +33,11 @@ constexpr int kMostTurns = 1000;
   return {kGcodeUnsupported, column, fmt::format("found {}, expected {}", what, expected)};
 }
 
+[[nodiscard]] bool has_code(const BlockWords& words, int m_tenths) {
+  for (int i = 0; i < words.m_count; ++i)
+    if (words.m[static_cast<std::size_t>(i)].tenths == m_tenths) return true;
+  return false;
+}
 [[nodiscard]] bool has_axis(const BlockWords& words) {
   return words.has('X') || words.has('Y') || words.has('Z');
 }
@@ -43,20 +56,20 @@ constexpr int kMostTurns = 1000;
 std::optional<BlockFault> GcodeMachine::execute(const BlockWords& words, Motion& motion,
                                                 bool& moved) {
   moved = false;
-  machine_frame_ = dwell_ = false;
+  machine_frame_ = dwell_ = smoothing_ = false;
   mode_column_ = 0;
   axis_use_ = AxisUse::motion;
+  jump_ = {};
   for (const char axis : {'A', 'B', 'C', 'U', 'V', 'W'})
     if (words.has(axis))
       return unsupported(words.column_of(axis), fmt::format("axis word {}", axis),
                          "a three-axis program (X, Y, Z)");
-  for (const char letter : {'E', 'L'})
-    if (words.has(letter))
-      return syntax(words.column_of(letter),
-                    fmt::format("found {}, which no supported code uses, expected plain numbers "
-                                "(1500, not 1.5e3) and no canned cycles",
-                                letter));
   if (auto fault = codes(words)) return fault;
+  if (words.has('E') && !smoothing_)
+    return syntax(words.column_of('E'),
+                  "found E, expected it with G187 only and plain numbers (1500, not 1.5e3)");
+  if (words.has('L') && axis_use_ != AxisUse::set_data && !has_code(words, 980))
+    return syntax(words.column_of('L'), "found L, expected it with G10 or M98 only");
   if (words.has('F')) {
     const double feed = words.of('F') * unit_mm_;
     if (!(feed >= 0.0))
@@ -64,6 +77,7 @@ std::optional<BlockFault> GcodeMachine::execute(const BlockWords& words, Motion&
                     fmt::format("found feed {}, expected one above zero", words.of('F')));
     feed_mm_min_ = feed;
   }
+  if (auto fault = select_tool(words)) return fault;
   if (auto fault = m_codes(words)) return fault;
   if (dwell_) {
     if (!words.has('P') || !(words.of('P') >= 0.0))
@@ -73,6 +87,9 @@ std::optional<BlockFault> GcodeMachine::execute(const BlockWords& words, Motion&
   }
   if (axis_use_ == AxisUse::offset_set) return set_offset(words);
   if (axis_use_ == AxisUse::offset_length) return std::nullopt;
+  if (axis_use_ == AxisUse::set_data) return set_data(words);
+  if (axis_use_ == AxisUse::home) return home(words, motion, moved);
+  if (axis_use_ == AxisUse::probe) return probe(words, motion, moved);
   return move(words, motion, moved);
 }
 
@@ -145,15 +162,24 @@ std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockW
     case 570:
     case 580:
     case 590:
+      return coordinate_system(code.tenths / 10, code.column);
     case 591:
     case 592:
     case 593:
-      if (moved_ever_ && code.tenths != coordinate_system_)
-        return unsupported(code.column, code_name('G', code.tenths),
-                           fmt::format("all motion in one work coordinate system; it began in {} "
-                                       "and only the machine knows how the two lie",
-                                       code_name('G', coordinate_system_)));
-      coordinate_system_ = code.tenths;
+      return coordinate_system(code.tenths, code.column);
+    case 541:
+    case 1540: {
+      const double p = words.has('P') ? words.of('P') : 0.0;
+      if (p != std::floor(p) || p < 1.0 || p > 300.0)
+        return syntax(code.column, fmt::format("found {} without its number, expected P1 to P300",
+                                               code_name('G', code.tenths)));
+      return coordinate_system(5400 + static_cast<int>(p), code.column);
+    }
+    case 51:  // Fanuc, Haas: look-ahead and smoothing
+    case 80:
+      return std::nullopt;
+    case 1870:
+      smoothing_ = true;
       return std::nullopt;
     case 800:
       // Post-processors write it beside G0 in the safety line: there the motion stays.
@@ -186,9 +212,17 @@ std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockW
       return std::nullopt;
     case 280:
     case 300:
-      return unsupported(code.column, code_name('G', code.tenths),
-                         "a retreat within the model frame, such as G0 Z; only the machine knows "
-                         "its reference point");
+      axis_use_ = AxisUse::home;
+      return std::nullopt;
+    case 100:
+      axis_use_ = AxisUse::set_data;
+      return std::nullopt;
+    case 382:
+    case 383:
+    case 384:
+    case 385:
+      axis_use_ = AxisUse::probe;
+      return std::nullopt;
     case 410:
     case 411:
     case 420:
@@ -200,23 +234,75 @@ std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockW
       return unsupported(code.column, code_name('G', code.tenths),
                          "feed in units per minute (G94)");
     default:
-      (void)words;
       return unsupported(code.column, code_name('G', code.tenths),
                          "one of the codes listed in gcode_reader.hpp");
   }
 }
 
+std::optional<BlockFault> GcodeMachine::coordinate_system(int system, int column) {
+  if (moved_ever_ && system != coordinate_system_)
+    return unsupported(column, system_name(system),
+                       fmt::format("all motion in one work coordinate system; it began in {} and "
+                                   "only the machine knows how the two lie",
+                                   system_name(coordinate_system_)));
+  coordinate_system_ = system;
+  return std::nullopt;
+}
+
+std::optional<BlockFault> GcodeMachine::select_tool(const BlockWords& words) {
+  if (!words.has('T')) return std::nullopt;
+  const double tool = words.of('T');
+  if (tool != std::floor(tool) || tool < 0.0 || tool > 99999999.0)
+    return syntax(words.column_of('T'),
+                  fmt::format("found tool {}, expected a whole number of the tool table", tool));
+  selected_tool_ = static_cast<int>(tool);
+  // A control without M6: T says what a hand has put in.
+  if (tool_changes_ == 0) tool_ = selected_tool_;
+  return std::nullopt;
+}
+
 std::optional<BlockFault> GcodeMachine::m_codes(const BlockWords& words) {
-  for (int i = 0; i < words.m_count; ++i) {
-    const BlockWords::Code code = words.m[static_cast<std::size_t>(i)];
-    const int m = code.tenths % 10 == 0 ? code.tenths / 10 : -1;
-    if (m == 2 || m == 30)
-      ended_ = true;
-    else if (m == 6)
-      ++tool_changes_;
-    else if (!((m >= 0 && m <= 9) || m == 19 || (m >= 48 && m <= 53) || m == 60))
-      return unsupported(code.column, code_name('M', code.tenths),
-                         "one of the codes listed in gcode_reader.hpp");
+  for (int i = 0; i < words.m_count; ++i)
+    if (auto fault = one_m_code(words, words.m[static_cast<std::size_t>(i)])) return fault;
+  return std::nullopt;
+}
+
+std::optional<BlockFault> GcodeMachine::one_m_code(const BlockWords& words, BlockWords::Code code) {
+  const int m = code.tenths % 10 == 0 ? code.tenths / 10 : -1;
+  const auto whole = [&](char letter, double most) {
+    const double value = words.has(letter) ? words.of(letter) : -1.0;
+    return value == std::floor(value) && value >= 0.0 && value <= most ? value : -1.0;
+  };
+  if (m == 2 || m == 30) {
+    ended_ = true;
+  } else if (m == 6 || ((m == 0 || m == 1) && words.has('T'))) {
+    // T beside a stop is a change by hand.
+    ++tool_changes_;
+    tool_ = selected_tool_;
+  } else if (m == 61) {
+    if (whole('Q', 99999999.0) < 0.0)
+      return syntax(code.column, "found M61 without a tool, expected Q with its number");
+    ++tool_changes_;
+    tool_ = selected_tool_ = static_cast<int>(words.of('Q'));
+  } else if (m == 98) {
+    const double p = whole('P', 99999999.0);
+    if (p < 0.0)
+      return syntax(code.column, "found M98 without a subprogram, expected P with its number");
+    jump_ = {SubprogramJump::Kind::call, static_cast<std::uint64_t>(p), 1, code.column};
+    if (words.has('L')) {
+      const double times = whole('L', 9999.0);
+      if (times < 0.0)
+        return syntax(words.column_of('L'), "found a count that is none, expected L0 to L9999");
+      jump_.times = static_cast<std::uint64_t>(times);
+    } else if (jump_.number > 9999) {  // older Fanuc: P<times><four digits>
+      jump_.times = jump_.number / 10000;
+      jump_.number %= 10000;
+    }
+  } else if (m == 99) {
+    jump_ = {SubprogramJump::Kind::back, 0, 1, code.column};
+  } else if (!((m >= 0 && m <= 9) || m == 19 || (m >= 48 && m <= 53) || m == 60)) {
+    return unsupported(code.column, code_name('M', code.tenths),
+                       "one of the codes listed in gcode_reader.hpp");
   }
   return std::nullopt;
 }
@@ -233,6 +319,57 @@ std::optional<BlockFault> GcodeMachine::set_offset(const BlockWords& words) {
     offset_mm_[i] = at_mm_[i] - words.of(kAxes[i]) * unit_mm_;
   }
   return std::nullopt;
+}
+
+// G10: L1 and its kin write the tool table, which changes nothing here; L20 says what the
+// present place is called, L2 moves a frame by what only the machine knows.
+std::optional<BlockFault> GcodeMachine::set_data(const BlockWords& words) {
+  const double l = words.has('L') ? words.of('L') : 0.0;
+  if (l == 1.0 || l == 10.0 || l == 11.0) return std::nullopt;
+  if (l != 2.0 && l != 20.0)
+    return unsupported(words.has('L') ? words.column_of('L') : 1, fmt::format("G10 L{}", l),
+                       "L1, L2, L10, L11 or L20");
+  const double p = words.has('P') ? words.of('P') : 0.0;
+  if (p != std::floor(p) || p < 0.0 || p > 9.0)
+    return syntax(words.has('P') ? words.column_of('P') : 1,
+                  "found a work coordinate system that is none, expected P0 to P9");
+  const int system = p <= 6.0 ? 53 + static_cast<int>(p) : 584 + static_cast<int>(p);
+  if (p != 0.0 && system != coordinate_system_) return std::nullopt;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!words.has(kAxes[i])) continue;
+    known_[i] = l == 20.0;
+    if (l == 20.0) at_mm_[i] = words.of(kAxes[i]) * unit_mm_ + offset_mm_[i];
+  }
+  return std::nullopt;
+}
+
+// To the reference point, by way of a place given by axis words.
+std::optional<BlockFault> GcodeMachine::home(const BlockWords& words, Motion& motion, bool& moved) {
+  if (!has_axis(words)) {
+    known_ = {};
+    return std::nullopt;
+  }
+  const Mode mode = mode_;
+  mode_ = Mode::rapid;
+  auto fault = move(words, motion, moved);
+  mode_ = mode;
+  if (moved && motion.to_mm == motion.from_mm) moved = false;
+  for (std::size_t i = 0; i < 3; ++i)
+    if (words.has(kAxes[i])) known_[i] = false;
+  return fault;
+}
+
+// Where it stops only the machine knows.
+std::optional<BlockFault> GcodeMachine::probe(const BlockWords& words, Motion& motion,
+                                              bool& moved) {
+  if (!has_axis(words)) return syntax(1, "found a probing move without X, Y or Z, expected one");
+  mode_ = Mode::line;
+  auto fault = move(words, motion, moved);
+  mode_ = Mode::none;
+  motion.probe = true;
+  for (std::size_t i = 0; i < 3; ++i)
+    if (words.has(kAxes[i])) known_[i] = false;
+  return fault;
 }
 
 std::optional<BlockFault> GcodeMachine::move(const BlockWords& words, Motion& motion, bool& moved) {
@@ -280,6 +417,8 @@ std::optional<BlockFault> GcodeMachine::move(const BlockWords& words, Motion& mo
   motion.from_mm = vec(from);
   motion.to_mm = vec(at_mm_);
   motion.plane = plane_;
+  motion.tool = tool_;
+  motion.probe = false;
   motion.sweep_rad = 0.0;
   motion.feed_mm_min = feed_mm_min_;
   if (mode_ == Mode::rapid) {
@@ -315,8 +454,7 @@ std::optional<BlockFault> GcodeMachine::move(const BlockWords& words, Motion& mo
 // Centre from I J K or R, sweep from the two directions. In each plane (first, second)
 // is right-handed seen from the positive end of the third axis: xy, zx, yz.
 std::optional<BlockFault> GcodeMachine::arc(const BlockWords& words, Motion& motion) {
-  const std::size_t third = plane_ == ArcPlane::xy ? 2 : plane_ == ArcPlane::zx ? 1 : 0;
-  const std::size_t first = (third + 1) % 3, second = (third + 2) % 3;
+  const auto [first, second, third] = axes_of(plane_);
   constexpr std::array<char, 3> kCentre{'I', 'J', 'K'};
   const std::array<double, 3> a{motion.from_mm.x, motion.from_mm.y, motion.from_mm.z};
   const std::array<double, 3> b{motion.to_mm.x, motion.to_mm.y, motion.to_mm.z};
@@ -342,11 +480,9 @@ std::optional<BlockFault> GcodeMachine::arc(const BlockWords& words, Motion& mot
                         fmt::format("found radius {:.6g} mm for ends {:.6g} mm apart, expected at "
                                     "least {:.6g} mm",
                                     radius, 2.0 * half, half)};
-    const double rise = std::sqrt(std::fmax(0.0, radius * radius - half * half));
-    // The centre lies left of the chord for the short counter-clockwise arc.
-    const double side = ccw == (words.of('R') >= 0.0) ? rise : -rise;
-    c[first] = 0.5 * (a[first] + b[first]) - side * d2 / (2.0 * half);
-    c[second] = 0.5 * (a[second] + b[second]) + side * d1 / (2.0 * half);
+    const PlanePoint arm = centre_by_radius({d1, d2}, words.of('R') * unit_mm_, ccw);
+    c[first] = a[first] + arm.u;
+    c[second] = a[second] + arm.v;
   } else {
     if (!words.has(kCentre[first]) && !words.has(kCentre[second]))
       return syntax(column, fmt::format("found an arc without centre or radius, expected R or {} "
@@ -379,13 +515,10 @@ std::optional<BlockFault> GcodeMachine::arc(const BlockWords& words, Motion& mot
                                                       turns, kMostTurns));
   }
   constexpr double kTurn = 2.0 * std::numbers::pi;
-  double sweep = 0.0;
-  if (d1 == 0.0 && d2 == 0.0) {
-    sweep = kTurn;
-  } else {
-    const double begin = std::atan2(a[second] - c[second], a[first] - c[first]);
-    const double end = std::atan2(b[second] - c[second], b[first] - c[first]);
-    sweep = ccw ? end - begin : begin - end;
+  double sweep = kTurn;
+  if (d1 != 0.0 || d2 != 0.0) {
+    sweep = sweep_rad({a[first] - c[first], a[second] - c[second]},
+                      {b[first] - c[first], b[second] - c[second]}, ccw);
     if (sweep <= 0.0) sweep += kTurn;
   }
   sweep += kTurn * (turns - 1.0);

@@ -21,6 +21,14 @@ struct BlockFault {
   std::string text;
 };
 
+/// M98 and M99.
+struct SubprogramJump {
+  enum class Kind : std::uint8_t { none, call, back };
+  Kind kind = Kind::none;
+  std::uint64_t number = 0, times = 1;
+  int column = 1;
+};
+
 class GcodeMachine {
  public:
   /// Executes one block.
@@ -31,15 +39,23 @@ class GcodeMachine {
   [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] double dwell_s() const { return dwell_s_; }
   [[nodiscard]] std::uint64_t tool_changes() const { return tool_changes_; }
+  /// What the last block asks for, after its motion.
+  [[nodiscard]] const SubprogramJump& jump() const { return jump_; }
 
  private:
   enum class Mode : std::uint8_t { none, rapid, line, clockwise, counter_clockwise };
-  enum class AxisUse : std::uint8_t { motion, offset_set, offset_length };
+  enum class AxisUse : std::uint8_t { motion, offset_set, offset_length, set_data, home, probe };
 
   std::optional<BlockFault> codes(const BlockWords& words);
   std::optional<BlockFault> one_code(const BlockWords& words, BlockWords::Code code);
   std::optional<BlockFault> m_codes(const BlockWords& words);
+  std::optional<BlockFault> one_m_code(const BlockWords& words, BlockWords::Code code);
+  std::optional<BlockFault> coordinate_system(int system, int column);
   std::optional<BlockFault> set_offset(const BlockWords& words);
+  std::optional<BlockFault> set_data(const BlockWords& words);
+  std::optional<BlockFault> home(const BlockWords& words, Motion& motion, bool& moved);
+  std::optional<BlockFault> probe(const BlockWords& words, Motion& motion, bool& moved);
+  std::optional<BlockFault> select_tool(const BlockWords& words);
   std::optional<BlockFault> move(const BlockWords& words, Motion& motion, bool& moved);
   std::optional<BlockFault> arc(const BlockWords& words, Motion& motion);
 
@@ -48,7 +64,7 @@ class GcodeMachine {
   ArcPlane plane_ = ArcPlane::xy;
   Mode mode_ = Mode::none;
   double feed_mm_min_ = 0.0;
-  int coordinate_system_ = 540;
+  int coordinate_system_ = 54;  ///< 59.1 is 591, G54.1 P2 and G154 P2 5402
   bool moved_ever_ = false;
   std::array<double, 3> at_mm_{};  ///< model frame
   std::array<bool, 3> known_{};
@@ -56,11 +72,13 @@ class GcodeMachine {
   bool ended_ = false;
   double dwell_s_ = 0.0;
   std::uint64_t tool_changes_ = 0;
+  int tool_ = 0, selected_tool_ = 0;
 
   // of the block at hand
-  bool machine_frame_ = false, dwell_ = false;
+  bool machine_frame_ = false, dwell_ = false, smoothing_ = false;
   int mode_column_ = 0;
   AxisUse axis_use_ = AxisUse::motion;
+  SubprogramJump jump_;
 };
 
 }  // namespace maquette::cnc

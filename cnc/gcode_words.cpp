@@ -138,8 +138,9 @@ bool LineParser::parameter_value(double& value) {
   if (!parameter_name(index, name)) return false;
   --depth_;
   if (index == 0) {
-    const auto it = parameters_.named.find(name);
-    if (it == parameters_.named.end())
+    const GcodeParameters::Named& named = name[0] == '_' ? parameters_.global : parameters_.local;
+    const auto it = named.find(name);
+    if (it == named.end())
       return set_fault_at(start, fmt::format("found #<{}>, which has no value yet; expected an "
                                              "assignment before",
                                              name));
@@ -213,10 +214,7 @@ bool LineParser::real_value(double& value) {
 bool LineParser::word(char letter, BlockWords& words) {
   const std::size_t start = at_++;
   if (letter == 'O')
-    return set_fault_at(start,
-                        "found an O word; subroutines and loops are not supported, expected a "
-                        "program with all moves written out",
-                        WordFault::Kind::unsupported);
+    return set_fault_at(start, "found an O word behind others, expected it alone on its line");
   double value = 0.0;
   if (!real_value(value)) return false;
   const int column = static_cast<int>(start) + 1;
@@ -285,9 +283,64 @@ bool LineParser::parse(std::string_view line, BlockWords& words) {
     if (a.number > 0)
       parameters_.numbered[a.number] = a.value;
     else
-      parameters_.named[std::move(a.name)] = a.value;
+      set(std::move(a.name), a.value);
   }
   return true;
+}
+
+void LineParser::set(std::string name, double value) {
+  auto& named = name[0] == '_' ? parameters_.global : parameters_.local;
+  named[std::move(name)] = value;
+}
+
+bool LineParser::values(std::string_view line, std::size_t at, std::vector<double>& out) {
+  line_ = line;
+  at_ = at;
+  depth_ = 0;
+  out.clear();
+  for (;;) {
+    skip_blanks();
+    if (at_ >= line_.size() || line_[at_] == ';') return true;
+    if (line_[at_] == '(') {
+      if (!skip_comment()) return false;
+    } else if (line_[at_] == '[') {
+      double value = 0.0;
+      if (!bracket(value)) return false;
+      out.push_back(value);
+    } else {
+      return set_fault(fmt::format("found {}, expected '[' or the end of the line", found()));
+    }
+  }
+}
+
+bool LineParser::label(std::string_view line, std::size_t& at, double& value) {
+  line_ = line;
+  at_ = at;
+  depth_ = 0;
+  if (!real_value(value)) return false;
+  skip_blanks();
+  at = at_;
+  return true;
+}
+
+void LineParser::enter(const std::vector<double>& arguments) {
+  GcodeParameters caller;
+  caller.local = std::move(parameters_.local);
+  parameters_.local.clear();
+  const auto last = parameters_.numbered.upper_bound(GcodeParameters::kLocals);
+  caller.numbered.insert(parameters_.numbered.begin(), last);
+  parameters_.numbered.erase(parameters_.numbered.begin(), last);
+  callers_.push_back(std::move(caller));
+  for (std::size_t i = 0; i < arguments.size(); ++i)
+    parameters_.numbered[static_cast<int>(i) + 1] = arguments[i];
+}
+
+void LineParser::leave() {
+  parameters_.numbered.erase(parameters_.numbered.begin(),
+                             parameters_.numbered.upper_bound(GcodeParameters::kLocals));
+  parameters_.numbered.merge(callers_.back().numbered);
+  parameters_.local = std::move(callers_.back().local);
+  callers_.pop_back();
 }
 
 }  // namespace maquette::cnc

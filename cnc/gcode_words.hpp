@@ -38,9 +38,12 @@ struct WordFault {
   std::string text;
 };
 
+/// Inside a subprogram #1 .. #30 and the named ones without a leading '_' are its own.
 struct GcodeParameters {
+  static constexpr int kLocals = 30;
+  using Named = std::map<std::string, double, std::less<>>;  ///< lower case, without blanks
   std::map<int, double> numbered;
-  std::map<std::string, double, std::less<>> named;  ///< lower case, without blanks
+  Named global, local;
 };
 
 /// The words of one line. G and M may occur several times, every other letter once.
@@ -77,6 +80,16 @@ class LineParser {
   [[nodiscard]] bool parse(std::string_view line, BlockWords& words);
   [[nodiscard]] const WordFault& fault() const { return fault_; }
 
+  /// The values "[..] [..]" from `at` to the line's end or comment.
+  [[nodiscard]] bool values(std::string_view line, std::size_t at, std::vector<double>& out);
+  /// "#1 call [2]": a label that has to be worked out; moves `at` behind it.
+  [[nodiscard]] bool label(std::string_view line, std::size_t& at, double& value);
+  /// A subprogram begins: its arguments are #1 .. #30, what is not given is 0; and ends.
+  void enter(const std::vector<double>& arguments);
+  void leave();
+  /// #<name> = value, as from a line.
+  void set(std::string name, double value);
+
  private:
   struct Assignment {
     int number;  ///< 0: named
@@ -105,6 +118,7 @@ class LineParser {
   int depth_ = 0;
   WordFault fault_;
   GcodeParameters parameters_;
+  std::vector<GcodeParameters> callers_;  // the locals of who called
   std::vector<Assignment> pending_;
 };
 

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "cnc/arc_geometry.hpp"
 #include "cnc/block_text.hpp"
 #include "core/check.hpp"
 #include "core/files.hpp"
@@ -109,16 +110,6 @@ Result<void> check_options(const ProgramOptions& o) {
   if (o.max_bytes != 0 && o.max_bytes < 16384)
     return bad("max_bytes", o.max_bytes, "0, or at least 16384");
   return {};
-}
-
-struct Point {
-  double x, y;  // of an arc's plane, in ticks or units
-};
-/// In [0, 2 pi).
-double sweep_rad(Point from, Point to, bool counter_clockwise) {
-  const double cross = from.x * to.y - from.y * to.x, dot = from.x * to.x + from.y * to.y;
-  const double angle = std::atan2(counter_clockwise ? cross : -cross, dot);
-  return angle < 0.0 ? angle + 2.0 * std::numbers::pi : angle;
 }
 
 /// An arc in its plane, axes in right-handed order.
@@ -294,14 +285,14 @@ struct ProgramWriter::State {
     const PlaneArc p = plane_arc(m);
     const ToolPosition at = text.exact();
     const auto number = [](std::int64_t v) { return static_cast<double>(v); };
-    const Point start{-number(p.arm1), -number(p.arm2)};
-    const Point end{start.x + number(m.to.*p.first - at.*p.first),
-                    start.y + number(m.to.*p.second - at.*p.second)};
-    const double r0 = std::hypot(start.x, start.y), r1 = std::hypot(end.x, end.y);
+    const PlanePoint start{-number(p.arm1), -number(p.arm2)};
+    const PlanePoint end{start.u + number(m.to.*p.first - at.*p.first),
+                         start.v + number(m.to.*p.second - at.*p.second)};
+    const double r0 = std::hypot(start.u, start.v), r1 = std::hypot(end.u, end.v);
     MAQUETTE_CHECK(r0 > 0.0 && r1 > 0.0, "an arc without radius to ({}, {}, {})", m.to.x, m.to.y,
                    m.to.z);
     const double sweep = sweep_rad(start, end, m.counter_clockwise);
-    const double chord = std::hypot(end.x - start.x, end.y - start.y);
+    const double chord = std::hypot(end.u - start.u, end.v - start.v);
     const double length =
         std::hypot(0.5 * (r0 + r1) * sweep, number(m.to.*p.third - at.*p.third)) * kTick_mm;
     count_cut(length, m.feed_mm_min);
@@ -314,11 +305,11 @@ struct ProgramWriter::State {
     }
     // As the control will see it, in units.
     const ToolPosition a = text.in_units(at), b = text.in_units(m.to);
-    const Point centre{number(text.in_units(at.*p.first + p.arm1)),
-                       number(text.in_units(at.*p.second + p.arm2))};
-    const Point seen0{number(a.*p.first) - centre.x, number(a.*p.second) - centre.y};
-    const Point seen1{number(b.*p.first) - centre.x, number(b.*p.second) - centre.y};
-    const double s0 = std::hypot(seen0.x, seen0.y), s1 = std::hypot(seen1.x, seen1.y);
+    const PlanePoint centre{number(text.in_units(at.*p.first + p.arm1)),
+                            number(text.in_units(at.*p.second + p.arm2))};
+    const PlanePoint seen0{number(a.*p.first) - centre.u, number(a.*p.second) - centre.v};
+    const PlanePoint seen1{number(b.*p.first) - centre.u, number(b.*p.second) - centre.v};
+    const double s0 = std::hypot(seen0.u, seen0.v), s1 = std::hypot(seen1.u, seen1.v);
     bool plain = s0 > 0.0 && s1 > 0.0 &&
                  std::abs(s1 - s0) * unit * kTick_mm < 0.9 * post.arc_radius_tolerance_mm &&
                  (post.helices || m.to.*p.third == at.*p.third);
@@ -333,13 +324,13 @@ struct ProgramWriter::State {
     ++report.arcs_as_chords;
     chords(m, p, at, start, r0, r1, sweep);
   }
-  void chords(const PathMove& m, const PlaneArc& p, ToolPosition at, Point start, double r0,
+  void chords(const PathMove& m, const PlaneArc& p, ToolPosition at, PlanePoint start, double r0,
               double r1, double sweep) {
     // Equal shares of the sweep: arc and chord are apart by at most r (d phi)^2 / 8.
     const double deviation = options.arc_chords.value() / kTick_mm;
     const double pieces =
         std::fmax(1.0, std::ceil(sweep * std::sqrt(std::fmax(r0, r1) / (8.0 * deviation))));
-    const double begin = std::atan2(start.y, start.x);
+    const double begin = std::atan2(start.v, start.u);
     const auto part = [](std::int64_t from, std::int64_t to, double t) {
       return from + std::llround(t * static_cast<double>(to - from));
     };

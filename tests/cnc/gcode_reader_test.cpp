@@ -9,6 +9,7 @@
 //   every error has line and column ........ table of bad lines with the place expected
 //   truncated files are noticed ............ a program cut at every byte
 //   no input breaks it ..................... bytes of a good program changed at random
+//   tools, homing, probing ................. numbers and places by hand
 //   any chunking gives the same ............ a file longer than the buffer
 //   real programs are read ................. files of LinuxCNC and CAMotics, if present
 
@@ -139,6 +140,56 @@ TEST(GcodeReader, ForgetsAnAxisMovedInTheMachineFrame) {
   // G53, X5 (z unknown) and Z3 (from an unknown z) give no motion; the last one does.
   ASSERT_EQ(r->motions.size(), 2U);
   EXPECT_EQ(r->motions[1].from_mm, (Vec3{5, 0, 3}));
+}
+
+TEST(GcodeReader, GoesHomeByWayOfAPlace) {
+  const auto r = read(after_start("G1 X1 Y1\nG91 G28 Z0\nG90 G0 X5 Y5\nZ3\nX6\nG28 Y9 Z9\nG28"));
+  ASSERT_THAT(r, Succeeds());
+  // No motion: in place, then from an unknown z. Then X6 and the way to Y9 Z9.
+  ASSERT_EQ(r->motions.size(), 3U);
+  EXPECT_EQ(r->motions[1].from_mm, (Vec3{5, 5, 3}));
+  EXPECT_EQ(r->motions[2].to_mm, (Vec3{6, 9, 9}));
+  EXPECT_EQ(r->motions[2].kind, Motion::Kind::rapid);
+}
+
+TEST(GcodeReader, ProbesAndSetsTheFrame) {
+  const auto r = read(after_start("G1 X1 Y1\nG38.2 Z-10 F50\nG10 L20 P1 Z2\nG91 G0 Z3\nG90 X4"));
+  ASSERT_THAT(r, Succeeds());
+  ASSERT_EQ(r->motions.size(), 4U);
+  EXPECT_TRUE(r->motions[1].probe);
+  EXPECT_EQ(r->motions[1].to_mm, (Vec3{1, 1, -10}));
+  EXPECT_FALSE(r->motions[2].probe);
+  EXPECT_EQ(r->motions[2].from_mm, (Vec3{1, 1, 2})) << "the touched point is z = 2 now";
+  EXPECT_EQ(r->motions[3].to_mm, (Vec3{4, 1, 5}));
+  // Where it has stopped is not known.
+  EXPECT_THAT(read(after_start("G38.2 Z-10 F50\nG92 Z0")), FailsWith(kGcodeUnsupported));
+  EXPECT_THAT(read(after_start("G38.2 Z-10 F50\nX5")), FailsWith(kGcodeSyntax));
+  // Another system's data change nothing.
+  EXPECT_EQ(end_of(after_start("G10 L20 P2 X7\nG10 L1 P1 R3\nG91 G1 X1")), (Vec3{1, 0, 0}));
+}
+
+TEST(GcodeReader, ToldTools) {
+  const auto tools = [](std::string_view lines) {
+    const auto r = read(after_start(lines));
+    EXPECT_THAT(r, Succeeds()) << lines;
+    std::vector<int> told;
+    if (r)
+      for (const Motion& m : r->motions) told.push_back(m.tool);
+    return told;
+  };
+  EXPECT_THAT(tools("G1 X1"), testing::ElementsAre(0));
+  EXPECT_THAT(tools("T5 M6\nG1 X1\nT7\nX2\nM6\nX3"), testing::ElementsAre(5, 5, 7));
+  EXPECT_THAT(tools("T5\nG1 X1\nT7\nX2"), testing::ElementsAre(5, 7)) << "changed by hand";
+  EXPECT_THAT(tools("T5\nG1 X1\nT7 M0\nX2\nT8\nX3"), testing::ElementsAre(5, 7, 7));
+  EXPECT_THAT(tools("M61 Q9\nG1 X1"), testing::ElementsAre(9));
+}
+
+TEST(GcodeReader, OtherControlsFramesAndSmoothing) {
+  const std::string lines =
+      "%\nO0042(PART)\nG21\nG0 G17 G40 G49 G80 G90 G94\nG54.1 P2\nT1 M6\nG5.1 Q1\nG187 P3 E0.01\n"
+      "G8 P1\nG0 X1. Y2.\nG43 H1 Z3.\nG1 Z-1. F100.\nG91 G28 Z0.\nG90\nM30\n%\n";
+  EXPECT_EQ(end_of(lines), (Vec3{1, 2, -1}));
+  EXPECT_THAT(read("G54.1 P1\nG0 X0 Y0 Z0\nX1\nG54.1 P2\nM2\n"), FailsWith(kGcodeUnsupported));
 }
 
 TEST(GcodeReader, EvaluatesExpressions) {
@@ -317,13 +368,17 @@ INSTANTIATE_TEST_SUITE_P(
         BadLine{"G1 X1 F-5", kGcodeSyntax, 7, "feed"},
         BadLine{"G3 X5 Y5 J5 P0.5", kGcodeSyntax, 13, "turns"},
         BadLine{"G53 G1 X1", kGcodeUnsupported, 8, "machine"},
-        BadLine{"G28", kGcodeUnsupported, 1, "G28"}, BadLine{"X1 G93", kGcodeUnsupported, 4, "G93"},
+        BadLine{"X1 G93", kGcodeUnsupported, 4, "G93"},
         BadLine{"G41 D1", kGcodeUnsupported, 1, "G41"},
         BadLine{"G81 X1 Z-1 R1", kGcodeUnsupported, 1, "G81"},
-        BadLine{"G38.2 Z-1", kGcodeUnsupported, 1, "G38.2"},
-        BadLine{"G55", kGcodeUnsupported, 1, "G55"}, BadLine{"M98", kGcodeUnsupported, 1, "M98"},
+        BadLine{"G38.2", kGcodeSyntax, 1, "probing"},
+        BadLine{"G10 L3 P1 X0", kGcodeUnsupported, 5, "G10 L3"},
+        BadLine{"G10 L20 P10 X0", kGcodeSyntax, 9, "coordinate system"},
+        BadLine{"G154", kGcodeSyntax, 1, "G154"}, BadLine{"T1.5", kGcodeSyntax, 1, "tool"},
+        BadLine{"M61", kGcodeSyntax, 1, "tool"}, BadLine{"G1 X1 L2", kGcodeSyntax, 7, "L"},
+        BadLine{"G55", kGcodeUnsupported, 1, "G55"}, BadLine{"M98", kGcodeSyntax, 1, "M98"},
         BadLine{"G1 A5", kGcodeUnsupported, 4, "axis word A"},
-        BadLine{"o100 sub", kGcodeUnsupported, 1, "O word"},
+        BadLine{"X1 o100 sub", kGcodeSyntax, 4, "O word"},
         BadLine{"G1 X#5420", kGcodeUnsupported, 5, "#5420"},
         BadLine{"G2 X1 Y1 I5 J5", kGcodeArc, 1, "radius"},
         BadLine{"G2 X10 R1", kGcodeArc, 8, "radius"}, BadLine{"G2 X0 R1", kGcodeArc, 7, "ends"},
@@ -479,7 +534,7 @@ std::filesystem::path real_program(std::string_view name) {
   const char* data = std::getenv("MAQUETTE_DATA");
   const std::filesystem::path root =
       data != nullptr ? std::filesystem::path(data)
-                      : std::filesystem::path(__FILE__).parent_path() / "../../../shared/data";
+                      : std::filesystem::path(MAQUETTE_SOURCE).parent_path() / "shared/data";
   return root / "gcode" / name;
 }
 

@@ -45,8 +45,8 @@ double highest_tip(const LinkSurface& surface, double x0_mm, double y0_mm, doubl
   double highest = -INFINITY;
   for (std::int64_t k = 0; k < steps; ++k) {  // the middle of each step
     const double t = (static_cast<double>(k) + 0.5) / static_cast<double>(steps);
-    highest = std::max(
-        highest, surface.tip_mm(x0_mm + t * (x1_mm - x0_mm), y0_mm + t * (y1_mm - y0_mm)));
+    highest =
+        std::max(highest, surface.tip_mm(x0_mm + t * (x1_mm - x0_mm), y0_mm + t * (y1_mm - y0_mm)));
   }
   return highest;
 }
@@ -58,10 +58,10 @@ void append_link(Toolpath& path, ToolPosition to, const LinkSurface& surface,
   MAQUETTE_CHECK(from.x != kUnknown && from.y != kUnknown && from.z != kUnknown &&
                      to.x != kUnknown && to.y != kUnknown && to.z != kUnknown,
                  "a link needs two known positions");
-  MAQUETTE_CHECK(options.clearance_mm >= 0.0 && options.approach_mm >= 0.0 &&
-                     options.plunge_feed_mm_min > 0.0,
-                 "clearance {} mm, approach {} mm, plunge feed {} mm/min", options.clearance_mm,
-                 options.approach_mm, options.plunge_feed_mm_min);
+  MAQUETTE_CHECK(
+      options.clearance_mm >= 0.0 && options.approach_mm >= 0.0 && options.plunge_feed_mm_min > 0.0,
+      "clearance {} mm, approach {} mm, plunge feed {} mm/min", options.clearance_mm,
+      options.approach_mm, options.plunge_feed_mm_min);
   ToolPosition at = from;
   const auto go = [&](PathMove::Kind kind, ToolPosition target) {
     if (target == at) return;
@@ -85,8 +85,7 @@ void append_link(Toolpath& path, ToolPosition to, const LinkSurface& surface,
   }
   const double highest = highest_tip(surface, mm_of_ticks(from.x), mm_of_ticks(from.y), x, y);
   std::int64_t across = std::max(from.z, above);
-  if (std::isfinite(highest))
-    across = std::max(across, tick_above(highest + options.clearance_mm));
+  if (std::isfinite(highest)) across = std::max(across, tick_above(highest + options.clearance_mm));
   go(PathMove::Kind::rapid, {from.x, from.y, across});
   go(PathMove::Kind::rapid, {to.x, to.y, across});
   go(PathMove::Kind::rapid, {to.x, to.y, above});

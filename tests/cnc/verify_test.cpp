@@ -350,7 +350,7 @@ TEST(VerifyErrors, EveryCode) {
     EXPECT_THAT(v.error().message, HasSubstr("part1.ngc:" + says));
   };
   fails("G1 ?\nM2\n", kGcodeSyntax, "1:4: ");
-  fails("G21\n G28\nM2\n", kGcodeUnsupported, "2:2: ");
+  fails("G21\n G81\nM2\n", kGcodeUnsupported, "2:2: ");
   fails("G0 X1 Y1 Z1\nG1 X", kGcodeTruncated, "2:5: ");
   fails("G0 X1 Y1 Z1\nF1 G2 X5 R1\nM2\n", kGcodeArc, "2:10: ");
   fails("G0 X1 Y1 Z1\nG1 X5\nM2\n", kGcodeNoFeed, "2:1: ");

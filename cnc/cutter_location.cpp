@@ -5,12 +5,14 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
+#include <variant>
 #include <vector>
 
 #ifdef __AVX2__
 #include <immintrin.h>
 #endif
 
+#include "cnc/contact.hpp"
 #include "core/check.hpp"
 
 namespace maquette::cnc {
@@ -32,7 +34,7 @@ constexpr double kLeastGain_mm = 1e-11;
 struct Window {
   bool ready = false;
   double fraction_y = 0.0;         // of windows whose row position is off the lattice
-  std::vector<float> cap;          // node: ball surface below its centre's height
+  std::vector<float> cap;          // node: underside below the reference point's height
   std::vector<float> chord;        // cell: kappa d^2 / 4
   std::vector<float> cap_nearest;  // cell: cap at its nearest point
 };
@@ -56,17 +58,26 @@ Place place(double t, double spacing) {
   return {static_cast<std::ptrdiff_t>(cell), -1, t - cell};
 }
 
+using Shape = std::variant<BallShape, FlatShape, BullShape>;
+Shape shape_of(const Cutter& tool) {
+  if (tool.is_ball()) return BallShape(tool.radius_mm);
+  if (tool.corner_radius_mm == 0.0) return FlatShape(tool.radius_mm);
+  return BullShape(tool.radius_mm, tool.corner_radius_mm);
+}
+
 }  // namespace
 
+/// Contacts are of a reference point `corner` above the tip (contact.hpp).
 struct DropCutter::Surface {
-  Surface(const heightmap::ModelField& field, BallNose tool);
+  Surface(const heightmap::ModelField& field, const Cutter& tool);
 
   void fill(Window& window, double fraction_x, double fraction_y) const;
   [[nodiscard]] const float* node(std::ptrdiff_t row, std::ptrdiff_t col) const {
     return z.data() + (row + pad) * stride + col + pad;
   }
 
-  double d, per_d, R, x0, y0;
+  double d, per_d, R, corner, x0, y0;
+  Shape shape;
   std::ptrdiff_t rows, cols;
   std::ptrdiff_t reach;        // cells
   std::ptrdiff_t width;        // of a window row, padded to whole registers
@@ -75,16 +86,19 @@ struct DropCutter::Surface {
   std::vector<float> z;
 };
 
-DropCutter::Surface::Surface(const heightmap::ModelField& field, BallNose tool)
+DropCutter::Surface::Surface(const heightmap::ModelField& field, const Cutter& tool)
     : d(field.spacing.value()),
       per_d(1.0 / d),
       R(tool.radius_mm),
+      corner(tool.corner_radius_mm),
       x0(field.x0.value()),
       y0(field.y0.value()),
+      shape(shape_of(tool)),
       rows(field.z_mm.rows()),
       cols(field.z_mm.cols()) {
   MAQUETTE_CHECK(rows >= 2 && cols >= 2, "{} x {} nodes", rows, cols);
   MAQUETTE_CHECK(d > 0.0 && R > 0.0, "spacing {} mm, radius {} mm", d, R);
+  MAQUETTE_CHECK(corner >= 0.0 && corner <= R, "corner {} mm of radius {} mm", corner, R);
   reach = static_cast<std::ptrdiff_t>(std::ceil((R + kTableSlack_mm) / d));
   width = (2 * reach + 2 + kLanes - 1) / kLanes * kLanes;
   pad = 2 * reach + 2;
@@ -122,12 +136,11 @@ void DropCutter::Surface::fill(Window& window, double fraction_x, double fractio
     return q;
   };
   const Squares along_x = squares(fraction_x), along_y = squares(fraction_y);
-  // A distance r may be wrong by the slack s, its square by 2 R s + s^2 while r <= R; the sums
-  // below are wrong by a few units of 2^-24 R^2 more. Everything is widened by both.
-  const double widening = 2.0 * R * kTableSlack_mm + kTableSlack_mm * kTableSlack_mm + 1e-6 * R * R;
-  const auto wide = static_cast<float>(R * R + widening);
-  const auto narrow = static_cast<float>(R * R - widening);
-  const auto chord_scale = static_cast<float>(R * R * d * d / 4.0 * (1.0 + 1e-6));
+  // A distance may be wrong by the slack and by a few units of 2^-24 R; both are taken to the
+  // safe side. t is the distance beyond the flat part, where the corner's circle begins.
+  const auto flat = static_cast<float>(R - corner), rc = static_cast<float>(corner);
+  const auto slack = static_cast<float>(kTableSlack_mm + 1e-6 * R);
+  const auto chord_scale = static_cast<float>(corner * corner * d * d / 4.0 * (1.0 + 1e-6));
   constexpr float kUp = 1.0F + 1e-6F;
 
   const auto nodes = static_cast<std::size_t>((2 * reach + 2) * width);
@@ -145,12 +158,14 @@ void DropCutter::Surface::fill(Window& window, double fraction_x, double fractio
     float* __restrict chord = window.chord.data() + r * width;
     float* __restrict cap_nearest = window.cap_nearest.data() + r * width;
     for (std::ptrdiff_t c = 0; c < width; ++c) {
-      const float g = wide - (node_x[c] + node_y);
-      cap[c] = g >= 0.0F ? std::sqrt(g) * kUp : kOutOfReach;
-      const float n = wide - (near_x[c] + near_y);
-      cap_nearest[c] = n >= 0.0F ? std::sqrt(n) * kUp : kOutOfReach;
-      const float f = narrow - (far_x[c] + far_y);
-      chord[c] = f > 0.0F ? chord_scale / (f * std::sqrt(f)) * kUp : kNoBound;
+      const float g = std::max(0.0F, std::sqrt(node_x[c] + node_y) - flat - slack);
+      cap[c] = g <= rc ? std::sqrt((rc - g) * (rc + g)) * kUp : kOutOfReach;
+      const float n = std::max(0.0F, std::sqrt(near_x[c] + near_y) - flat - slack);
+      cap_nearest[c] = n <= rc ? std::sqrt((rc - n) * (rc + n)) * kUp : kOutOfReach;
+      const float t = std::max(0.0F, std::sqrt(far_x[c] + far_y) - flat + slack);
+      const float f = (rc - t) * (rc + t);
+      chord[c] = t >= rc ? (t > 0.0F ? kNoBound : 0.0F)
+                         : (t > 0.0F ? chord_scale / (f * std::sqrt(f)) * kUp : 0.0F);
     }
   }
   window.ready = true;
@@ -164,7 +179,7 @@ struct DropCutter::Scratch {
   std::vector<float> bound;  // cell
 };
 
-DropCutter::DropCutter(const heightmap::ModelField& field, BallNose tool)
+DropCutter::DropCutter(const heightmap::ModelField& field, const Cutter& tool)
     : surface_(std::make_shared<const Surface>(field, tool)),
       scratch_(std::make_unique<Scratch>()) {}
 DropCutter::DropCutter(const DropCutter& other)
@@ -173,37 +188,30 @@ DropCutter::~DropCutter() = default;
 
 namespace {
 
-/// The best contact so far; heights are of the ball's centre.
-struct Best {
-  double centre = -INFINITY, dx = 0.0, dy = 0.0;
-};
-
 /// One cell in its own coordinates: corner z00 at the origin, axis at (px, py).
+template <class Shape>
 struct ExactCell {
-  double R, d, per_d, px, py;
+  const Shape& shape;
+  double d, per_d, px, py;
   double z00, z10, z01, z11;  // first digit: along x
-  Best& best;
+  Touch& best;
 
   void vertex(double vx, double vy, double vz) const {
-    const double q = R * R - ((vx - px) * (vx - px) + (vy - py) * (vy - py));
-    if (q < 0.0) return;
-    const double centre = vz + std::sqrt(q);
-    if (centre > best.centre) best = {centre, vx - px, vy - py};
+    touch_vertex(shape, vx - px, vy - py, vz, best);
   }
 
   /// Edge from (ax, ay, az) along the unit vector (ex, ey). `along` and `beside` are where the
-  /// axis stands: s0 and h of the closed form s = s0 + m sqrt(q / (1 + m^2)), q = R^2 - h^2.
+  /// axis stands.
   void edge(double ax, double ay, double ex, double ey, double length, double az, double rise,
             double along, double beside) const {
-    const double q = R * R - beside * beside;
-    if (q <= 0.0) return;
+    const double h2 = beside * beside;
+    if (!(h2 <= shape.reach2)) return;
     const double m = rise / length;
-    const double k = std::sqrt(q * (1.0 + m * m));
-    const double centre = az + m * along + k;
-    if (centre <= best.centre) return;
-    const double s = along + m * k / (1.0 + m * m);
-    if (s <= 0.0 || s >= length) return;  // then a vertex is higher
-    best = {centre, ax + s * ex - px, ay + s * ey - py};
+    const Peak peak = shape.on_line(h2, std::abs(m));
+    const double s = along + (m < 0.0 ? -peak.away_mm : peak.away_mm);
+    if (!(s > 0.0 && s < length)) return;  // then a vertex is higher
+    const double z = az + m * s + peak.lift_mm;
+    if (z > best.z_mm) best = {z, ax + s * ex - px, ay + s * ey - py};
   }
 
   void diagonal() const {
@@ -211,19 +219,22 @@ struct ExactCell {
     edge(0.0, 0.0, kHalf, kHalf, d / kHalf, z00, z11 - z00, (px + py) * kHalf, (py - px) * kHalf);
   }
 
-  // The contact height is concave on a facet. If its peak over the facet's plane lies outside,
-  // the largest value lies on an edge that separates the peak from the facet, or on a vertex.
+  /// Peak over the plane, in the cell's coordinates; false: the whole plane is too low.
+  bool peak_of_plane(double gx, double gy, double& lx, double& ly, double& z) const {
+    const double under = z00 + gx * px + gy * py, g2 = gx * gx + gy * gy;
+    z = under + shape.above_plane(g2);
+    if (z < best.z_mm + kLeastGain_mm) return false;
+    const double away = shape.on_plane(g2).away_mm;
+    const double per_g = g2 > 0.0 ? away / std::sqrt(g2) : 0.0;
+    lx = px + per_g * gx;
+    ly = py + per_g * gy;
+    return true;
+  }
   void lower_right() const {
-    const double gx = (z10 - z00) * per_d, gy = (z11 - z10) * per_d;
-    const double under = z00 + gx * px + gy * py, g2 = 1.0 + gx * gx + gy * gy;
-    const double lack = best.centre + kLeastGain_mm - under;
-    if (lack >= 0.0 && R * R * g2 <= lack * lack) return;  // the whole plane is too low
-    const double root = std::sqrt(g2);
-    const double centre = under + R * root;
-    const double to_contact = R / root;
-    const double lx = px + to_contact * gx, ly = py + to_contact * gy;
+    double lx, ly, z;
+    if (!peak_of_plane((z10 - z00) * per_d, (z11 - z10) * per_d, lx, ly, z)) return;
     if (ly >= 0.0 && lx <= d && ly <= lx) {
-      best = {centre, lx - px, ly - py};
+      best = {z, lx - px, ly - py};
       return;
     }
     if (ly < 0.0) edge(0.0, 0.0, 1.0, 0.0, d, z00, z10 - z00, px, py);
@@ -231,16 +242,10 @@ struct ExactCell {
     if (ly > lx) diagonal();
   }
   void upper_left() const {
-    const double gx = (z11 - z01) * per_d, gy = (z01 - z00) * per_d;
-    const double under = z00 + gx * px + gy * py, g2 = 1.0 + gx * gx + gy * gy;
-    const double lack = best.centre + kLeastGain_mm - under;
-    if (lack >= 0.0 && R * R * g2 <= lack * lack) return;  // the whole plane is too low
-    const double root = std::sqrt(g2);
-    const double centre = under + R * root;
-    const double to_contact = R / root;
-    const double lx = px + to_contact * gx, ly = py + to_contact * gy;
+    double lx, ly, z;
+    if (!peak_of_plane((z11 - z01) * per_d, (z01 - z00) * per_d, lx, ly, z)) return;
     if (lx >= 0.0 && ly <= d && ly >= lx) {
-      best = {centre, lx - px, ly - py};
+      best = {z, lx - px, ly - py};
       return;
     }
     if (lx < 0.0) edge(0.0, 0.0, 0.0, 1.0, d, z00, z01 - z00, py, px);
@@ -385,23 +390,24 @@ CutterContact DropCutter::drop(double x_mm, double y_mm) {
                     : w == 3 * kLanes ? cell_bounds<3>(region, *window, bound.data())
                                       : cell_bounds_of_any_width(region, *window, bound.data());
 
-  Best best;
+  Touch best;
   float threshold = 0.5F * kOutOfReach;
-  const auto work_out = [&](std::ptrdiff_t r, std::ptrdiff_t c) {
+  const auto work_out = [&](const auto& shape, std::ptrdiff_t r, std::ptrdiff_t c) {
     const std::ptrdiff_t row = row0 + r, col = col0 + c;
     if (row < 0 || col < 0 || row + 1 >= s.rows || col + 1 >= s.cols) return;
     const float* z0 = s.node(row, col);
     const float* z1 = z0 + s.stride;
-    const ExactCell cell{s.R,
-                         s.d,
-                         s.per_d,
-                         x_mm - (s.x0 + s.d * static_cast<double>(col)),
-                         y_mm - (s.y0 + s.d * static_cast<double>(row)),
-                         static_cast<double>(z0[0]),
-                         static_cast<double>(z0[1]),
-                         static_cast<double>(z1[0]),
-                         static_cast<double>(z1[1]),
-                         best};
+    const ExactCell<std::decay_t<decltype(shape)>> cell{
+        shape,
+        s.d,
+        s.per_d,
+        x_mm - (s.x0 + s.d * static_cast<double>(col)),
+        y_mm - (s.y0 + s.d * static_cast<double>(row)),
+        static_cast<double>(z0[0]),
+        static_cast<double>(z0[1]),
+        static_cast<double>(z1[0]),
+        static_cast<double>(z1[1]),
+        best};
     const float* c0 = window->cap.data() + r * w + c;
     const float* c1 = c0 + w;
     if (z0[0] + c0[0] > threshold) cell.vertex(0.0, 0.0, cell.z00);
@@ -410,18 +416,23 @@ CutterContact DropCutter::drop(double x_mm, double y_mm) {
     if (z1[1] + c1[1] > threshold) cell.vertex(s.d, s.d, cell.z11);
     cell.lower_right();
     cell.upper_left();
-    threshold = std::max(threshold, static_cast<float>(best.centre - s.rounding));
+    threshold = std::max(threshold, static_cast<float>(best.z_mm - s.rounding));
   };
 
   // The most promising cell first, so that few others beat what it gives.
   if (top <= threshold) return {};
   const auto first = static_cast<std::ptrdiff_t>(first_equal(bound, top));
-  work_out(first / w, first % w);
-  bound[static_cast<std::size_t>(first)] = kOutOfReach;
-  for_each_above(
-      bound.data(), 2 * s.reach + 1, w, [&] { return threshold; }, work_out);
-  if (best.centre == -INFINITY) return {};
-  return {best.centre - s.R, best.dx, best.dy};
+  std::visit(
+      [&](const auto& shape) {
+        work_out(shape, first / w, first % w);
+        bound[static_cast<std::size_t>(first)] = kOutOfReach;
+        for_each_above(
+            bound.data(), 2 * s.reach + 1, w, [&] { return threshold; },
+            [&](std::ptrdiff_t r, std::ptrdiff_t c) { work_out(shape, r, c); });
+      },
+      s.shape);
+  if (best.z_mm == -INFINITY) return {};
+  return {best.z_mm - s.corner, best.dx_mm, best.dy_mm};
 }
 
 }  // namespace maquette::cnc

@@ -2,28 +2,32 @@
 #pragma once
 
 /// @file cutter_location.hpp
-/// Lowest gouge-free height of a ball-nose cutter over the triangulated height grid.
+/// Lowest gouge-free height of a ball, bull-nose or flat cutter over the triangulated height grid.
 ///
 /// Takes   ModelField without voids (heights checked by the caller, see mill.cpp)
-/// Gives   height of the tip at (x, y) and the point where the ball touches
+/// Gives   height of the tip at (x, y) and a point where the cutter touches
 ///
-/// Method. tip(p) = max over q in the outline, |q - p| <= R, of h(q) + sqrt(R^2 - |q - p|^2) - R,
-/// the maximum taken over facets, edges and vertices in closed form (drop-cutter, C.-M. Chuang,
+/// Method. tip(p) = max over q in the outline, |q - p| <= R, of h(q) - rise(|q - p|), where the
+/// underside of a cutter of corner radius rc rises by rc - sqrt(rc^2 - (r - R + rc)^2) from its
+/// flat part outwards; the maximum over facets, edges and vertices as in contact.hpp
+/// (drop-cutter, C.-M. Chuang,
 /// C.-Y. Chen, H.-T. Yau, "A reverse engineering approach to generating interference-free tool
 /// paths in three-axis machining from scanned data of physical models", Int. J. Adv. Manuf.
 /// Technol. 19, 2002, doi:10.1007/PL00003965). First every cell in reach gets a certified upper
 /// bound in single precision from its corners: on a cell of side d the contact height exceeds
-/// the largest of its corners by at most kappa d^2 / 4, where kappa = R^2 / (R^2 - r^2)^1.5 is the
-/// ball's curvature at the cell's farthest corner r (a chord bound over the circumcircle of a
-/// right-angled triangle). Only cells whose bound beats the best contact so far are worked out in
-/// double.
+/// the largest of its corners by at most kappa d^2 / 4, where kappa = rc^2 / (rc^2 - t^2)^1.5 is
+/// the underside's curvature at the cell's farthest corner, t beyond the flat part (a chord bound
+/// over the circumcircle of a right-angled triangle). Only cells whose bound beats the best contact
+/// so far are worked out in double.
 ///
-/// Accuracy. Exact up to rounding in double: |error| < 1e-9 mm for heights below 1 m.
-/// Outside the outline there is no surface: the ball hangs over the edge.
+/// Accuracy. Exact up to rounding in double: |error| < 1e-9 mm for heights below 1 m, for a radius
+/// within 1e-12 mm of the one given (what is just at the rim of a flat end may count or not).
+/// Outside the outline there is no surface: the cutter hangs over the edge.
 /// Cost. O((R / spacing)^2) a point, independent of the size of the field; the surface is
 /// copied once, 4 bytes a node.
 
 #include <cmath>
+#include <initializer_list>
 #include <memory>
 
 #include "cnc/tool.hpp"
@@ -41,8 +45,11 @@ struct CutterContact {
 /// threads at once: it keeps scratch space and tables.
 class DropCutter {
  public:
-  /// @pre field has at least 2 x 2 nodes, all finite; spacing and radius > 0
-  DropCutter(const heightmap::ModelField& field, BallNose tool);
+  /// @pre field has at least 2 x 2 nodes, all finite; spacing and radius > 0,
+  /// 0 <= corner radius <= radius
+  DropCutter(const heightmap::ModelField& field, const Cutter& tool);
+  /// {3.0} would be a cutter of radius 3 whose corner is the default's.
+  DropCutter(const heightmap::ModelField& field, std::initializer_list<double>) = delete;
   DropCutter(const DropCutter& other);
   DropCutter& operator=(const DropCutter&) = delete;
   ~DropCutter();

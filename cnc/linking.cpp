@@ -25,7 +25,7 @@ struct BallClearance::Shared {
 // Its tip hangs w lower.
 BallClearance::BallClearance(const heightmap::ModelField& field, BallNose tool, double step_mm)
     : shared_(std::make_shared<const Shared>(
-          Shared{DropCutter(field, {tool.radius_mm + 0.5 * step_mm}), step_mm})) {
+          Shared{DropCutter(field, Cutter::ball(tool.radius_mm + 0.5 * step_mm)), step_mm})) {
   MAQUETTE_CHECK(step_mm > 0.0, "step {} mm", step_mm);
 }
 BallClearance::~BallClearance() = default;

@@ -43,6 +43,7 @@ struct Tool {
 
 struct BallNose {
   double radius_mm = 3.0;  ///< > 0
+  operator Cutter() const { return Cutter::ball(radius_mm); }
 };
 
 /// Ridge between two parallel passes on flat ground: R - sqrt(R^2 - (stepover / 2)^2).

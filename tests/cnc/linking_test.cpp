@@ -38,7 +38,7 @@ std::int64_t ticks(double mm) {
 /// Least distance of the tip above the exact cutter location along the rapids across and down.
 double least_clearance(const Toolpath& path, const ModelField& field, double radius,
                        bool across_only) {
-  DropCutter cutter(field, {radius});
+  DropCutter cutter(field, Cutter::ball(radius));
   double least = INFINITY;
   ToolPosition at = path.start;
   for (const PathMove& m : path.moves) {
@@ -145,7 +145,7 @@ TEST_P(LinksOverGround, KeepTheirClearance) {
   const ModelField field = testing_support::ground(kind, seed, 40, spacing);
   const double step = seed % 2 == 0 ? 0.5 : 0.2;
   const LinkSurface surface = BallClearance(field, {radius}, step).for_thread();
-  DropCutter cutter(field, {radius});
+  DropCutter cutter(field, Cutter::ball(radius));
   const double side = 39.0 * spacing;
   for (std::uint64_t i = 0; i < 60; ++i) {
     const auto place = [&](std::uint64_t k) {

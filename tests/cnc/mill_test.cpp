@@ -134,7 +134,7 @@ struct Deviation {
 /// Written moves against the exact cutter location, every `step_mm` and at both ends.
 Deviation deviation(const Program& program, const ModelField& field, double radius,
                     double step_mm) {
-  DropCutter cutter(field, {radius});
+  DropCutter cutter(field, Cutter::ball(radius));
   Deviation d;
   for (const Move& m : program.cuts()) {
     const double length = std::hypot(m.to.x - m.from.x, m.to.y - m.from.y);
@@ -276,7 +276,7 @@ class PathOnTerrain : public testing::TestWithParam<std::tuple<Ground, int>> {
 };
 
 TEST_P(PathOnTerrain, StaysInsideTheBoundsBetweenSamples) {
-  DropCutter cutter(ground, {radius});
+  DropCutter cutter(ground, Cutter::ball(radius));
   const SteepnessTiles tiles(ground, {radius});
   const double side = ground.spacing.value() * 23.0;
   const auto ticks = [](double mm) { return static_cast<std::int64_t>(std::floor(mm * 1e4)); };

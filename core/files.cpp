@@ -93,6 +93,13 @@ void AtomicFile::write(const void* data, std::size_t bytes) {
     state_->error = errno != 0 ? errno : EIO;
 }
 
+void AtomicFile::rewrite(std::uint64_t offset, std::string_view bytes) {
+  State& s = *state_;
+  if (s.error == 0 && ::fseeko(s.file, static_cast<off_t>(offset), SEEK_SET) != 0) s.error = errno;
+  write(bytes);
+  if (s.error == 0 && ::fseeko(s.file, 0, SEEK_END) != 0) s.error = errno;
+}
+
 Result<void> AtomicFile::close() {
   State& s = *state_;
   if (s.file != nullptr) {

@@ -4,6 +4,7 @@
 /// @file files.hpp
 /// Output files appear whole or not at all, and every file has a fingerprint.
 
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -35,6 +36,9 @@ class AtomicFile {
 
   void write(const void* data, std::size_t bytes);
   void write(std::string_view text) { write(text.data(), text.size()); }
+  /// Overwrites bytes that have been written, for headers whose counts are known at the end;
+  /// write() goes on at the file's end.
+  void rewrite(std::uint64_t offset, std::string_view bytes);
 
   /// Flushes to disk and lets go of the file handle and its buffer; commit() may come later.
   /// For work of so many files that they cannot all be open. @return as commit()

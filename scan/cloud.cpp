@@ -1,178 +1,161 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "scan/cloud.hpp"
 
-#include <algorithm>
-#include <bit>
-#include <cmath>
-#include <cstring>
-
 #include <fmt/format.h>
 
 #include "core/check.hpp"
-#include "core/files.hpp"
 #include "scan/detail/cloud_parts.hpp"
 
 namespace maquette::scan {
+namespace {
+
+constexpr std::size_t kBatch = 65'536;
+
+void make_room(Cloud& cloud, std::size_t n, const CloudFields& fields) {
+  if (n <= cloud.points_mm.capacity()) return;
+  n = std::max(n, cloud.points_mm.capacity() + cloud.points_mm.capacity() / 2);
+  cloud.points_mm.reserve(n);
+  if (fields.intensity) cloud.intensity.reserve(n);
+  if (fields.colour) cloud.colours.reserve(n);
+  if (fields.normals) cloud.normals.reserve(n);
+  if (fields.grid) cloud.grid.reserve(n);
+}
+
+/// Points [from, from + n) of the cloud, seen from a station.
+void fill(const Cloud& cloud, std::size_t from, std::size_t n,
+          const std::optional<RigidTransform>& station_from_model, PointBatch& batch) {
+  const auto part = [&](const auto& all, auto& some) {
+    if (all.empty()) return;
+    some.assign(all.begin() + static_cast<std::ptrdiff_t>(from),
+                all.begin() + static_cast<std::ptrdiff_t>(from + n));
+  };
+  batch.clear();
+  part(cloud.points_mm, batch.points_mm);
+  part(cloud.intensity, batch.intensity);
+  part(cloud.normals, batch.normals);
+  part(cloud.colours, batch.colours);
+  part(cloud.grid, batch.grid);
+  if (!station_from_model) return;
+  for (Vec3& p : batch.points_mm) p = station_from_model->point(p);
+  for (Vec3& v : batch.normals) v = station_from_model->direction(v);
+}
+
+}  // namespace
+
 namespace detail {
 
-std::size_t channel_by_name(std::string_view name) {
-  std::string key;
-  for (const char c : name)
-    if (c != '"' && c != ' ' && c != '\t' && c != '\r')
-      key += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  if (key.size() > 3 && key.ends_with("_mm")) key.resize(key.size() - 3);
-  if (key.starts_with("scalar_")) key.erase(0, 7);
-  if (key == "x") return kX;
-  if (key == "y") return kY;
-  if (key == "z") return kZ;
-  if (key == "intensity") return kIntensity;
-  if (key == "nx") return kNx;
-  if (key == "ny") return kNy;
-  if (key == "nz") return kNz;
-  return kIgnored;
-}
-
-bool CloudBuilder::declare(std::size_t channel) {
-  if (present_[channel]) return false;
-  return present_[channel] = true;
-}
-
-void CloudBuilder::reserve(std::size_t points) {
-  cloud_.points_mm.reserve(points);
-  if (has(kIntensity)) cloud_.intensity.reserve(points);
-  if (has_normals()) cloud_.normals.reserve(points);
-}
-
-Result<void> CloudBuilder::add(const std::array<double, kChannels + 1>& row) {
-  const auto usable = [](double v) { return std::abs(v) <= kLargestCoordinateMm; };  // false: NaN
-  if (!usable(row[kX]) || !usable(row[kY]) || !usable(row[kZ]))
-    return fail(kCloudNotFinite,
-                fmt::format("{}: point {} (counting from 0) is ({}, {}, {}); coordinates must be "
-                            "finite millimetres, remove such points before",
-                            file_, size(), row[kX], row[kY], row[kZ]));
-  if (has_normals()) {
-    const Vec3 n{row[kNx], row[kNy], row[kNz]};
-    const double length = norm(n);
-    if (!std::isfinite(length))
-      return fail(kCloudNotFinite,
-                  fmt::format("{}: normal of point {} (counting from 0) is ({}, {}, {})", file_,
-                              size(), n.x, n.y, n.z));
-    cloud_.normals.push_back(length > 0.0 ? (1.0 / length) * n : Vec3{});
-  }
-  cloud_.points_mm.push_back({row[kX], row[kY], row[kZ]});
-  if (has(kIntensity)) cloud_.intensity.push_back(static_cast<float>(row[kIntensity]));
-  return {};
-}
-
-Result<Cloud> CloudBuilder::finish() && {
-  if (cloud_.points_mm.empty())
-    return fail(kCloudEmpty, fmt::format("{}: the cloud has no points", file_));
-  return std::move(cloud_);
-}
-
-std::string_view next_token(std::string_view& text, std::string_view separators) {
-  const std::size_t first = text.find_first_not_of(separators);
-  if (first == std::string_view::npos) {
-    text = {};
-    return {};
-  }
-  const std::size_t end = std::min(text.find_first_of(separators, first), text.size());
-  const std::string_view token = text.substr(first, end - first);
-  text.remove_prefix(end);
-  return token;
-}
-
-std::string_view next_line(std::string_view data, std::size_t& at) {
-  const std::size_t end = std::min(data.find('\n', at), data.size());
-  std::string_view line = data.substr(at, end - at);
-  at = std::min(end + 1, data.size());
-  if (line.ends_with('\r')) line.remove_suffix(1);
-  return line;
-}
-
-Result<std::optional<Vec3>> station_comment(std::string_view comment, std::string_view where) {
-  if (next_token(comment) != "scanner_position_mm") return std::optional<Vec3>{};
-  std::array<double, 3> v{};
-  for (double& value : v) {
-    const auto number = parse_number<double>(next_token(comment));
-    if (!number || !(std::abs(*number) <= kLargestCoordinateMm))
-      return fail(kCloudFormat,
-                  fmt::format("{}: scanner_position_mm needs three finite numbers", where));
-    value = *number;
-  }
-  return std::optional<Vec3>{Vec3{v[0], v[1], v[2]}};
-}
-
-std::string shown(std::string_view token) {
-  std::string text;
-  for (const char c : token.substr(0, 40)) text += c >= ' ' && c <= '~' ? c : '?';
-  return token.size() > 40 ? text + "..." : text;
-}
-
-Result<void> write_ply_cloud(const Cloud& cloud, const RigidTransform* transform,
-                             const ExtraScalar* extra, const std::filesystem::path& path) {
-  static_assert(std::endian::native == std::endian::little, "written as the machine holds it");
-  const std::size_t n = cloud.points_mm.size();
-  const bool intensity = !cloud.intensity.empty(), normals = !cloud.normals.empty();
-  MAQUETTE_CHECK(!intensity || cloud.intensity.size() == n, "{} intensities, {} points",
-                 cloud.intensity.size(), n);
-  MAQUETTE_CHECK(!normals || cloud.normals.size() == n, "{} normals, {} points",
-                 cloud.normals.size(), n);
-  MAQUETTE_CHECK(extra == nullptr || extra->values->size() == n, "{} scalars, {} points",
-                 extra->values->size(), n);
-  MAQUETTE_TRY(AtomicFile file, AtomicFile::create(path));
-
-  std::string header = "ply\nformat binary_little_endian 1.0\ncomment maquette cloud, unit mm\n";
-  if (cloud.station_mm) {
-    const Vec3 s = transform != nullptr ? transform->point(*cloud.station_mm) : *cloud.station_mm;
-    header += fmt::format("comment scanner_position_mm {} {} {}\n", s.x, s.y, s.z);
-  }
-  header += fmt::format("element vertex {}\n", n);
-  header += "property double x\nproperty double y\nproperty double z\n";
-  if (intensity) header += "property float intensity\n";
-  if (normals) header += "property double nx\nproperty double ny\nproperty double nz\n";
-  if (extra != nullptr) header += fmt::format("property float {}\n", extra->name);
-  file.write(header + "end_header\n");
-
-  std::string rows;
-  const auto put = [&rows](const auto& value) {
-    rows.append(reinterpret_cast<const char*>(&value), sizeof value);
-  };
-  for (std::size_t i = 0; i < n; ++i) {
-    const Vec3 p = transform != nullptr ? transform->point(cloud.points_mm[i]) : cloud.points_mm[i];
-    put(p);
-    if (intensity) put(cloud.intensity[i]);
-    if (normals)
-      put(transform != nullptr ? transform->direction(cloud.normals[i]) : cloud.normals[i]);
-    if (extra != nullptr) put((*extra->values)[i]);
-    if (rows.size() > (std::size_t{1} << 20)) {
-      file.write(rows);
-      rows.clear();
+Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunContext& run) {
+  Cloud cloud;
+  PointBatch batch;
+  // A part counts only if every station with points has it.
+  std::optional<CloudFields> common;
+  std::vector<std::uint64_t> kept;
+  while (true) {
+    if (run.stopped()) return fail(kCancelled, fmt::format("{}: reading was cancelled", file));
+    run.progress(reader.progress());
+    MAQUETTE_TRY(const bool more, reader.next(batch));
+    if (!more) break;
+    const ScanStation& station = reader.stations()[batch.station];
+    kept.resize(reader.stations().size());
+    if (batch.size() == 0) continue;
+    const CloudFields& f = station.fields;
+    if (!common) common = f;
+    common->intensity &= f.intensity;
+    common->colour &= f.colour;
+    common->normals &= f.normals;
+    common->grid &= f.grid;
+    // The reader has compared the count with the file's size.
+    if (batch.begins_station) make_room(cloud, cloud.points_mm.size() + station.points, *common);
+    const RigidTransform& pose = station.model_from_station;
+    const bool moves = pose != RigidTransform{};
+    for (std::size_t i = 0; i < batch.size(); ++i) {
+      if (!batch.has_position(i)) continue;
+      cloud.points_mm.push_back(moves ? pose.point(batch.points_mm[i]) : batch.points_mm[i]);
+      ++kept[batch.station];
+      if (common->intensity) cloud.intensity.push_back(batch.intensity[i]);
+      if (common->colour) cloud.colours.push_back(batch.colours[i]);
+      if (common->normals)
+        cloud.normals.push_back(moves ? pose.direction(batch.normals[i]) : batch.normals[i]);
+      if (common->grid) cloud.grid.push_back(batch.grid[i]);
     }
   }
-  file.write(rows);
-  return file.commit();
+  const std::size_t n = cloud.points_mm.size();
+  if (n == 0) return fail(kCloudEmpty, fmt::format("{}: the cloud has no points", file));
+  if (cloud.intensity.size() != n) cloud.intensity.clear();
+  if (cloud.colours.size() != n) cloud.colours.clear();
+  if (cloud.normals.size() != n) cloud.normals.clear();
+  if (cloud.grid.size() != n) cloud.grid.clear();
+  cloud.stations = reader.stations();
+  kept.resize(cloud.stations.size());
+  for (std::size_t s = 0; s < kept.size(); ++s) {
+    ScanStation& station = cloud.stations[s];
+    station.points = kept[s];
+    station.fields = {};
+    station.fields.intensity = !cloud.intensity.empty();
+    station.fields.colour = !cloud.colours.empty();
+    station.fields.normals = !cloud.normals.empty();
+    station.fields.grid = !cloud.grid.empty();
+  }
+  if (cloud.stations.size() == 1) cloud.station_mm = cloud.stations.front().position_mm;
+  return cloud;
+}
+
+Result<void> write_all(const Cloud& cloud, const RigidTransform* transform, CloudWriter& writer) {
+  const std::size_t n = cloud.points_mm.size();
+  const auto whole = [n](std::size_t size) { return size == 0 || size == n; };
+  MAQUETTE_CHECK(whole(cloud.intensity.size()) && whole(cloud.normals.size()) &&
+                     whole(cloud.colours.size()) && whole(cloud.grid.size()),
+                 "{} points need {} intensities, normals, colours, places or none", n, n);
+  std::vector<ScanStation> stations = cloud.stations;
+  std::uint64_t listed = 0;
+  for (const ScanStation& s : stations) listed += s.points;
+  MAQUETTE_CHECK(stations.empty() || listed == n, "stations of {} points, {} points", listed, n);
+  if (stations.empty()) {
+    stations.emplace_back().points = n;
+    if (cloud.station_mm && writer.keeps_poses())
+      stations.front().model_from_station.translation_mm = *cloud.station_mm;
+  }
+  if (stations.size() == 1 && cloud.station_mm) stations.front().position_mm = cloud.station_mm;
+  PointBatch batch;
+  std::size_t from = 0;
+  for (std::size_t s = 0; s < stations.size(); ++s) {
+    ScanStation& station = stations[s];
+    std::optional<RigidTransform> station_from_model;
+    if (writer.keeps_poses()) {
+      if (station.model_from_station != RigidTransform{})
+        station_from_model = station.model_from_station.inverse();
+    } else {
+      station.model_from_station = transform != nullptr ? *transform : RigidTransform{};
+      if (transform != nullptr && station.position_mm)
+        station.position_mm = transform->point(*station.position_mm);
+    }
+    station.fields = {};
+    station.fields.intensity = !cloud.intensity.empty();
+    station.fields.colour = !cloud.colours.empty();
+    station.fields.normals = !cloud.normals.empty();
+    station.fields.grid = !cloud.grid.empty();
+    MAQUETTE_TRY_VOID(writer.begin_station(station));
+    for (const std::size_t end = from + station.points; from < end;) {
+      const std::size_t count = std::min(kBatch, end - from);
+      fill(cloud, from, count, station_from_model, batch);
+      batch.station = s;
+      MAQUETTE_TRY_VOID(writer.write(batch));
+      from += count;
+    }
+  }
+  return writer.finish();
 }
 
 }  // namespace detail
 
 Result<Cloud> read_cloud(const std::filesystem::path& path, const RunContext& run) {
-  std::string extension = path.extension().string();
-  for (char& c : extension)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  const bool ply = extension == ".ply", csv = extension == ".csv";
-  const bool xyz = extension == ".xyz" || extension == ".txt" || extension == ".asc";
-  MAQUETTE_TRY(const std::string data, read_file(path));
-  if (ply) return detail::read_ply_cloud(data, path.string(), run);
-  if (csv || xyz) return detail::read_text_cloud(data, path.string(), csv, run);
-  return fail(kCloudFormat,
-              fmt::format("{}: clouds are read from .ply, .xyz, .txt, .asc and .csv; convert the "
-                          "file or rename it",
-                          path.string()));
+  MAQUETTE_TRY(const auto reader, open_cloud(path));
+  return detail::read_all(*reader, path.string(), run);
 }
 
 Result<void> write_cloud(const Cloud& cloud, const std::filesystem::path& path) {
-  return detail::write_ply_cloud(cloud, nullptr, nullptr, path);
+  MAQUETTE_TRY(const auto writer, create_cloud(path));
+  return detail::write_all(cloud, nullptr, *writer);
 }
 
 }  // namespace maquette::scan

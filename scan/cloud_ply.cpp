@@ -1,23 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Reader of PLY clouds. The file is hostile until shown otherwise: every count is
-// compared with the bytes that are there before anything is allocated.
+// compared with the bytes that are there before anything is believed.
 
 #include <array>
 #include <cstdint>
-#include <cstring>
-#include <limits>
 #include <utility>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include "scan/detail/cloud_parts.hpp"
+#include "scan/detail/scalars.hpp"
 
 namespace maquette::scan::detail {
 namespace {
-
-enum class Scalar { int8, uint8, int16, uint16, int32, uint32, float32, float64 };
 
 struct ScalarName {
   std::string_view name;
@@ -38,21 +35,6 @@ std::optional<Scalar> scalar_by_name(std::string_view name) {
   for (const auto& known : kScalarNames)
     if (known.name == name) return known.type;
   return std::nullopt;
-}
-
-std::size_t bytes_of(Scalar type) {
-  switch (type) {
-    case Scalar::int8:
-    case Scalar::uint8:
-      return 1;
-    case Scalar::int16:
-    case Scalar::uint16:
-      return 2;
-    case Scalar::float64:
-      return 8;
-    default:
-      return 4;
-  }
 }
 
 struct Property {
@@ -80,11 +62,9 @@ struct Header {
   Encoding encoding = Encoding::ascii;
   std::vector<Element> elements;
   std::optional<Vec3> station;
-  std::size_t end = 0;         // byte behind end_header
-  std::uint64_t end_line = 0;  // lines up to and with end_header
 };
 
-constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
+constexpr std::uint64_t kLongestHeader = std::uint64_t{1} << 20;
 
 Result<Property> parse_property(std::string_view line, bool in_vertex, const std::string& where) {
   Property p;
@@ -112,18 +92,19 @@ Result<Property> parse_property(std::string_view line, bool in_vertex, const std
   return p;
 }
 
-Result<Header> parse_header(std::string_view data, const std::string& file) {
+Result<Header> parse_header(ByteSource& source) {
+  const std::string& file = source.name();
   Header h;
-  std::size_t at = 0;
-  std::uint64_t line_number = 1;
-  if (next_line(data, at) != "ply")
+  if (source.line() != "ply")
     return fail(kCloudFormat, fmt::format("{}: line 1: expected 'ply'", file));
   bool has_format = false;
   while (true) {
-    if (at >= data.size() || at > kLongestHeader)
-      return fail(kCloudFormat, fmt::format("{}: byte {}: the header has no end_header", file, at));
-    std::string_view line = next_line(data, at);
-    const std::string where = fmt::format("{}: line {}", file, ++line_number);
+    auto next = source.line();
+    if (!next || source.position() > kLongestHeader)
+      return fail(kCloudFormat, fmt::format("{}: byte {}: the header has no end_header", file,
+                                            source.position()));
+    std::string_view line = *next;
+    const std::string where = fmt::format("{}: line {}", file, source.line_number());
     const std::string_view word = next_token(line);
     if (word == "end_header") break;
     if (word == "comment") {
@@ -170,91 +151,134 @@ Result<Header> parse_header(std::string_view data, const std::string& file) {
   }
   if (!has_format)
     return fail(kCloudFormat, fmt::format("{}: the header has no format line", file));
-  h.end = at;
-  h.end_line = line_number;
   return h;
 }
 
-template <class T>
-double load(const char* bytes, bool swap) {
-  std::array<char, sizeof(T)> raw;
-  for (std::size_t i = 0; i < sizeof(T); ++i) raw[i] = bytes[swap ? sizeof(T) - 1 - i : i];
-  T value;
-  std::memcpy(&value, raw.data(), sizeof value);
-  return static_cast<double>(value);
-}
+class PlyReader final : public BasicReader {
+ public:
+  using BasicReader::BasicReader;
 
-double load_scalar(Scalar type, const char* bytes, bool swap) {
-  switch (type) {
-    case Scalar::int8:
-      return load<std::int8_t>(bytes, swap);
-    case Scalar::uint8:
-      return load<std::uint8_t>(bytes, swap);
-    case Scalar::int16:
-      return load<std::int16_t>(bytes, swap);
-    case Scalar::uint16:
-      return load<std::uint16_t>(bytes, swap);
-    case Scalar::int32:
-      return load<std::int32_t>(bytes, swap);
-    case Scalar::uint32:
-      return load<std::uint32_t>(bytes, swap);
-    case Scalar::float32:
-      return load<float>(bytes, swap);
-    default:
-      return load<double>(bytes, swap);
+  Result<void> open() {
+    MAQUETTE_TRY(header_, parse_header(source_));
+    ScanStation& station = stations_.emplace_back();
+    station.position_mm = header_.station;
+    plan_.unit_mm = unit_mm_;
+    for (; element_ < header_.elements.size(); ++element_) {
+      const Element& e = header_.elements[element_];
+      if (e.name == "vertex") {
+        MAQUETTE_TRY_VOID(take_layout(e, station));
+        return check_count(e);
+      }
+      if (e.properties.empty()) {
+        if (is_ascii() && e.count > 0)
+          return fail(kCloudFormat,
+                      fmt::format("{}: element '{}' has no properties", file(), shown(e.name)));
+        continue;  // its rows take no bytes
+      }
+      MAQUETTE_TRY_VOID(check_count(e));
+      Row ignored;
+      for (std::uint64_t i = 0; i < e.count; ++i) MAQUETTE_TRY_VOID(row(e, i, ignored));
+    }
+    return fail(kCloudFormat, fmt::format("{}: the file has no element vertex", file()));
   }
-}
 
-using Row = std::array<double, kChannels + 1>;  // the last one takes what is ignored
+  [[nodiscard]] std::string_view format() const override { return "PLY"; }
 
-/// Where reading stands; rows of either encoding move it forward.
-struct Body {
-  std::string_view data;
-  std::size_t at;
-  std::uint64_t line;
-  bool swap;
-  const std::string& file;
+  Result<bool> next(PointBatch& batch) override {
+    const Element& vertex = header_.elements[element_];
+    const bool begins = !begun_;
+    begun_ = true;
+    start(batch, 0, begins);
+    if (points_read_ == vertex.count) return begins;  // what follows is not ours
+    Row values{};
+    while (batch.size() < batch_points_ && points_read_ < vertex.count) {
+      MAQUETTE_TRY_VOID(row(vertex, points_read_, values));
+      MAQUETTE_TRY_VOID(append(plan_, values, points_read_, file(), batch));
+      ++points_read_;
+    }
+    return true;
+  }
 
-  Result<void> binary_row(const Element& e, std::uint64_t index, Row& row) {
+ private:
+  [[nodiscard]] bool is_ascii() const { return header_.encoding == Encoding::ascii; }
+
+  Result<void> take_layout(const Element& vertex, ScanStation& station) {
+    for (const Property& p : vertex.properties) {
+      if (p.channel != kIgnored && !plan_.declare(p.channel))
+        return fail(kCloudFormat, fmt::format("{}: a coordinate, intensity, colour or normal is "
+                                              "declared twice",
+                                              file()));
+      if (p.channel == kRed) {
+        const bool real = p.type == Scalar::float32 || p.type == Scalar::float64;
+        station.colour_bits = bytes_of(p.type) == 1 ? 8 : 16;
+        plan_.colour_scale = real ? 65535.0 : bytes_of(p.type) == 1 ? 257.0 : 1.0;
+      }
+    }
+    if (!plan_.has_position())
+      return fail(kCloudFormat,
+                  fmt::format("{}: element vertex needs the properties x, y and z", file()));
+    station.fields = plan_.fields();
+    station.points = vertex.count;
+    return {};
+  }
+
+  /// Does the file have room for what the header promises?
+  Result<void> check_count(const Element& e) const {
+    // In ascii a value takes a digit and a separator, the last one perhaps only the digit.
+    const std::size_t least = is_ascii() ? 2 * e.properties.size() : e.least_bytes();
+    const std::uint64_t room = (source_.remaining() + (is_ascii() ? 1 : 0)) / least;
+    if (e.count > room)
+      return fail(kCloudFormat,
+                  fmt::format("{}: the header promises {} x {}, but from byte {} on the file has "
+                              "room for at most {}; it is truncated or its header is wrong",
+                              file(), e.count, shown(e.name), source_.position(), room));
+    return {};
+  }
+
+  Result<void> row(const Element& e, std::uint64_t index, Row& values) {
+    return is_ascii() ? ascii_row(e, index, values) : binary_row(e, index, values);
+  }
+
+  Result<void> binary_row(const Element& e, std::uint64_t index, Row& values) {
+    const bool swap = header_.encoding == Encoding::big;
     const auto truncated = [&] {
-      return fail(kCloudFormat, fmt::format("{}: byte {}: the file ends inside {} {} of {}", file,
-                                            data.size(), shown(e.name), index, e.count));
+      return source_.ended(fmt::format("inside {} {} of {}", shown(e.name), index, e.count));
     };
     for (const Property& p : e.properties) {
-      const std::size_t width = bytes_of(p.type);
+      const std::size_t width = bytes_of(p.is_list ? p.count_type : p.type);
+      const std::string_view bytes = source_.peek(width);
+      if (bytes.size() < width) return truncated();
+      const double value = load_scalar(p.is_list ? p.count_type : p.type, bytes.data(), swap);
+      source_.skip(width);
       if (!p.is_list) {
-        if (data.size() - at < width) return truncated();
-        row[p.channel] = load_scalar(p.type, data.data() + at, swap);
-        at += width;
+        values[p.channel] = value;
         continue;
       }
-      const std::size_t count_width = bytes_of(p.count_type);
-      if (data.size() - at < count_width) return truncated();
-      const double length = load_scalar(p.count_type, data.data() + at, swap);
-      if (length < 0.0)
-        return fail(kCloudFormat, fmt::format("{}: byte {}: list of length {}", file, at, length));
-      at += count_width;
-      const auto items = static_cast<std::size_t>(length);  // at most 2^32 - 1
-      if ((data.size() - at) / width < items) return truncated();
-      at += items * width;
+      if (value < 0.0)
+        return fail(kCloudFormat, fmt::format("{}: byte {}: list of length {}", file(),
+                                              source_.position() - width, value));
+      const std::uint64_t items = static_cast<std::uint64_t>(value) * bytes_of(p.type);
+      if (items > source_.remaining()) return truncated();
+      source_.seek(source_.position() + items);
     }
     return {};
   }
 
-  Result<void> ascii_row(const Element& e, std::uint64_t index, Row& row) {
-    if (at >= data.size())
-      return fail(kCloudFormat, fmt::format("{}: line {}: the file ends before {} {} of {}", file,
+  Result<void> ascii_row(const Element& e, std::uint64_t index, Row& values) {
+    auto next = source_.line();
+    const std::uint64_t line = source_.line_number();
+    if (!next)
+      return fail(kCloudFormat, fmt::format("{}: line {}: the file ends before {} {} of {}", file(),
                                             line + 1, shown(e.name), index, e.count));
-    std::string_view text = next_line(data, at);
-    ++line;
+    std::string_view text = *next;
     for (const Property& p : e.properties) {
       std::uint64_t items = 1;
       if (p.is_list) {
         const std::string_view token = next_token(text);
         const auto length = parse_number<std::uint32_t>(token);
         if (!length)
-          return fail(kCloudFormat,
-                      fmt::format("{}: line {}: '{}' is no list length", file, line, shown(token)));
+          return fail(kCloudFormat, fmt::format("{}: line {}: '{}' is no list length", file(), line,
+                                                shown(token)));
         items = *length;
       }
       for (std::uint64_t i = 0; i < items; ++i) {
@@ -262,65 +286,29 @@ struct Body {
         const auto value = parse_number<double>(token);
         if (!value)
           return fail(kCloudFormat,
-                      fmt::format("{}: line {}: expected {} values of a {}, got '{}'", file, line,
+                      fmt::format("{}: line {}: expected {} values of a {}, got '{}'", file(), line,
                                   e.properties.size(), shown(e.name), shown(token)));
-        row[p.channel] = *value;
+        values[p.channel] = *value;
       }
     }
     if (const std::string_view more = next_token(text); !more.empty())
       return fail(kCloudFormat, fmt::format("{}: line {}: '{}' after the last property of {} {}",
-                                            file, line, shown(more), shown(e.name), index));
+                                            file(), line, shown(more), shown(e.name), index));
     return {};
   }
+
+  Header header_;
+  std::size_t element_ = 0;  // vertex, once open
+  RecordPlan plan_;
+  bool begun_ = false;
 };
 
 }  // namespace
 
-Result<Cloud> read_ply_cloud(std::string_view data, const std::string& file,
-                             const RunContext& run) {
-  MAQUETTE_TRY(const Header h, parse_header(data, file));
-  CloudBuilder builder(file);
-  if (h.station) builder.set_station(*h.station);
-  Body body{data, h.end, h.end_line, h.encoding == Encoding::big, file};
-  const bool ascii = h.encoding == Encoding::ascii;
-  for (const Element& e : h.elements) {
-    const bool is_vertex = e.name == "vertex";
-    if (is_vertex) {
-      for (const Property& p : e.properties)
-        if (p.channel != kIgnored && !builder.declare(p.channel))
-          return fail(kCloudFormat,
-                      fmt::format("{}: a coordinate, intensity or normal is declared twice", file));
-      if (!builder.has_position())
-        return fail(kCloudFormat,
-                    fmt::format("{}: element vertex needs the properties x, y and z", file));
-    } else if (e.properties.empty()) {
-      if (ascii && e.count > 0)
-        return fail(kCloudFormat,
-                    fmt::format("{}: element '{}' has no properties", file, shown(e.name)));
-      continue;  // its rows take no bytes
-    }
-    // In ascii a value takes a digit and a separator.
-    const std::size_t least = ascii ? 2 * e.properties.size() : e.least_bytes();
-    if (e.count > (data.size() - body.at + (ascii ? 1 : 0)) / least)
-      return fail(kCloudFormat,
-                  fmt::format("{}: the header promises {} x {}, but from byte {} on the file has "
-                              "room for at most {}; it is truncated or its header is wrong",
-                              file, e.count, shown(e.name), body.at,
-                              (data.size() - body.at + (ascii ? 1 : 0)) / least));
-    if (is_vertex) builder.reserve(static_cast<std::size_t>(e.count));
-    Row row{};
-    for (std::uint64_t i = 0; i < e.count; ++i) {
-      if (i % 500'000 == 0) {
-        if (run.stopped()) return fail(kCancelled, fmt::format("{}: reading was cancelled", file));
-        run.progress(static_cast<double>(i) / static_cast<double>(e.count));
-      }
-      MAQUETTE_TRY_VOID(ascii ? body.ascii_row(e, i, row) : body.binary_row(e, i, row));
-      if (!is_vertex) continue;
-      MAQUETTE_TRY_VOID(builder.add(row));
-    }
-    if (is_vertex) return std::move(builder).finish();  // what follows is not ours
-  }
-  return fail(kCloudFormat, fmt::format("{}: the file has no element vertex", file));
+ReaderResult open_ply(ByteSource source, const CloudReadOptions& options) {
+  auto reader = std::make_unique<PlyReader>(std::move(source), options, 1.0);
+  MAQUETTE_TRY_VOID(reader->open());
+  return reader;
 }
 
 }  // namespace maquette::scan::detail

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// Reader of XYZ and CSV clouds: one point a line.
+// XYZ and CSV clouds: one point a line.
 
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -70,61 +71,156 @@ Result<std::vector<std::size_t>> find_columns(const std::vector<std::string_view
   return columns;
 }
 
+class TextReader final : public BasicReader {
+ public:
+  TextReader(ByteSource source, const CloudReadOptions& options, bool is_csv)
+      : BasicReader(std::move(source), options, 1.0), is_csv_(is_csv) {}
+
+  /// Reads up to the first point, so that the columns are known.
+  Result<void> open() {
+    plan_.unit_mm = unit_mm_;
+    stations_.emplace_back();
+    if (source_.peek(3) == "\xEF\xBB\xBF") source_.skip(3);
+    MAQUETTE_TRY(waiting_, next_row());
+    stations_.front().fields = plan_.fields();
+    return {};
+  }
+
+  [[nodiscard]] std::string_view format() const override { return is_csv_ ? "CSV" : "XYZ"; }
+
+  Result<bool> next(PointBatch& batch) override {
+    const bool begins = !begun_;
+    begun_ = true;
+    start(batch, 0, begins);
+    while (waiting_ && batch.size() < batch_points_) {
+      MAQUETTE_TRY_VOID(append(plan_, row_, points_read_, file(), batch));
+      ++points_read_;
+      MAQUETTE_TRY(waiting_, next_row());
+    }
+    return begins || batch.size() > 0;
+  }
+
+ private:
+  [[nodiscard]] std::string where() const {
+    return fmt::format("{}: line {}", file(), source_.line_number());
+  }
+
+  /// The next point into row_; false at the end.
+  Result<bool> next_row() {
+    while (const auto next = source_.line()) {
+      std::string_view line = *next;
+      const std::size_t first = line.find_first_not_of(" \t\r");
+      if (first == std::string_view::npos) continue;
+      if (line[first] == '#' || line.substr(first).starts_with("//")) {
+        line.remove_prefix(std::min(line.find_first_not_of("#/ \t", first), line.size()));
+        MAQUETTE_TRY(const auto station, station_comment(line, where()));
+        if (station) stations_.front().position_mm = station;
+        continue;
+      }
+      if (columns_.empty()) {
+        if (is_csv_) separator_ = line.find(';') != std::string_view::npos ? ';' : ',';
+        split(line, separator_, fields_);
+        if (fields_.empty()) return fail(kCloudFormat, fmt::format("{}: no fields", where()));
+        const bool named = !parse_number<double>(fields_.front());
+        MAQUETTE_TRY(columns_, find_columns(fields_, named, where()));
+        for (const std::size_t c : columns_)
+          if (c != kIgnored && !plan_.declare(c))
+            return fail(kCloudFormat, fmt::format("{}: a column name stands twice", where()));
+        if (named) continue;
+      } else {
+        split(line, separator_, fields_);
+      }
+      if (fields_.size() != columns_.size())
+        return fail(kCloudFormat, fmt::format("{}: expected {} columns, got {}", where(),
+                                              columns_.size(), fields_.size()));
+      for (std::size_t i = 0; i < columns_.size(); ++i) {
+        if (columns_[i] == kIgnored) continue;
+        const auto value = parse_number<double>(fields_[i]);
+        if (!value)
+          return fail(kCloudFormat, fmt::format("{}: column {}: '{}' is no number", where(), i + 1,
+                                                shown(fields_[i])));
+        row_[columns_[i]] = *value;
+      }
+      return true;
+    }
+    return false;
+  }
+
+  bool is_csv_;
+  char separator_ = 0;
+  RecordPlan plan_;
+  std::vector<std::size_t> columns_;
+  std::vector<std::string_view> fields_;
+  Row row_{};
+  bool waiting_ = false, begun_ = false;
+};
+
+class TextWriter final : public FlatWriter {
+ public:
+  TextWriter(AtomicFile file, std::string name, double unit_mm, bool is_csv)
+      : FlatWriter(std::move(file), std::move(name), unit_mm), separator_(is_csv ? ',' : ' ') {}
+
+ private:
+  Result<std::string> header(bool /*complete*/) override {
+    const CloudFields& f = first_.fields;
+    std::string text;
+    if (first_.position_mm) {
+      const std::string position = scanner_position_text(*first_.position_mm);
+      text += fmt::format("# {:<{}}\n", stations_ > 1 ? "" : position, position.size());
+    }
+    std::string names = "x y z";
+    if (f.intensity) names += " intensity";
+    if (f.normals) names += " nx ny nz";
+    // Up to here the number of columns says what they are.
+    const bool more = f.colour || f.grid || f.time || f.returns || f.scan_angle;
+    if (f.colour) names += " red green blue";
+    if (f.grid) names += " row column";
+    if (f.time) names += " time_s";
+    if (f.returns) names += " return_index return_count";
+    if (f.scan_angle) names += " scan_angle_rad";
+    if (separator_ == ',') std::replace(names.begin(), names.end(), ' ', ',');
+    if (more || separator_ == ',') text += names + "\n";
+    return text;
+  }
+
+  template <class... Values>
+  void put(Values... values) {
+    (fmt::format_to(std::back_inserter(rows_), "{}{}", separator_, values), ...);
+  }
+
+  Result<void> point(const PointBatch& b, std::size_t i, Vec3 p, Vec3 n) override {
+    const CloudFields& f = first_.fields;
+    fmt::format_to(std::back_inserter(rows_), "{}", p.x / unit_mm_);
+    put(p.y / unit_mm_, p.z / unit_mm_);
+    if (f.intensity) put(b.intensity[i]);
+    if (f.normals) put(n.x, n.y, n.z);
+    if (f.colour)
+      put(eight_bits(b.colours[i].red), eight_bits(b.colours[i].green),
+          eight_bits(b.colours[i].blue));
+    if (f.grid) put(b.grid[i].row, b.grid[i].column);
+    if (f.time) put(b.time_s[i]);
+    if (f.returns) put(b.return_index[i], b.return_count[i]);
+    if (f.scan_angle) put(b.scan_angle_rad[i]);
+    rows_ += '\n';
+    return {};
+  }
+
+  char separator_;
+};
+
 }  // namespace
 
-Result<Cloud> read_text_cloud(std::string_view data, const std::string& file, bool is_csv,
-                              const RunContext& run) {
-  CloudBuilder builder(file);
-  std::vector<std::size_t> columns;
-  std::vector<std::string_view> fields;
-  char separator = 0;
-  std::size_t at = data.starts_with("\xEF\xBB\xBF") ? 3 : 0;
-  std::uint64_t line_number = 0;
-  while (at < data.size()) {
-    if (line_number % 500'000 == 0) {
-      if (run.stopped()) return fail(kCancelled, fmt::format("{}: reading was cancelled", file));
-      run.progress(static_cast<double>(at) / static_cast<double>(data.size()));
-    }
-    std::string_view line = next_line(data, at);
-    ++line_number;
-    const std::size_t first = line.find_first_not_of(" \t\r");
-    if (first == std::string_view::npos) continue;
-    if (line[first] == '#' || line.substr(first).starts_with("//")) {
-      line.remove_prefix(std::min(line.find_first_not_of("#/ \t", first), line.size()));
-      MAQUETTE_TRY(const auto station,
-                   station_comment(line, fmt::format("{}: line {}", file, line_number)));
-      if (station) builder.set_station(*station);
-      continue;
-    }
-    if (columns.empty()) {
-      if (is_csv) separator = line.find(';') != std::string_view::npos ? ';' : ',';
-      split(line, separator, fields);
-      const std::string where = fmt::format("{}: line {}", file, line_number);
-      if (fields.empty()) return fail(kCloudFormat, fmt::format("{}: no fields", where));
-      const bool named = !parse_number<double>(fields.front());
-      MAQUETTE_TRY(columns, find_columns(fields, named, where));
-      for (const std::size_t c : columns)
-        if (c != kIgnored && !builder.declare(c))
-          return fail(kCloudFormat, fmt::format("{}: a column name stands twice", where));
-      if (named) continue;
-    } else {
-      split(line, separator, fields);
-    }
-    if (fields.size() != columns.size())
-      return fail(kCloudFormat, fmt::format("{}: line {}: expected {} columns, got {}", file,
-                                            line_number, columns.size(), fields.size()));
-    std::array<double, kChannels + 1> row{};
-    for (std::size_t i = 0; i < columns.size(); ++i) {
-      if (columns[i] == kIgnored) continue;
-      const auto value = parse_number<double>(fields[i]);
-      if (!value)
-        return fail(kCloudFormat, fmt::format("{}: line {}: column {}: '{}' is no number", file,
-                                              line_number, i + 1, shown(fields[i])));
-      row[columns[i]] = *value;
-    }
-    MAQUETTE_TRY_VOID(builder.add(row));
-  }
-  return std::move(builder).finish();
+ReaderResult open_text(ByteSource source, const CloudReadOptions& options, bool is_csv) {
+  auto reader = std::make_unique<TextReader>(std::move(source), options, is_csv);
+  MAQUETTE_TRY_VOID(reader->open());
+  return reader;
+}
+
+WriterResult create_text(const std::filesystem::path& path, const CloudWriteOptions& options,
+                         bool is_csv) {
+  MAQUETTE_TRY(AtomicFile file, AtomicFile::create(path));
+  return std::make_unique<TextWriter>(std::move(file), path.string(), options.unit_mm.value_or(1.0),
+                                      is_csv);
 }
 
 }  // namespace maquette::scan::detail

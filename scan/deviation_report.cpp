@@ -43,7 +43,8 @@ std::string to_json(const DeviationStatistics& s, const Alignment* alignment) {
 Result<void> write_deviation_ply(const Cloud& cloud, const RigidTransform& model_from_scan,
                                  const Deviation& deviation, const std::filesystem::path& path) {
   const detail::ExtraScalar extra{"deviation_mm", &deviation.per_point_mm};
-  return detail::write_ply_cloud(cloud, &model_from_scan, &extra, path);
+  MAQUETTE_TRY(const auto writer, detail::create_ply(path, {}, &extra));
+  return detail::write_all(cloud, &model_from_scan, *writer);
 }
 
 }  // namespace maquette::scan

@@ -20,6 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing_support::FailsWith;
 using testing_support::ScratchFolder;
+using testing_support::Succeeds;
 
 std::string content(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
@@ -37,6 +38,18 @@ TEST(Sha256, OfAFileIsThatOfItsContent) {
   ASSERT_TRUE(write_file(folder / "a.txt", text));
   EXPECT_EQ(sha256_file(folder / "a.txt").value(), sha256(text));
   EXPECT_THAT(sha256_file(folder / "none"), FailsWith(kFileNotFound));
+}
+
+TEST(AtomicFile, RewritesWhatItHasWritten) {
+  const ScratchFolder folder;
+  auto file = AtomicFile::create(folder / "a");
+  ASSERT_TRUE(file);
+  file->write("count=???? ");
+  file->write(std::string(3'000'000, 'x'));  // beyond any buffer
+  file->rewrite(6, "1234");
+  file->write("end");
+  ASSERT_THAT(file->commit(), Succeeds());
+  EXPECT_EQ(content(folder / "a"), "count=1234 " + std::string(3'000'000, 'x') + "end");
 }
 
 TEST(AtomicFile, ThatIsDroppedLeavesNothing) {

@@ -43,7 +43,8 @@
 /// the summary counts them. A value that follows '(' .. ')' or blanks inside a number is
 /// read as the standard says: "X 1 2.5" is X12.5.
 ///
-/// A number without a point is whole millimetres or inches (Fanuc's DPI = 1).
+/// Controls differ in two things: a number without a point is whole millimetres or inches here
+/// (Fanuc's DPI = 1), and F beside G20 or G21 is in the new unit (Grbl; LinuxCNC: the old one).
 ///
 /// Speed: 8 M blocks/s of lines, one thread; Heidenhain 4 M.
 /// Sources: NISTIR 6556, doi:10.6028/NIST.IR.6556; LinuxCNC 2.9, "G Codes", "O Codes"; Fanuc

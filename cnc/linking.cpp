@@ -16,25 +16,22 @@ std::int64_t tick_above(double mm) {
 
 }  // namespace
 
-struct BallClearance::Shared {
+struct CutterClearance::Shared {
   DropCutter widened;
   double step_mm;
 };
 
-// The ball of radius R + w about the same centre contains the ball of radius R anywhere within w.
-// Its tip hangs w lower.
-BallClearance::BallClearance(const heightmap::ModelField& field, BallNose tool, double step_mm)
-    : shared_(std::make_shared<const Shared>(
-          Shared{DropCutter(field, Cutter::ball(tool.radius_mm + 0.5 * step_mm)), step_mm})) {
+CutterClearance::CutterClearance(const heightmap::ModelField& field, const Cutter& cutter,
+                                 double step_mm) {
   MAQUETTE_CHECK(step_mm > 0.0, "step {} mm", step_mm);
+  const Cutter widened = Cutter::bull(cutter.radius_mm + 0.5 * step_mm, cutter.corner_radius_mm);
+  shared_ = std::make_shared<const Shared>(Shared{DropCutter(field, widened), step_mm});
 }
-BallClearance::~BallClearance() = default;
+CutterClearance::~CutterClearance() = default;
 
-LinkSurface BallClearance::for_thread() const {
+LinkSurface CutterClearance::for_thread() const {
   auto cutter = std::make_shared<DropCutter>(shared_->widened);
-  const double step = shared_->step_mm;
-  return {step,
-          [cutter, step](double x, double y) { return cutter->drop(x, y).tip_mm + 0.5 * step; }};
+  return {shared_->step_mm, [cutter](double x, double y) { return cutter->drop(x, y).tip_mm; }};
 }
 
 double highest_tip(const LinkSurface& surface, double x0_mm, double y0_mm, double x1_mm,

@@ -15,8 +15,8 @@
 /// sample. Being wider, it also keeps half a step off sideways.
 ///
 /// Accuracy. The flown height is nowhere less than `clearance` above the exact cutter location
-/// of the line; it is more by at most what the widening costs: half a step for a ball, half a step
-/// times the slope for flat and bull-nosed ends where the surface is a plane.
+/// of the line; it is more by at most what the widening costs: on planes half a step times the
+/// slope.
 /// Rapids straight up are safe because nothing overhangs: surfaces here are height fields, or
 /// meshes seen from above.
 /// Cost. One cutter location a step.
@@ -38,13 +38,13 @@ struct LinkSurface {
   std::function<double(double x_mm, double y_mm)> tip_mm;
 };
 
-/// A ball over a height field: the design or the stock. The surface is copied once; copies of
-/// the result share one scratch space, so make one for each thread by `for_thread`.
-class BallClearance {
+/// A cutter over a height field: the design or the stock. The surface is copied once; what
+/// `for_thread` gives shares it, but has scratch space of its own.
+class CutterClearance {
  public:
-  /// @pre as for DropCutter; step > 0
-  BallClearance(const heightmap::ModelField& field, BallNose tool, double step_mm = 0.5);
-  ~BallClearance();
+  /// @pre as for DropCutter; step > 0. The holder is not looked at.
+  CutterClearance(const heightmap::ModelField& field, const Cutter& cutter, double step_mm = 0.5);
+  ~CutterClearance();
   [[nodiscard]] LinkSurface for_thread() const;
 
  private:

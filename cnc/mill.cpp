@@ -2,58 +2,37 @@
 #include "cnc/mill.hpp"
 
 #include <algorithm>
-#include <vector>
+#include <cmath>
 
 #include <fmt/format.h>
-#include <oneapi/tbb/parallel_for.h>
 
-#include "cnc/cutter_location.hpp"
-#include "cnc/gcode_writer.hpp"
 #include "cnc/pass_sampler.hpp"
-#include "cnc/path_filter.hpp"
-#include "cnc/posts.hpp"
-#include "cnc/steepness.hpp"
+#include "cnc/program.hpp"
+#include "cnc/raster.hpp"
 #include "core/check.hpp"
-#include "core/files.hpp"
 
 namespace maquette::cnc {
 namespace {
 
 using heightmap::ModelField;
 
-constexpr std::ptrdiff_t kPassesAtATime = 64;
-/// Of the tolerance, what may be lost between samples; the rest is for leaving samples out.
-/// Measured on rough ground: less needs more samples, more needs more blocks.
-constexpr double kSamplingShare = 0.3;
-constexpr double kBlendingShare = 0.05;
-
-/// Where the passes lie, in ticks.
-struct Raster {
-  std::int64_t left, right;
-  std::vector<std::int64_t> rows;
-};
-
 bool positive(double v) {
   return std::isfinite(v) && v > 0.0;
 }
 
-std::int64_t first_tick_inside(double mm) {
-  return static_cast<std::int64_t>(std::ceil(mm * 10000.0 - 1e-5));
-}
-std::int64_t last_tick_inside(double mm) {
-  return static_cast<std::int64_t>(std::floor(mm * 10000.0 + 1e-5));
-}
-
-Result<void> check_options(const ModelField& design, const MillOptions& o) {
+Result<void> check_ranges(const MillOptions& o) {
   const double diameter = o.ball_diameter.value();
   if (!positive(diameter))
     return fail(kToolNotPositive,
                 fmt::format("ball_diameter is {} mm; it must be greater than 0", diameter));
-  if (!positive(o.stepover.value()) || o.stepover > o.ball_diameter)
+  if (!std::isfinite(o.direction.value()))
+    return fail(kMillOptionOutOfRange, "direction of the passes is not a number");
+  const double least = raster_frame({}, o.direction).step_mm();
+  if (!(o.stepover.value() >= least * (1.0 - 1e-9)) || !(o.stepover <= o.ball_diameter))
     return fail(kStepoverOutOfRange,
-                fmt::format("stepover is {} mm; it must be greater than 0 and at most the ball's "
-                            "diameter, {} mm",
-                            o.stepover.value(), diameter));
+                fmt::format("stepover is {} mm; it must be at least {:.4f} mm and at most the "
+                            "ball's diameter, {} mm",
+                            o.stepover.value(), least, diameter));
   if (!(o.tolerance.value() >= 0.001 && o.tolerance.value() <= 1.0))
     return fail(
         kToleranceOutOfRange,
@@ -66,16 +45,63 @@ Result<void> check_options(const ModelField& design, const MillOptions& o) {
   MAQUETTE_TRY_VOID(check_rate("feed", o.feed.value(), "mm/min"));
   MAQUETTE_TRY_VOID(check_rate("plunge_feed", o.plunge_feed.value(), "mm/min"));
   MAQUETTE_TRY_VOID(check_rate("spindle_rpm", o.spindle_rpm, "1/min"));
-  // The other controls are written by program.hpp alone.
-  if (o.post != "linuxcnc" && o.post != "grbl")
-    return fail(kUnknownPost,
-                fmt::format("post '{}' is not known; there are: {}", o.post, post_names()));
-  if (!(o.clearance.value() >= 0.0 && o.clearance.value() <= 1e4))
+  const auto check_length = [](const char* name, Millimetres value, double most) -> Result<void> {
+    if (value.value() >= 0.0 && value.value() <= most) return {};
     return fail(kMillOptionOutOfRange,
-                fmt::format("clearance is {} mm; it must be from 0 to 10000", o.clearance.value()));
-  if (o.work_offset < 54 || o.work_offset > 59)
+                fmt::format("{} is {} mm; it must be from 0 to {}", name, value.value(), most));
+  };
+  MAQUETTE_TRY_VOID(check_length("clearance", o.clearance, 1e4));
+  MAQUETTE_TRY_VOID(check_length("lead_radius", o.lead_radius, 100.0));
+  if (!std::isnan(o.stock_allowance.value()))
+    MAQUETTE_TRY_VOID(check_length("stock_allowance", o.stock_allowance, 1e4));
+  if (!(o.scallop_limit.value() > 0.0 && o.scallop_limit.value() <= 0.5 * diameter))
     return fail(kMillOptionOutOfRange,
-                fmt::format("work_offset is G{}; it must be G54 to G59", o.work_offset));
+                fmt::format("scallop_limit is {} mm; it must be greater than 0 and at most the "
+                            "ball's radius, {} mm",
+                            o.scallop_limit.value(), 0.5 * diameter));
+  return {};
+}
+
+Result<void> check_heights(const ModelField& field, const char* what) {
+  for (std::ptrdiff_t r = 0; r < field.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < field.z_mm.cols(); ++c)
+      if (!std::isfinite(field.z_mm(r, c)))
+        return fail(kHeightNotFinite,
+                    fmt::format("height of the {} is {} at row {}, column {} (x = {} mm, y = {} "
+                                "mm); fill voids before milling",
+                                what, field.z_mm(r, c), r, c, field.x_mm(c), field.y_mm(r)));
+  return {};
+}
+
+std::vector<std::string> head_comments(const ModelField& design, const MillOptions& o,
+                                       heightmap::HeightRange heights) {
+  const ToleranceShares shares = share_tolerance(o.tolerance);
+  const double width = design.x_mm(design.z_mm.cols() - 1) - design.x0.value();
+  const double depth = design.y_mm(design.z_mm.rows() - 1) - design.y0.value();
+  const double first = std::isnan(o.first_y_mm) ? 0.0 : o.first_y_mm - design.y0.value();
+  const double last = std::isnan(o.last_y_mm) ? depth : o.last_y_mm - design.y0.value();
+  return {
+      "frame of the model, x east, y north, z up",
+      "finishing only, remove the rough stock first",
+      fmt::format("stepover {} mm, scallop on flat ground {:.4f} mm", o.stepover.value(),
+                  scallop_mm({0.5 * o.ball_diameter.value()}, o.stepover.value())),
+      fmt::format("gouge at most {:.4f} mm, of which {:.4f} for blending", shares.gouge_mm,
+                  shares.blending_mm),
+      fmt::format("design x {} .. {} y {} .. {} z {} .. {} mm, nodes {} mm apart",
+                  design.x0.value(), design.x0.value() + width, design.y0.value(),
+                  design.y0.value() + depth, heights.min, heights.max, design.spacing.value()),
+      fmt::format("at least {:.1f} min of cutting, what it came to stands at the end",
+                  width * (last - first) / o.stepover.value() / o.feed.value()),
+  };
+}
+
+}  // namespace
+
+Result<void> check_mill(const ModelField& design, const MillOptions& o) {
+  MAQUETTE_CHECK(design.z_mm.rows() >= 2 && design.z_mm.cols() >= 2 && design.spacing.value() > 0.0,
+                 "{} x {} nodes, {} mm apart", design.z_mm.rows(), design.z_mm.cols(),
+                 design.spacing.value());
+  MAQUETTE_TRY_VOID(check_ranges(o));
   const double bottom = design.y0.value(), top = design.y_mm(design.z_mm.rows() - 1);
   const double first = std::isnan(o.first_y_mm) ? bottom : o.first_y_mm;
   const double last = std::isnan(o.last_y_mm) ? top : o.last_y_mm;
@@ -84,258 +110,57 @@ Result<void> check_options(const ModelField& design, const MillOptions& o) {
     return fail(kMillOptionOutOfRange,
                 fmt::format("passes are asked for from y = {} to {} mm; the design spans {} to {}",
                             first, last, bottom, top));
+  MAQUETTE_TRY_VOID(check_heights(design, "design"));
+  if (o.stock != nullptr) MAQUETTE_TRY_VOID(check_heights(*o.stock, "stock"));
   return {};
 }
-
-Result<void> check_heights(const ModelField& design) {
-  for (std::ptrdiff_t r = 0; r < design.z_mm.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < design.z_mm.cols(); ++c)
-      if (!std::isfinite(design.z_mm(r, c)))
-        return fail(kHeightNotFinite,
-                    fmt::format("height is {} at row {}, column {} (x = {} mm, y = {} mm); fill "
-                                "voids before milling",
-                                design.z_mm(r, c), r, c, design.x_mm(c), design.y_mm(r)));
-  return {};
-}
-
-Result<void> check_travel(char axis, double length_mm, Millimetres travel) {
-  if (travel.value() == 0.0 || length_mm <= travel.value()) return {};
-  return fail(kBeyondTravel, fmt::format("the program needs {:.4f} mm of travel in {}, the machine "
-                                         "has {:.4f} mm; cut the part in bands",
-                                         length_mm, axis, travel.value()));
-}
-
-Raster lay_out(const ModelField& design, const MillOptions& o) {
-  const double bottom = design.y0.value(), top = design.y_mm(design.z_mm.rows() - 1);
-  const double first = std::isnan(o.first_y_mm) ? bottom : std::max(bottom, o.first_y_mm);
-  const double last = std::isnan(o.last_y_mm) ? top : std::min(top, o.last_y_mm);
-  Raster raster{first_tick_inside(design.x0.value()),
-                last_tick_inside(design.x_mm(design.z_mm.cols() - 1)),
-                {}};
-  const std::int64_t lowest = first_tick_inside(first), highest = last_tick_inside(last);
-  for (std::int64_t k = 0;; ++k) {
-    const double y = first + o.stepover.value() * static_cast<double>(k);
-    const std::int64_t tick =
-        std::max(lowest, static_cast<std::int64_t>(std::llround(y * 10000.0)));
-    if (tick >= highest) break;
-    if (raster.rows.empty() || tick > raster.rows.back()) raster.rows.push_back(tick);
-  }
-  raster.rows.push_back(std::max(lowest, highest));
-  return raster;
-}
-
-std::string header(const ModelField& design, const MillOptions& o, const Post& post,
-                   const Raster& raster, double lowest, double highest, std::int64_t clearance) {
-  const double R = 0.5 * o.ball_diameter.value();
-  const double width = mm_of_ticks(raster.right - raster.left);
-  const double flat = width * static_cast<double>(raster.rows.size());
-  std::string h;
-  h += fmt::format("({})\n", comment_text(o.program_name));
-  h += "(unit mm, frame of the model: x east, y north, z up; z is the tip of the ball)\n";
-  h += "(finishing only: remove the rough stock first)\n";
-  h += fmt::format("(tool: ball nose, diameter {} mm)\n", o.ball_diameter.value());
-  h += fmt::format("(stepover {} mm, scallop on flat ground {:.4f} mm, tolerance {} mm)\n",
-                   o.stepover.value(), scallop_mm({R}, o.stepover.value()), o.tolerance.value());
-  h += fmt::format("(design x {} .. {} y {} .. {} z {} .. {} mm, nodes {} mm apart)\n",
-                   design.x0.value(), design.x_mm(design.z_mm.cols() - 1), design.y0.value(),
-                   design.y_mm(design.z_mm.rows() - 1), lowest, highest, design.spacing.value());
-  h += fmt::format("(passes {}, y {} .. {} mm, clearance plane z {} mm)\n", raster.rows.size(),
-                   mm_of_ticks(raster.rows.front()), mm_of_ticks(raster.rows.back()),
-                   mm_of_ticks(clearance));
-  h += fmt::format("(at least {:.1f} min of cutting; what it came to stands at the end)\n",
-                   flat / o.feed.value());
-  h += fmt::format("{} G{}\n", post.modes, o.work_offset);
-  if (!post.blend.empty()) {
-    h += "(the path is already inside the tolerance: blend a little, never leave out points)\n";
-    h += fmt::format("G64 P{:.5f} Q0\n", kBlendingShare * o.tolerance.value());
-  }
-  if (!post.blend.empty()) h += "T1 M6\nG43 H1\n";
-  h += fmt::format("S{:.0f} M3\n", o.spindle_rpm);
-  return h;
-}
-
-/// One pass and the link that leads to it.
-struct Pass {
-  std::vector<PathVertex> link;   // along y at the end of the pass before; empty: none
-  std::vector<PathVertex> along;  // along x, in the order of cutting
-  std::uint64_t sampled = 0;
-  double gouge_mm = 0.0;
-  bool cancelled = false;
-  GcodeWriter text;
-};
-
-class Milling {
- public:
-  Milling(const ModelField& design, const MillOptions& o, Raster raster, std::int64_t clearance)
-      : design_(design),
-        options_(o),
-        tool_{0.5 * o.ball_diameter.value()},
-        cutter_(design, tool_),
-        tiles_(design, tool_),
-        raster_(std::move(raster)),
-        clearance_(clearance) {}
-
-  [[nodiscard]] std::ptrdiff_t passes() const {
-    return static_cast<std::ptrdiff_t>(raster_.rows.size());
-  }
-  [[nodiscard]] std::int64_t y(std::ptrdiff_t pass) const {
-    return raster_.rows[static_cast<std::size_t>(pass)];
-  }
-  [[nodiscard]] bool backwards(std::ptrdiff_t pass) const {
-    return options_.zigzag && pass % 2 != 0;
-  }
-
-  [[nodiscard]] Pass plan(std::ptrdiff_t index, DropCutter& cutter) const {
-    Pass pass;
-    std::vector<PathSample> samples;
-    const double share = kSamplingShare * options_.tolerance.value();
-    const auto line = [&](Axis axis, std::int64_t from, std::int64_t to, std::int64_t across,
-                          std::vector<PathVertex>& vertices) {
-      sample_line(cutter, tiles_, design_, tool_, axis, from, to, across, {share, share}, samples);
-      pass.sampled += samples.size();
-      pass.gouge_mm =
-          std::max(pass.gouge_mm, filter_path(samples, options_.tolerance.value(), vertices));
-    };
-    line(Axis::x, raster_.left, raster_.right, y(index), pass.along);
-    if (backwards(index)) std::reverse(pass.along.begin(), pass.along.end());
-    if (options_.zigzag && index > 0)
-      line(Axis::y, y(index - 1), y(index), pass.along.front().along, pass.link);
-    return pass;
-  }
-
-  [[nodiscard]] ToolPosition start(const Pass& pass, std::ptrdiff_t index) const {
-    return {pass.along.front().along, y(index), pass.along.front().z};
-  }
-  [[nodiscard]] ToolPosition end(const Pass& pass, std::ptrdiff_t index) const {
-    return {pass.along.back().along, y(index), pass.along.back().z};
-  }
-
-  /// From above the start of the first pass down to it, then every pass from where the one
-  /// before ended.
-  void write_plunge(GcodeWriter& out, ToolPosition to) const {
-    constexpr auto kStay = ToolPosition::kUnknown;
-    out.rapid({kStay, kStay, clearance_});
-    out.rapid({to.x, to.y, kStay});
-    out.cut({kStay, kStay, to.z}, options_.plunge_feed.value());
-  }
-  void write_pass(GcodeWriter& out, const Pass& pass, std::ptrdiff_t index) const {
-    constexpr auto kStay = ToolPosition::kUnknown;
-    const double feed = options_.feed.value();
-    if (index > 0 && !options_.zigzag) write_plunge(out, start(pass, index));
-    for (const PathVertex& v : pass.link) out.cut({kStay, v.along, v.z}, feed);
-    for (const PathVertex& v : pass.along) out.cut({v.along, kStay, v.z}, feed);
-  }
-
-  [[nodiscard]] const DropCutter& cutter() const { return cutter_; }
-  [[nodiscard]] std::int64_t clearance() const { return clearance_; }
-
- private:
-  const ModelField& design_;
-  const MillOptions& options_;
-  BallNose tool_;
-  DropCutter cutter_;
-  SteepnessTiles tiles_;
-  Raster raster_;
-  std::int64_t clearance_;
-};
-
-void count(MillReport& report, const Pass& pass) {
-  report.points_sampled += pass.sampled;
-  report.certified_gouge_mm = std::max(report.certified_gouge_mm, pass.gouge_mm);
-  for (const auto* line : {&pass.link, &pass.along})
-    for (const PathVertex& v : *line) {
-      report.lowest_tip_mm = std::min(report.lowest_tip_mm, mm_of_ticks(v.z));
-      report.highest_tip_mm = std::max(report.highest_tip_mm, mm_of_ticks(v.z));
-    }
-}
-
-void put(AtomicFile& file, MillReport& report, const GcodeWriter& text) {
-  file.write(text.text());
-  report.bytes += text.text().size();
-  report.blocks += text.blocks();
-  report.path_length_mm += text.cutting_length_mm();
-  report.cutting_time_min += text.cutting_time_min();
-}
-
-}  // namespace
 
 Result<MillReport> mill(const ModelField& design, const MillOptions& options,
                         const std::filesystem::path& program_path, const RunContext& run) {
-  MAQUETTE_CHECK(design.z_mm.rows() >= 2 && design.z_mm.cols() >= 2 && design.spacing.value() > 0.0,
-                 "{} x {} nodes, {} mm apart", design.z_mm.rows(), design.z_mm.cols(),
-                 design.spacing.value());
-  MAQUETTE_TRY_VOID(check_options(design, options));
-  MAQUETTE_TRY_VOID(check_heights(design));
-  const auto [lowest, highest] =
-      std::minmax_element(design.z_mm.cells().begin(), design.z_mm.cells().end());
-  Raster raster = lay_out(design, options);
-  const double width = mm_of_ticks(raster.right - raster.left);
-  const double depth = mm_of_ticks(raster.rows.back() - raster.rows.front());
-  MAQUETTE_TRY_VOID(check_travel('x', width, options.travel_x));
-  MAQUETTE_TRY_VOID(check_travel('y', depth, options.travel_y));
-  const auto clearance = static_cast<std::int64_t>(
-      std::ceil((static_cast<double>(*highest) + options.clearance.value()) * 10000.0));
-
-  MAQUETTE_TRY(auto file, AtomicFile::create(program_path));
-  MillReport report;
-  report.passes = raster.rows.size();
-  report.scallop_flat_mm =
-      scallop_mm({0.5 * options.ball_diameter.value()}, options.stepover.value());
-  report.lowest_tip_mm = INFINITY;
-  report.highest_tip_mm = -INFINITY;
-  const Post post = *post_by_name(options.post);
-  const std::string head = header(design, options, post, raster, static_cast<double>(*lowest),
-                                  static_cast<double>(*highest), clearance);
-  file.write(head);
-  report.bytes = head.size();
-  report.blocks = static_cast<std::uint64_t>(std::count(head.begin(), head.end(), '\n'));
-
-  const Milling job(design, options, std::move(raster), clearance);
-  ToolPosition at;
-  std::vector<Pass> batch;
-  for (std::ptrdiff_t first = 0; first < job.passes(); first += kPassesAtATime) {
-    const std::ptrdiff_t size = std::min(kPassesAtATime, job.passes() - first);
-    batch.assign(static_cast<std::size_t>(size), {});
-    const auto pass = [&](std::ptrdiff_t i) -> Pass& { return batch[static_cast<std::size_t>(i)]; };
-    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, size, [&](std::ptrdiff_t i) {
-      if (run.stopped()) return;
-      DropCutter cutter = job.cutter();
-      pass(i) = job.plan(first + i, cutter);
-    });
-    if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
-    if (first == 0) {
-      GcodeWriter plunge;
-      job.write_plunge(plunge, job.start(pass(0), 0));
-      put(file, report, plunge);
-      at = job.start(pass(0), 0);
+  MAQUETTE_TRY_VOID(check_mill(design, options));
+  const heightmap::HeightRange heights = heightmap::height_range(design.z_mm);
+  float top = heights.max;
+  if (options.stock != nullptr)
+    top = std::max(top, heightmap::height_range(options.stock->z_mm).max);
+  const double above = std::isnan(options.stock_allowance.value())
+                           ? 0.0
+                           : options.stock_allowance.value();
+  ProgramOptions program;
+  program.post = options.post;
+  program.name = options.program_name;
+  program.work_offset = options.work_offset;
+  program.blending = Millimetres{share_tolerance(options.tolerance).blending_mm};
+  program.safe_z = Millimetres{
+      std::ceil((static_cast<double>(top) + above + options.clearance.value()) * 1000.0) / 1000.0};
+  program.entry_feed = options.plunge_feed;
+  program.max_lines = options.max_lines;
+  program.max_bytes = options.max_bytes;
+  program.comments = head_comments(design, options, heights);
+  MAQUETTE_TRY(auto writer, ProgramWriter::create(program_path, program));
+  Tool tool;
+  tool.name = fmt::format("ball nose {} mm", options.ball_diameter.value());
+  tool.cutter = Cutter::ball(0.5 * options.ball_diameter.value());
+  writer.tool(tool, options.spindle_rpm);
+  bool started = false;
+  const auto sink = [&](const Toolpath& piece) -> Result<void> {
+    if (!started) {
+      PathMove above;
+      above.kind = PathMove::Kind::rapid;
+      above.to = piece.start;
+      MAQUETTE_TRY_VOID(writer.add({&above, 1}));
+      started = true;
     }
-    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, size, [&](std::ptrdiff_t i) {
-      const ToolPosition from = i > 0 ? job.end(pass(i - 1), first + i - 1) : at;
-      const double feed = first + i > 0 ? options.feed.value() : options.plunge_feed.value();
-      pass(i).text = GcodeWriter(from, 1, feed);
-      job.write_pass(pass(i).text, pass(i), first + i);
-    });
-    for (std::ptrdiff_t i = 0; i < size; ++i) {
-      put(file, report, pass(i).text);
-      count(report, pass(i));
-    }
-    at = job.end(pass(size - 1), first + size - 1);
-    MAQUETTE_TRY_VOID(
-        check_travel('z', mm_of_ticks(clearance) - report.lowest_tip_mm, options.travel_z));
-    run.progress(static_cast<double>(first + size) / static_cast<double>(job.passes()));
-  }
-
-  GcodeWriter tail(at, 1, options.feed.value());
-  tail.rapid({ToolPosition::kUnknown, ToolPosition::kUnknown, clearance});
-  tail.line(fmt::format("(cut {:.1f} mm in {:.1f} min, tip z {:.4f} .. {:.4f} mm)",
-                        report.path_length_mm, report.cutting_time_min, report.lowest_tip_mm,
-                        report.highest_tip_mm));
-  tail.line(
-      fmt::format("(gouge of the written path at most {:.5f} mm)", report.certified_gouge_mm));
-  tail.line("M5");
-  tail.line("M30");
-  put(file, report, tail);
-  MAQUETTE_TRY_VOID(file.commit());
+    return writer.add(piece.moves);
+  };
+  MAQUETTE_TRY(auto report, mill_passes(design, options, sink, run));
+  writer.comment(fmt::format("cut {:.1f} mm in {:.1f} min, tip z {:.4f} .. {:.4f} mm",
+                             report.path_length_mm, report.cutting_time_min, report.lowest_tip_mm,
+                             report.highest_tip_mm));
+  writer.comment(fmt::format("gouge at most {:.5f} mm", report.certified_gouge_mm));
+  MAQUETTE_TRY(auto written, writer.commit());
+  report.blocks = written.blocks;
+  report.bytes = written.bytes;
+  report.files = std::move(written.files);
   return report;
 }
 

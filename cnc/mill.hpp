@@ -4,31 +4,37 @@
 /// @file mill.hpp
 /// Height field -> G-code of the finishing pass with a ball-nose cutter.
 ///
-/// Room    cnc:  cutter location -> raster -> [mill: filter, link, write] -> verify
+/// Room    cnc:  cutter location -> raster -> fit_moves -> linking -> [mill] -> program -> verify
 /// Takes   ModelField, millimetres, no voids
-/// Gives   RS-274 program in the model frame; programmed z is the ball's lowest point
+/// Gives   moves pass by pass, or a program of any post; the model frame, tip of the ball
 ///
-/// Path: parallel passes along x, `stepover` apart in y (first and last on the
-/// outline), zig-zag or one way. Along a pass the exact cutter location of the
-/// triangulated surface (facets, edges, vertices; cutter_location.hpp) is sampled
-/// adaptively, so that the path between samples cuts no deeper than a certified
-/// bound, then reduced to fewer blocks inside `tolerance`, one-sided where it
-/// matters: gouge is bounded, not only deviation. Gouge is measured vertically.
+/// Path: parallel passes at any angle, clipped to the outline (raster.hpp), `stepover` apart in
+/// plan; with `constant_scallop` further passes between them wherever the ridge would be higher
+/// than `scallop_limit` (scallop.hpp). Along a pass the exact cutter location of the triangulated
+/// surface (facets, edges, vertices; cutter_location.hpp) is sampled adaptively, so that the path
+/// between samples cuts no deeper than a certified bound, then written as lines and arcs inside
+/// `tolerance` (fit_moves.hpp), narrower below than above. Gouge is measured vertically.
 ///
-/// This is the finishing pass alone: stock is expected to stand no higher above the
-/// design than the cutter may take in one go. Zig-zag passes are joined along the exact
-/// cutter location of the outline; nothing below the clearance plane is a rapid.
+/// This is the finishing pass alone: stock is expected to stand no higher above the design than
+/// the cutter may take in one go. Passes are joined along the exact cutter location where that is
+/// short, else by rapids at the lowest safe height of the line flown (linking.hpp). Where a cut
+/// begins or ends on the design's outline after or before a rapid, it is led in or out by a quarter
+/// circle outwards, level at the surface: from the edge outwards the cutter location only falls,
+/// so that touches nothing.
 ///
 /// Material may stay on beside walls steeper than about 75 : 1, where the path is lifted
-/// rather than cut too deep. The linuxcnc post allows blending (G64) of a twentieth of the
-/// tolerance beside the written path; the machine's own deviation is not in the bounds.
+/// rather than cut too deep. The machine's own deviation is not in the bounds.
 
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
+#include <vector>
 
 #include "cnc/posts.hpp"
+#include "cnc/scallop.hpp"
+#include "cnc/toolpath.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/units.hpp"
@@ -46,16 +52,29 @@ inline constexpr ErrorCode kMillOptionOutOfRange{"CNC_MILL_OPTION_OUT_OF_RANGE"}
 
 struct MillOptions {
   Millimetres ball_diameter{6.0};
-  Millimetres stepover{0.5};
-  Millimetres tolerance{0.01};  ///< gouge and deviation of the written path, all causes together
-  bool zigzag = true;
+  Millimetres stepover{0.5};         ///< in plan; rounded down to 0.001 mm
+  Radians direction{0.0};            ///< of the passes, counter-clockwise from +x; see raster.hpp
+  bool zigzag = true;                ///< else one way
+  bool climb = true;                 ///< one way: uncut material to the right, else conventional
+  bool constant_scallop = false;     ///< add passes where the ridge would exceed the limit
+  Millimetres scallop_limit{0.011};  ///< ridge between passes, normal to the surface
+  Millimetres tolerance{0.01};       ///< of the written path, all causes together: share_tolerance
+  bool arcs = true;                  ///< G2 and G3 in G18 and G19, for passes along an axis
   FeedRate feed{3000.0};
   FeedRate plunge_feed{600.0};
   double spindle_rpm = 18000.0;
-  Millimetres clearance{5.0};     ///< rapids fly this much above the highest point of the design
-  std::string post = "linuxcnc";  ///< or "grbl"
+  Millimetres clearance{5.0};    ///< rapids stay this far above everything they fly over
+  Millimetres lead_radius{1.0};  ///< 0: straight down and up
+  /// What stands before this pass, so that rapids can stay low: a height field, or how far
+  /// roughing left material above the design at most. Neither: rapids fly over the design's
+  /// highest point, and what goes down from there is cut.
+  const heightmap::ModelField* stock = nullptr;
+  Millimetres stock_allowance{NAN};
+  std::string post = "linuxcnc";  ///< see posts.hpp
   std::string program_name = "maquette";
-  int work_offset = 54;  ///< 54 .. 59
+  int work_offset = 54;         ///< see program.hpp
+  std::uint64_t max_lines = 0;  ///< of one file of the program; 0: any number
+  std::uint64_t max_bytes = 0;
   /// Travel of the machine, 0: not checked.
   Millimetres travel_x{0.0}, travel_y{0.0}, travel_z{0.0};
   /// Only passes with y in [first_y, last_y]; NaN: the whole field. A band passes its
@@ -63,22 +82,62 @@ struct MillOptions {
   double first_y_mm = NAN, last_y_mm = NAN;
 };
 
+/// What each cause may take of the tolerance. The mesh takes nothing: the triangles themselves are
+/// cut. Rounding to 0.001 mm is part of fitting, which is checked on the rounded moves.
+struct ToleranceShares {
+  double gouge_mm = 0.0;     ///< all in all, below: half the tolerance
+  double excess_mm = 0.0;    ///< all in all, above: the tolerance
+  double sampling_mm = 0.0;  ///< of the gouge: between samples
+  double fitting_mm = 0.0;   ///< of the gouge: chords, arcs, rounding
+  double blending_mm = 0.0;  ///< of both: the control may round corners by it (G64 P, Q0)
+};
+[[nodiscard]] ToleranceShares share_tolerance(Millimetres tolerance);
+
 struct MillReport {
-  std::uint64_t passes = 0, points_sampled = 0, blocks = 0, bytes = 0;
-  double path_length_mm = 0.0;      ///< at cutting feed
-  double cutting_time_min = 0.0;    ///< length over feed; no acceleration yet
-  double scallop_flat_mm = 0.0;     ///< R - sqrt(R^2 - (stepover / 2)^2)
-  double certified_gouge_mm = 0.0;  ///< bound on how deep the written path cuts, rounding included
+  std::uint64_t passes = 0;        ///< rows of the raster
+  std::uint64_t extra_passes = 0;  ///< pieces of passes added to hold the scallop
+  std::uint64_t links_cut = 0, links_flown = 0;
+  std::uint64_t points_sampled = 0;          ///< before
+  std::uint64_t lines = 0, arcs = 0;         ///< after: cutting moves
+  std::uint64_t blocks = 0, bytes = 0;       ///< of the program
+  std::vector<std::filesystem::path> files;  ///< of the program
+  double path_length_mm = 0.0;               ///< at cutting feed
+  double rapid_length_mm = 0.0;
+  double cutting_time_min = 0.0;  ///< length over feed; no acceleration
+  double shortest_move_mm = 0.0;
+  /// Cutting moves a second at the programmed feed, at worst over 32 moves in a row.
+  double highest_block_rate_per_s = 0.0;
+  double direction_deg = 0.0;  ///< of the passes, as cut
+  ToleranceShares shares;
+  double certified_gouge_mm = 0.0;   ///< bound on how deep the path cuts, blending included
+  double certified_excess_mm = 0.0;  ///< and how far above the exact path, lifts at walls included
+  double scallop_flat_mm = 0.0;      ///< R - sqrt(R^2 - (stepover / 2)^2)
+  ScallopMap scallop;                ///< predicted, against scallop_limit
   double lowest_tip_mm = 0.0, highest_tip_mm = 0.0;
 };
 
-/// Writes the program whole or not at all; same design and options, same bytes, for any
-/// number of threads. Ranges: diameter > 0; stepover in (0, diameter]; tolerance in
-/// [0.001, 1] mm; feeds and spindle > 0, finite; clearance >= 0; work offset 54 .. 59;
-/// first_y <= last_y, both on the field.
-/// @pre the design has at least 2 x 2 nodes
-/// @return figures, or one of the codes above with option, value and range;
-///         CNC_BEYOND_TRAVEL with the axis and both lengths; CORE_DISK_FULL; CORE_CANCELLED
+/// Ranges of all options but those of the program, see mill_passes; voids of the design.
+[[nodiscard]] Result<void> check_mill(const heightmap::ModelField& design,
+                                      const MillOptions& options);
+
+/// Takes the path piece by piece, in order; each starts where the one before ended, the first
+/// above the first cut at a height that clears everything. An error ends the work.
+using ToolpathSink = std::function<Result<void>(const Toolpath& piece)>;
+
+/// The same moves for the same design and options, for any number of threads. Ranges: diameter >
+/// 0; stepover from one step of the raster to the diameter; tolerance in [0.001, 1] mm; feeds and
+/// spindle > 0, finite; clearance, lead radius, stock allowance >= 0; scallop limit in (0, radius]; first_y <=
+/// last_y, both on the field. Memory: 64 passes beside the surface and its copies.
+/// @pre the design has at least 2 x 2 nodes; the stock, if given, too
+/// @return figures, but for those of the program; or one of the codes above with option, value and
+///         range; CNC_BEYOND_TRAVEL with the axis and both lengths; the sink's error;
+///         CORE_CANCELLED
+[[nodiscard]] Result<MillReport> mill_passes(const heightmap::ModelField& design,
+                                             const MillOptions& options, const ToolpathSink& sink,
+                                             const RunContext& run = {});
+
+/// The same into a program, written whole or not at all.
+/// @return as mill_passes; and the errors of program.hpp
 [[nodiscard]] Result<MillReport> mill(const heightmap::ModelField& design,
                                       const MillOptions& options,
                                       const std::filesystem::path& program_path,

@@ -14,8 +14,8 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "cnc/cutter_location.hpp"
+#include "cnc/fit_moves.hpp"
 #include "cnc/pass_sampler.hpp"
-#include "cnc/path_filter.hpp"
 #include "support/terrain.hpp"
 
 namespace maquette::cnc {
@@ -100,15 +100,14 @@ void CertifiedPath(benchmark::State& state) {
   DropCutter cutter(terrain(), kBall);
   const SteepnessTiles tiles(terrain(), kBall);
   std::vector<PathSample> samples;
-  std::vector<PathVertex> vertices;
-  const auto from = static_cast<std::int64_t>(std::llround(terrain().x0.value() * 1e4));
+  std::vector<FittedMove> moves;
+  const LatticeLine line{std::llround(terrain().x0.value() * 1e4), 1012500, kResolution, 0};
   for (auto _ : state) {
-    sample_line(cutter, tiles, terrain(), kBall, Axis::x, from, from + 4000000, 1012500,
-                {0.003, 0.003}, samples);
-    benchmark::DoNotOptimize(filter_path(samples, 0.01, vertices));
+    sample_line(cutter, tiles, terrain(), kBall, line, 0, 400000, {}, samples);
+    benchmark::DoNotOptimize(fit_moves(samples, line.step_mm(), {}, moves));
   }
   state.counters["samples/m"] = static_cast<double>(samples.size()) / 0.4;
-  state.counters["blocks/m"] = static_cast<double>(vertices.size()) / 0.4;
+  state.counters["blocks/m"] = static_cast<double>(moves.size()) / 0.4;
   counted(state, static_cast<double>(samples.size()));
 }
 BENCHMARK(CertifiedPath);

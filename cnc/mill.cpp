@@ -122,16 +122,16 @@ Result<MillReport> mill(const ModelField& design, const MillOptions& options,
   float top = heights.max;
   if (options.stock != nullptr)
     top = std::max(top, heightmap::height_range(options.stock->z_mm).max);
-  const double above = std::isnan(options.stock_allowance.value())
-                           ? 0.0
-                           : options.stock_allowance.value();
+  const double allowance =
+      std::isnan(options.stock_allowance.value()) ? 0.0 : options.stock_allowance.value();
   ProgramOptions program;
   program.post = options.post;
   program.name = options.program_name;
   program.work_offset = options.work_offset;
   program.blending = Millimetres{share_tolerance(options.tolerance).blending_mm};
   program.safe_z = Millimetres{
-      std::ceil((static_cast<double>(top) + above + options.clearance.value()) * 1000.0) / 1000.0};
+      std::ceil((static_cast<double>(top) + allowance + options.clearance.value()) * 1000.0) /
+      1000.0};
   program.entry_feed = options.plunge_feed;
   program.max_lines = options.max_lines;
   program.max_bytes = options.max_bytes;

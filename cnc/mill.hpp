@@ -126,8 +126,8 @@ using ToolpathSink = std::function<Result<void>(const Toolpath& piece)>;
 
 /// The same moves for the same design and options, for any number of threads. Ranges: diameter >
 /// 0; stepover from one step of the raster to the diameter; tolerance in [0.001, 1] mm; feeds and
-/// spindle > 0, finite; clearance, lead radius, stock allowance >= 0; scallop limit in (0, radius]; first_y <=
-/// last_y, both on the field. Memory: 64 passes beside the surface and its copies.
+/// spindle > 0, finite; clearance, lead radius, stock allowance >= 0; scallop limit in (0, radius];
+/// first_y <= last_y, both on the field. Memory: 64 passes beside the surface and its copies.
 /// @pre the design has at least 2 x 2 nodes; the stock, if given, too
 /// @return figures, but for those of the program; or one of the codes above with option, value and
 ///         range; CNC_BEYOND_TRAVEL with the axis and both lengths; the sink's error;

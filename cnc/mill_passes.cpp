@@ -429,8 +429,7 @@ class Milling {
 
   /// Of the calling thread.
   [[nodiscard]] LinkSurface obstacles() const {
-    if (!clearance_)
-      return {1e3, [highest = highest_mm_](double, double) { return highest; }};
+    if (!clearance_) return {1e3, [highest = highest_mm_](double, double) { return highest; }};
     LinkSurface surface = clearance_->for_thread();
     if (allowance_mm_ > 0.0)
       surface.tip_mm = [tip = surface.tip_mm, up = allowance_mm_](double x, double y) {

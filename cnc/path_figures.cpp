@@ -3,7 +3,8 @@
 
 #include <algorithm>
 #include <array>
-#include <numbers>
+
+#include "cnc/arc_geometry.hpp"
 
 namespace maquette::cnc {
 namespace {
@@ -11,20 +12,8 @@ namespace {
 constexpr std::size_t kWindow = 32;
 
 using Coordinate = std::int64_t ToolPosition::*;
-struct Plane {
-  Coordinate first, second, third;
-};
-Plane plane_of(ArcPlane plane) {
-  switch (plane) {
-    case ArcPlane::zx:
-      return {&ToolPosition::z, &ToolPosition::x, &ToolPosition::y};
-    case ArcPlane::yz:
-      return {&ToolPosition::y, &ToolPosition::z, &ToolPosition::x};
-    case ArcPlane::xy:
-      break;
-  }
-  return {&ToolPosition::x, &ToolPosition::y, &ToolPosition::z};
-}
+constexpr std::array<Coordinate, 3> kCoordinates{&ToolPosition::x, &ToolPosition::y,
+                                                 &ToolPosition::z};
 
 double number(std::int64_t ticks) {
   return static_cast<double>(ticks);
@@ -32,30 +21,29 @@ double number(std::int64_t ticks) {
 
 /// Extends low and high by the quarter points that the arc passes; returns its length in ticks.
 double arc(const ToolPosition& from, const PathMove& m, ToolPosition& low, ToolPosition& high) {
-  const Plane p = plane_of(m.plane);
+  const PlaneAxes axes = axes_of(m.plane);
+  const Coordinate first = kCoordinates[axes.first], second = kCoordinates[axes.second],
+                   third = kCoordinates[axes.third];
   const ToolPosition centre{from.x + m.i, from.y + m.j, from.z + m.k};
-  const double a0 = number(from.*p.first - centre.*p.first),
-               b0 = number(from.*p.second - centre.*p.second);
-  const double a1 = number(m.to.*p.first - centre.*p.first),
-               b1 = number(m.to.*p.second - centre.*p.second);
-  const double turn = 2.0 * std::numbers::pi, sign = m.counter_clockwise ? 1.0 : -1.0;
-  const double begin = std::atan2(b0, a0);
-  double sweep = sign * (std::atan2(b1, a1) - begin);
-  if (sweep <= 0.0) sweep += turn;
-  const double radius = std::max(std::hypot(a0, b0), std::hypot(a1, b1));
-  const auto reach = static_cast<std::int64_t>(std::ceil(radius));
+  const auto seen = [&](const ToolPosition& at) {
+    return PlanePoint{number(at.*first - centre.*first), number(at.*second - centre.*second)};
+  };
+  const PlanePoint start = seen(from), end = seen(m.to);
+  const double sweep = sweep_rad(start, end, m.counter_clockwise);
+  const double r0 = std::hypot(start.u, start.v), r1 = std::hypot(end.u, end.v);
+  const auto reach = static_cast<std::int64_t>(std::ceil(std::max(r0, r1)));
   for (int quarter = 0; quarter < 4; ++quarter) {
-    double to = sign * (0.25 * turn * quarter - begin);
-    to -= turn * std::floor(to / turn);
-    if (to >= sweep) continue;
-    const Coordinate axis = quarter % 2 == 0 ? p.first : p.second;
+    const bool along_first = quarter % 2 == 0;
+    const double side = quarter < 2 ? 1.0 : -1.0;
+    const PlanePoint top{along_first ? side : 0.0, along_first ? 0.0 : side};
+    if (sweep_rad(start, top, m.counter_clockwise) > sweep) continue;
+    const Coordinate axis = along_first ? first : second;
     if (quarter < 2)
       high.*axis = std::max(high.*axis, centre.*axis + reach);
     else
       low.*axis = std::min(low.*axis, centre.*axis - reach);
   }
-  return std::hypot(0.5 * (std::hypot(a0, b0) + std::hypot(a1, b1)) * sweep,
-                    number(m.to.*p.third - from.*p.third));
+  return std::hypot(0.5 * (r0 + r1) * sweep, number(m.to.*third - from.*third));
 }
 
 void extend(ToolPosition& low, ToolPosition& high, const ToolPosition& a) {

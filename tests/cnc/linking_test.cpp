@@ -94,7 +94,8 @@ TEST(Linking, ATowerRaisesOnlyTheLinksThatPassIt) {
 }
 
 TEST(Linking, NothingInReachIsNoObstacle) {
-  const LinkSurface surface = CutterClearance(flat_field(11, 11, 0.5, 0.0F), Cutter::ball(3.0)).for_thread();
+  const LinkSurface surface =
+      CutterClearance(flat_field(11, 11, 0.5, 0.0F), Cutter::ball(3.0)).for_thread();
   EXPECT_EQ(highest_tip(surface, 20.0, 0.0, 30.0, 0.0), -INFINITY);
   Toolpath path;
   path.start = {ticks(20.0), 0, ticks(-4.0)};
@@ -105,7 +106,8 @@ TEST(Linking, NothingInReachIsNoObstacle) {
 }
 
 TEST(Linking, NoMoveToWhereThePathEnds) {
-  const LinkSurface surface = CutterClearance(flat_field(11, 11, 0.5, 0.0F), Cutter::ball(3.0)).for_thread();
+  const LinkSurface surface =
+      CutterClearance(flat_field(11, 11, 0.5, 0.0F), Cutter::ball(3.0)).for_thread();
   Toolpath path;
   path.start = {ticks(1.0), ticks(1.0), ticks(0.0)};
   append_link(path, path.start, surface, {});
@@ -116,7 +118,8 @@ TEST(Linking, NoMoveToWhereThePathEnds) {
 }
 
 TEST(Linking, PlungeIntoStockStartsAboveTheStock) {
-  const LinkSurface stock = CutterClearance(flat_field(41, 41, 0.5, 8.0F), Cutter::ball(3.0)).for_thread();
+  const LinkSurface stock =
+      CutterClearance(flat_field(41, 41, 0.5, 8.0F), Cutter::ball(3.0)).for_thread();
   for (const double from_x : {2.0, 10.0}) {  // the second: straight above
     Toolpath path;
     path.start = {ticks(from_x), ticks(10.0), ticks(20.0)};
@@ -151,7 +154,8 @@ TEST(Linking, FlatAndBullNosedCuttersKeepTheirClearanceToo) {
 }
 
 TEST(Linking, UnknownPositionsAreABug) {
-  const LinkSurface surface = CutterClearance(flat_field(11, 11, 0.5, 0.0F), Cutter::ball(3.0)).for_thread();
+  const LinkSurface surface =
+      CutterClearance(flat_field(11, 11, 0.5, 0.0F), Cutter::ball(3.0)).for_thread();
   Toolpath path;
   EXPECT_THROW(append_link(path, {0, 0, 0}, surface, {}), CheckFailed);
 }
@@ -189,8 +193,8 @@ TEST_P(LinksOverGround, KeepTheirClearance) {
         EXPECT_EQ(m.to, to);
       }
     if (kind == Ground::flat || kind == Ground::rolling) {
-      // Slopes there stay below 0.6; the step that is highest may be highest beside the line.
-      EXPECT_LE(least_clearance(path, field, radius, true), 1.5 + 0.5 * step * 0.6 * 1.5 + 2e-4);
+      // Slopes there stay below 0.7; widened to both sides and by half a step ahead.
+      EXPECT_LE(least_clearance(path, field, radius, true), 1.5 + 0.5 * step * 0.7 * 1.5 + 2e-4);
     }
   }
 }

@@ -8,6 +8,7 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
+#include "cnc/cutter_location.hpp"
 #include "cnc/cutter_shape.hpp"
 
 namespace maquette::cnc {
@@ -35,31 +36,19 @@ double distance(Cell p, Cell a, Cell b) {
 
 Grid<float> lowest_tips(const heightmap::ModelField& design, const Cutter& cutter,
                         double allowance_mm, const CellGrid& grid, const RunContext& run) {
-  const double d = design.spacing.value();
-  // A surface point is at most a cell's diagonal from each node of its triangle, and not above
-  // the highest of them.
-  const Cutter wide = moved_sideways(with_allowance(cutter, allowance_mm),
-                                     grid.half_diagonal_mm() + d * std::sqrt(2.0));
-  Grid<float> tips(grid.rows, grid.cols, -INFINITY);
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, grid.rows, [&](std::ptrdiff_t r) {
-    if (run.stopped()) return;
-    const double R = wide.radius_mm, y = grid.y_mm(r) - design.y0.value();
-    for (std::ptrdiff_t c = 0; c < grid.cols; ++c) {
-      const double x = grid.x_mm(c) - design.x0.value();
-      double tip = -INFINITY;
-      const auto first = [&](double v) {
-        return std::max<std::ptrdiff_t>(0, static_cast<std::ptrdiff_t>(std::ceil((v - R) / d)));
-      };
-      const auto last = [&](double v, std::ptrdiff_t n) {
-        return std::min(n - 1, static_cast<std::ptrdiff_t>(std::floor((v + R) / d)));
-      };
-      for (std::ptrdiff_t i = first(y); i <= last(y, design.z_mm.rows()); ++i)
-        for (std::ptrdiff_t j = first(x); j <= last(x, design.z_mm.cols()); ++j) {
-          const double away =
-              std::hypot(static_cast<double>(i) * d - y, static_cast<double>(j) * d - x);
-          tip = std::max(tip, static_cast<double>(design.z_mm(i, j)) - underside_mm(wide, away));
-        }
-      tips(r, c) = float_above(tip + allowance_mm);
+  const DropCutter wide(
+      design, moved_sideways(with_allowance(cutter, allowance_mm), grid.half_diagonal_mm()));
+  Grid<float> tips(grid.rows, grid.cols);
+  constexpr std::ptrdiff_t kRowsAtATime = 16;  // for which a copy of the cutter serves
+  const std::ptrdiff_t tasks = (grid.rows + kRowsAtATime - 1) / kRowsAtATime;
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, tasks, [&](std::ptrdiff_t task) {
+    DropCutter cutter_here = wide;
+    const std::ptrdiff_t first = task * kRowsAtATime;
+    for (std::ptrdiff_t r = first; r < std::min(grid.rows, first + kRowsAtATime); ++r) {
+      if (run.stopped()) return;
+      for (std::ptrdiff_t c = 0; c < grid.cols; ++c)
+        tips(r, c) =
+            float_above(cutter_here.drop(grid.x_mm(c), grid.y_mm(r)).tip_mm + allowance_mm);
     }
   });
   if (run.stopped()) return {};

@@ -240,9 +240,8 @@ TEST_P(RoughingGround, KeepsTheAllowanceTakesTheRestAndEntersGently) {
     EXPECT_LE(before - *level, o.step_down_mm + 2e-4);
     before = *level;
   }
-  // A cell is free if the cutter is anywhere in it; a place's cell is within half a side. The
-  // grid dilation takes a diagonal of the design's cells more.
-  const double slack = o.cell_mm * 1.4143 + 0.5 * 1.4143;
+  // A cell is free if the cutter is anywhere in it; a place's cell is within half a diagonal.
+  const double slack = o.cell_mm * 1.4143;
   const double R = o.cutter.radius_mm + o.allowance_mm + slack;
   const double corner = o.cutter.corner_radius_mm + o.allowance_mm;
   const auto under = [](double radius, double r, double d) {
@@ -287,7 +286,8 @@ TEST_P(RoughingGround, KeepsTheAllowanceTakesTheRestAndEntersGently) {
       ++judged;
       most = std::max(most, stock.z()(r, c) - bound);
     }
-  EXPECT_GT(judged, 100);
+  // Over narrow pits a ball nose has no level ground at all.
+  EXPECT_TRUE(judged > 100 || (kind == Ground::pits && k == 2)) << judged;
   EXPECT_LE(most, kLeastCut_mm + 1e-3);
 }
 

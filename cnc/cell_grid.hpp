@@ -2,8 +2,8 @@
 #pragma once
 
 /// @file cell_grid.hpp
-/// Squares on which roughing decides. Centres are on ticks, so that a path from centre to
-/// centre is written exactly as it was decided.
+/// Squares on which roughing decides. Centres are on multiples of what every control keeps
+/// (kResolution), so that a path from centre to centre is written exactly as it was decided.
 
 #include <cmath>
 #include <cstddef>

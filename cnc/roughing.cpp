@@ -12,6 +12,7 @@
 
 #include "cnc/level_region.hpp"
 #include "cnc/mill.hpp"
+#include "cnc/pass_sampler.hpp"
 #include "cnc/piece_order.hpp"
 
 namespace maquette::cnc {
@@ -65,7 +66,8 @@ Result<CellGrid> cells_over(double x0, double y0, double x1, double y1, const Ro
                 fmt::format("the stock spans x {} .. {}, y {} .. {} mm; it must have a size", x0,
                             x1, y0, y1));
   CellGrid grid;
-  grid.side = 2 * std::llround(0.5 * o.cell_mm / kTick_mm);
+  constexpr double kUnit_mm = kTick_mm * kResolution;  // centres and corners on multiples of it
+  grid.side = 2 * kResolution * std::llround(0.5 * o.cell_mm / kUnit_mm);
   const double side = grid.side_mm();
   const double overhang =
       std::isnan(o.overhang_mm) ? o.cutter.radius_mm + kClearCells * side : o.overhang_mm;
@@ -78,14 +80,14 @@ Result<CellGrid> cells_over(double x0, double y0, double x1, double y1, const Ro
                             o.cell_mm, cols, rows));
   grid.cols = static_cast<std::ptrdiff_t>(cols) + 2 * beyond;
   grid.rows = static_cast<std::ptrdiff_t>(rows) + 2 * beyond;
-  const auto tick = [](double mm) { return std::llround(mm / kTick_mm); };
+  const auto tick = [](double mm) { return kResolution * std::llround(mm / kUnit_mm); };
   grid.x0 = tick(x0) + grid.side / 2 - beyond * grid.side;
   grid.y0 = tick(y0) + grid.side / 2 - beyond * grid.side;
   return grid;
 }
 
 std::int64_t tick_above(double mm) {
-  return static_cast<std::int64_t>(std::ceil(mm / kTick_mm - 1e-9));
+  return kResolution * static_cast<std::int64_t>(std::ceil(mm / (kTick_mm * kResolution) - 1e-9));
 }
 
 class Operation {
@@ -271,7 +273,8 @@ class Operation {
         std::min(options_.feed_mm_min, options_.plunge_feed_mm_min / std::sin(std::atan(fall)));
     const auto go_down = [&](const Place& to, double flown) {
       PathMove move;
-      move.to = {to.x, to.y, std::max(z_, tick_above(mm_of_ticks(top) - fall * flown))};
+      move.to = {to.x, to.y,
+                 std::max(z_, top - static_cast<std::int64_t>(fall * flown / kTick_mm))};
       move.feed_mm_min = feed;
       path.moves.push_back(move);
     };

@@ -13,7 +13,7 @@
 #include "cnc/cutter_location.hpp"
 #include "cnc/level_contours.hpp"
 #include "cnc/linking.hpp"
-#include "cnc/mill.hpp"
+#include "cnc/pass_sampler.hpp"
 #include "cnc/piece_order.hpp"
 #include "cnc/steepness.hpp"
 
@@ -22,7 +22,6 @@ namespace {
 
 using heightmap::ModelField;
 
-constexpr std::int64_t kLattice = 10;  // ticks: vertices on multiples of 0.001 mm
 constexpr double kShortestChord_mm = 0.01;
 constexpr double kCandidate = 0.6;  // of the slope's tangent, at the nodes, for a cell to count
 constexpr std::size_t kLevelsAtATime = 16;
@@ -54,7 +53,7 @@ Result<void> check(const ModelField& design, const WaterlineOptions& o) {
   return {};
 }
 
-/// On the lattice, ticks.
+/// Multiples of kResolution, ticks.
 struct Place {
   std::int64_t x, y;
 };
@@ -62,7 +61,7 @@ double distance_mm(Place a, Place b) {
   return std::hypot(mm_of_ticks(b.x - a.x), mm_of_ticks(b.y - a.y));
 }
 std::int64_t on_lattice(double mm) {
-  return std::llround(mm / (kTick_mm * kLattice)) * kLattice;
+  return std::llround(mm / (kTick_mm * kResolution)) * kResolution;
 }
 
 struct Bounds {
@@ -106,11 +105,11 @@ class Tracer {
   /// From a free place towards one that is not, as far as it stays free.
   [[nodiscard]] Place last_free(Place from, Place to) {
     const std::int64_t steps =
-        std::max(std::abs(to.x - from.x), std::abs(to.y - from.y)) / kLattice;
+        std::max(std::abs(to.x - from.x), std::abs(to.y - from.y)) / kResolution;
     const auto place = [&](std::int64_t k) {
       const double t = static_cast<double>(k) / static_cast<double>(steps);
       const auto between = [t](std::int64_t a, std::int64_t b) {
-        return a + std::llround(t * static_cast<double>(b - a) / kLattice) * kLattice;
+        return a + std::llround(t * static_cast<double>(b - a) / kResolution) * kResolution;
       };
       return Place{between(from.x, to.x), between(from.y, to.y)};
     };
@@ -310,8 +309,10 @@ Grid<float> tips_at_nodes(const ModelField& design, const DropCutter& cutter,
 
 /// Rapids over the design with the allowance, or over the stock.
 LinkSurface flying(const ModelField& design, const WaterlineOptions& o) {
-  if (o.stock != nullptr) return BallClearance(*o.stock, {o.ball_radius_mm}).for_thread();
-  LinkSurface over = BallClearance(design, {o.ball_radius_mm + o.allowance_mm}).for_thread();
+  if (o.stock != nullptr)
+    return CutterClearance(*o.stock, Cutter::ball(o.ball_radius_mm)).for_thread();
+  LinkSurface over =
+      CutterClearance(design, Cutter::ball(o.ball_radius_mm + o.allowance_mm)).for_thread();
   return {over.step_mm,
           [over, a = o.allowance_mm](double x, double y) { return over.tip_mm(x, y) + a; }};
 }
@@ -387,7 +388,7 @@ Result<WaterlineReport> waterline(const ModelField& design, const WaterlineOptio
   double over = static_cast<double>(*highest) + a;
   if (options.stock != nullptr)
     for (const float z : options.stock->z_mm.cells()) over = std::max(over, static_cast<double>(z));
-  const std::int64_t top = on_lattice(over + options.clearance_mm) + kLattice;
+  const std::int64_t top = on_lattice(over + options.clearance_mm) + kResolution;
 
   std::vector<std::int64_t> levels;  // ticks, of the programmed tip
   const double span = static_cast<double>(*highest) - static_cast<double>(*lowest);

@@ -29,10 +29,8 @@
 
 #include <cmath>
 #include <cstdint>
-#include <functional>
 
-#include "cnc/tool.hpp"
-#include "cnc/toolpath.hpp"
+#include "cnc/mill.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "heightmap/height_field.hpp"
@@ -61,10 +59,6 @@ struct WaterlineReport {
   double certified_gouge_mm = 0.0;         ///< bound, vertically
   double certified_normal_gouge_mm = 0.0;  ///< bound, in space
 };
-
-/// Takes the path piece by piece, in order; each starts where the one before ended. An error ends
-/// the work.
-using ToolpathSink = std::function<Result<void>(const Toolpath& piece)>;
 
 /// One piece for each level on which something is steep; the first starts above everything, and
 /// the last ends there. Same moves for any number of threads.

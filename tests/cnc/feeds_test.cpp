@@ -233,6 +233,31 @@ TEST(Feeds, KeepEveryLimitOnARandomPath) {
     EXPECT_EQ(fixed.moves[i].feed_mm_min, path.moves[i].feed_mm_min) << "a function of the path";
 }
 
+TEST(Feeds, AnArcThatTurnsOverIsSteepestInItsMiddle) {
+  // Half a turn of radius 40 mm about (0, 0, 0), from its top over +x to its bottom: level at both
+  // ends.
+  Toolpath path;
+  path.start = {0, 0, 400'000};
+  PathMove m;
+  m.kind = PathMove::Kind::arc;
+  m.plane = ArcPlane::zx;
+  m.counter_clockwise = true;  // from z to x
+  m.to = {0, 0, -400'000};
+  m.k = -400'000;
+  path.moves = {m};
+  Machine machine = portal();
+  machine.max_plunge_mm_min = 700.0;
+  const Engagement e{3.0, 1.0};
+  ASSERT_THAT(set_feeds(path, machine, board(), {}, std::span(&e, 1)), Succeeds());
+  EXPECT_EQ(path.moves[0].feed_mm_min, 700.0);
+  path.start.z = -400'000;  // the same half turn upwards
+  path.moves[0].to.z = 400'000;
+  path.moves[0].k = 400'000;
+  path.moves[0].counter_clockwise = false;
+  ASSERT_THAT(set_feeds(path, machine, board(), {}, std::span(&e, 1)), Succeeds());
+  EXPECT_GT(path.moves[0].feed_mm_min, 2000.0);
+}
+
 TEST(Feeds, NamingTheReachedSpeedCostsNoTime) {
   const Machine machine = portal();
   Tool tool;

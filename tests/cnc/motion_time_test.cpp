@@ -171,6 +171,46 @@ TEST(MotionTime, CornersBetweenLines) {
   EXPECT_EQ(g.length_mm, 0.0);
 }
 
+TEST(MotionTime, JumpsTakeTheirShareOfTheAcceleration) {
+  const Machine m = machine();
+  // 50 mm/s turned by 0.001 rad within 1 ms: 0.026 of the acceleration, missing to both moves.
+  std::vector<double> accelerations;
+  const auto watch = [&](const PlannedPiece& p) {
+    accelerations.push_back(p.piece.acceleration_mm_s2);
+  };
+  time_of(lines({{0, 0, 0}, {10, 0, 0}, {20, 0.01, 0}, {30, 0.02, 0}}, 3000.0), m, {}, watch);
+  EXPECT_THAT(accelerations, testing::ElementsAre(testing::DoubleNear(1948.0, 0.1),
+                                                  testing::DoubleNear(1948.0, 0.1),
+                                                  testing::DoubleNear(2000.0, 0.1)));
+  // Turned by 0.01 rad the jump may take no more than a tenth: 50 mm/s x 0.1 / 0.26.
+  const auto limits = [&](Vec3 from, Vec3 to) { return move_limits(m, line(from, to)); };
+  const MoveLimits x = limits({-10, 0, 0}, {0, 0, 0}), turned = limits({0, 0, 0}, {10, 0.1, 0});
+  const PathControl tight{PathControl::Mode::blend, 1e-6};
+  EXPECT_NEAR(corner(m, tight, x, turned).speed_mm_s, 50.0 * 0.1 / 0.26, 1e-3);
+  // Beside an arc it counts twice.
+  const MoveLimits bow =
+      move_limits(m, arc(ArcPlane::xy, {-50, 50, 0}, {0, 0, 0}, {0, 50, 0}, kPi / 2.0, 3000));
+  EXPECT_NEAR(dot(bow.end, {1, 0, 0}), 1.0, 1e-12);
+  EXPECT_NEAR(dot(bow.start, {0, -1, 0}), 1.0, 1e-12);
+  const Corner soft = corner(m, tight, bow, limits({0, 0, 0}, {10, 0.01, 0}));
+  EXPECT_NEAR(soft.lost_share, 0.052, 1e-4);
+}
+
+TEST(MotionTime, RapidsAndCutsStopBetweenEachOther) {
+  Motion rapid = line({0, 0, 0}, {100, 0, 0}, 0.0);
+  rapid.kind = Motion::Kind::rapid;
+  const auto t = time_of({rapid, line({100, 0, 0}, {200, 0, 0}), line({200, 0, 0}, {300, 0, 0})},
+                         machine(), {});
+  EXPECT_NEAR(t.rapid_s, 0.5 + 0.1, 1e-12);
+  EXPECT_NEAR(t.cutting_s, 4.0 + 0.025, 1e-12);
+  EXPECT_EQ(t.stops, 2U);
+  rapid.from_mm = {300, 0, 0};
+  rapid.to_mm = {400, 0, 0};
+  const auto back = time_of({line({100, 0, 0}, {300, 0, 0}), rapid}, machine(), {});
+  EXPECT_NEAR(back.rapid_s, 0.6, 1e-12);
+  EXPECT_NEAR(back.cutting_s, 4.025, 1e-12);
+}
+
 TEST(MotionTime, EveryMoveStopsInExactStop) {
   std::vector<Motion> moves;
   for (int i = 0; i < 200; ++i) moves.push_back(line({0.5 * i, 0, 0}, {0.5 * (i + 1), 0, 0}));
@@ -209,6 +249,11 @@ TEST(MotionTime, WaitsForBlocks) {
     for (int k = 0; k < 40; ++k, x += 0.1) bursts.push_back(line({x, 0, 0}, {x + 0.1, 0, 0}));
   }
   EXPECT_NEAR(time_of(bursts, m, {}).waiting_s, 1 / 100.0, 0.005) << "the first block only";
+  // One that is too small does not: 10 blocks wait when the burst begins, 30 are read at 100 a
+  // second while 40 moves of 2 ms want them.
+  m.look_ahead_blocks = 10;
+  const double waiting = time_of(bursts, m, {}).waiting_s;
+  EXPECT_NEAR(waiting, 20 * (30 / 100.0 - 40 * 0.002), 20 * 0.05);
 }
 
 // ---- laws ------------------------------------------------------------------

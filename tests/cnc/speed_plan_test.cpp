@@ -201,6 +201,10 @@ TEST(SpeedPlan, JerkCostsTimeButNotMuchOnALongRun) {
   const double without = seconds(planned(pieces));
   for (PathPiece& p : pieces) p.jerk_mm_s3 = 1e9;
   EXPECT_GE(seconds(planned(pieces)), without - 1e-9);
+  // Pieces of nearly one speed run at the lowest of them.
+  for (const PlannedPiece& p :
+       planned({{50, 50, 900, 1e4}, {50, 49.5, 900, 1e4, 1e9}, {50, 50, 900, 1e4, 49.4}}))
+    EXPECT_EQ(p.top_mm_s, 49.4);
   // Many short pieces of one speed are one run: v / a + a / j at either end.
   const std::vector<PathPiece> steady(1000, {0.5, 50.0, 1000.0, 20'000.0, 1e9, 1});
   EXPECT_NEAR(seconds(planned(steady)), 10.0 + 2.0 * std::sqrt(50.0 / 20'000.0), 1e-6);

@@ -22,13 +22,26 @@ double ramp_mm(double v0, double v1, const PathPiece& p) {
   return 0.5 * (v0 + v1) * ramp_seconds(std::fabs(v1 - v0), p);
 }
 
-/// Largest v in [low, high] with f(v) true; f is true at low, and false beyond one place.
+/// Largest v in [low, high] with f(v) <= target, f increasing and f(low) <= target, to 1e-12 of
+/// the target: false position with the weight of an end halved when it stays (Illinois).
 template <class F>
-double last_true(double low, double high, F f) {
-  if (f(high)) return high;
-  for (int i = 0; i < 40; ++i) {
-    const double middle = 0.5 * (low + high);
-    (f(middle) ? low : high) = middle;
+double largest(double low, double high, double target, F f) {
+  double over = f(high) - target, under = f(low) - target;
+  if (over <= 0.0) return high;
+  int stayed = 0;
+  for (int i = 0; i < 60 && under < 0.0; ++i) {
+    const double v = (low * over - high * under) / (over - under);
+    const double off = f(v) - target;
+    if (std::fabs(off) <= 1e-12 * target) return v;
+    if (off > 0.0) {
+      high = v, over = off;
+      if (stayed == 1) under *= 0.5;
+      stayed = 1;
+    } else {
+      low = v, under = off;
+      if (stayed == -1) over *= 0.5;
+      stayed = -1;
+    }
   }
   return low;
 }
@@ -39,8 +52,7 @@ double last_true(double low, double high, F f) {
 double SpeedPlan::reach(double from, const PathPiece& p) const {
   if (p.jerk_mm_s3 == 0.0) return std::sqrt(from * from + 2.0 * p.acceleration_mm_s2 * p.length_mm);
   if (from >= p.speed_mm_s) return from;
-  return last_true(from, p.speed_mm_s,
-                   [&](double v) { return ramp_mm(from, v, p) <= p.length_mm; });
+  return largest(from, p.speed_mm_s, p.length_mm, [&](double v) { return ramp_mm(from, v, p); });
 }
 
 PlannedPiece SpeedPlan::run(double u, double w, const PathPiece& p) const {
@@ -59,8 +71,8 @@ PlannedPiece SpeedPlan::run(double u, double w, const PathPiece& p) const {
     }
     return out;
   }
-  const double top = last_true(
-      std::fmax(u, w), v, [&](double t) { return ramp_mm(u, t, p) + ramp_mm(w, t, p) <= length; });
+  const double top = largest(std::fmax(u, w), v, length,
+                             [&](double t) { return ramp_mm(u, t, p) + ramp_mm(w, t, p); });
   out.top_mm_s = top;
   out.seconds = ramp_seconds(top - u, p) + ramp_seconds(top - w, p) +
                 std::fmax(0.0, length - ramp_mm(u, top, p) - ramp_mm(w, top, p)) / top;
@@ -106,8 +118,7 @@ void SpeedPlan::plan(bool to_the_end) {
                          k > 0 ? std::fmin(p.entry_mm_s, pieces_[k - 1].speed_mm_s) : p.speed_mm_s);
     const double reached = reach(limit_[k + 1], p);
     const std::size_t ahead = std::min(n, k + look_ahead_);
-    const bool known = look_ahead_ == 0 || k + look_ahead_ <= n;
-    if (reached >= v && known && settled == 0) settled = k;
+    if (reached >= v && settled == 0) settled = k;
     v = std::fmin(v, reached);
     stopping_[k] =
         stopping_[k + 1] + (jerk ? p.length_mm : 2.0 * p.acceleration_mm_s2 * p.length_mm);

@@ -5,6 +5,8 @@
 #include <array>
 #include <numbers>
 
+#include "cnc/arc_geometry.hpp"
+
 namespace maquette::cnc {
 namespace {
 
@@ -31,10 +33,6 @@ std::array<double, 3> coordinates(Vec3 v) {
   return {v.x, v.y, v.z};
 }
 
-std::size_t third_axis(ArcPlane plane) {
-  return plane == ArcPlane::xy ? 2 : plane == ArcPlane::zx ? 1 : 0;
-}
-
 MoveLimits line_limits(const Machine& machine, const Motion& motion) {
   const Vec3 d = motion.to_mm - motion.from_mm;
   MoveLimits m;
@@ -52,8 +50,7 @@ MoveLimits line_limits(const Machine& machine, const Motion& motion) {
 }
 
 MoveLimits arc_limits(const Machine& machine, const Motion& motion) {
-  const std::size_t third = third_axis(motion.plane);
-  const std::size_t first = (third + 1) % 3, second = (third + 2) % 3;
+  const auto [first, second, third] = axes_of(motion.plane);
   const auto a = coordinates(motion.from_mm), b = coordinates(motion.to_mm),
              c = coordinates(motion.centre_mm), feed = coordinates(machine.max_feed_mm_min),
              acceleration = coordinates(machine.acceleration_mm_s2),
@@ -186,14 +183,11 @@ Motion motion_of(const ToolPosition& from, const PathMove& move) {
   if (m.kind != Motion::Kind::arc) return m;
   m.centre_mm = {mm_of_ticks(from.x + move.i), mm_of_ticks(from.y + move.j),
                  mm_of_ticks(from.z + move.k)};
-  const std::size_t third = third_axis(m.plane);
-  const std::size_t first = (third + 1) % 3, second = (third + 2) % 3;
+  const auto [first, second, third] = axes_of(m.plane);
   const auto a = coordinates(m.from_mm - m.centre_mm), b = coordinates(m.to_mm - m.centre_mm);
-  const double angle = std::atan2(a[first] * b[second] - a[second] * b[first],
-                                  a[first] * b[first] + a[second] * b[second]);
-  constexpr double kTurn = 2.0 * std::numbers::pi;
-  m.sweep_rad = move.counter_clockwise ? (angle > 0.0 ? angle : angle + kTurn)
-                                       : (angle < 0.0 ? angle : angle - kTurn);
+  m.sweep_rad = sweep_rad({a[first], a[second]}, {b[first], b[second]}, move.counter_clockwise);
+  if (m.sweep_rad == 0.0) m.sweep_rad = 2.0 * std::numbers::pi;
+  if (!move.counter_clockwise) m.sweep_rad = -m.sweep_rad;
   return m;
 }
 

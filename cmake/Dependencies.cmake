@@ -16,6 +16,7 @@ find_package(draco 1.5 CONFIG REQUIRED)
 find_package(nanoflann 1.4 CONFIG REQUIRED)
 find_package(OpenImageIO 2.4 CONFIG REQUIRED)  # mutters about a missing PyImath; harmless
 find_package(embree 3.13 CONFIG REQUIRED)      # target is plain "embree"
+find_package(pugixml 1.13 CONFIG REQUIRED)
 find_package(OpenMesh CONFIG REQUIRED)         # targets OpenMeshCore, OpenMeshTools
 
 list(APPEND CMAKE_MODULE_PATH  # these two ship find modules in places CMake does not look

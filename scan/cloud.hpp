@@ -19,6 +19,7 @@
 namespace maquette::scan {
 
 inline constexpr ErrorCode kCloudFormat{"SCAN_CLOUD_FORMAT"};
+inline constexpr ErrorCode kCloudChecksum{"SCAN_CLOUD_CHECKSUM"};
 inline constexpr ErrorCode kCloudEmpty{"SCAN_CLOUD_EMPTY"};
 inline constexpr ErrorCode kCloudNotFinite{"SCAN_CLOUD_NOT_FINITE"};
 inline constexpr ErrorCode kCloudCannotHold{"SCAN_CLOUD_CANNOT_HOLD"};

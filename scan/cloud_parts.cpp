@@ -241,7 +241,7 @@ void check_batch(const CloudFields& f, const PointBatch& b) {
                      fits(f.time, b.time_s.size()) && fits(f.returns, b.return_index.size()) &&
                      fits(f.returns, b.return_count.size()) &&
                      fits(f.scan_angle, b.scan_angle_rad.size()) &&
-                     (b.flags.empty() || b.flags.size() == n),
+                     (b.flags.empty() || (f.flags && b.flags.size() == n)),
                  "a batch of {} points must have the arrays of its station's fields", n);
 }
 
@@ -256,9 +256,10 @@ Result<void> FlatWriter::begin_station(const ScanStation& station) {
     header_bytes_ = text.size();
     file_.write(text);
   } else {
-    const CloudFields &a = first_.fields, &b = station.fields;
+    CloudFields& a = first_.fields;
+    const CloudFields& b = station.fields;
     CloudFields same = b;
-    same.flags = a.flags;
+    same.flags = a.flags = a.flags || b.flags;  // not part of the layout
     if (same != a)
       return fail(kCloudCannotHold,
                   fmt::format("{}: station {} has other fields (intensity, colour, ...) than the "

@@ -43,6 +43,7 @@ ReaderResult open_source(ByteSource source, const CloudReadOptions& options) {
   const std::filesystem::path path = source.name();
   MAQUETTE_TRY_VOID(check_unit(path, options.unit_mm));
   const std::string extension = extension_of(path);
+  if (extension == ".e57") return open_e57(std::move(source), options);
   if (extension == ".ply") return open_ply(std::move(source), options);
   if (extension == ".csv" || is_text(extension))
     return open_text(std::move(source), options, extension == ".csv");
@@ -61,6 +62,7 @@ Result<std::unique_ptr<CloudWriter>> create_cloud(const std::filesystem::path& p
                                                   const CloudWriteOptions& options) {
   MAQUETTE_TRY_VOID(check_unit(path, options.unit_mm));
   const std::string extension = extension_of(path);
+  if (extension == ".e57") return detail::create_e57(path, options);
   if (extension == ".ply") return detail::create_ply(path, options);
   if (extension == ".csv" || is_text(extension))
     return detail::create_text(path, options, extension == ".csv");

@@ -127,6 +127,7 @@ class BasicReader : public CloudReader {
 };
 
 using ReaderResult = Result<std::unique_ptr<CloudReader>>;
+[[nodiscard]] ReaderResult open_e57(ByteSource source, const CloudReadOptions& options);
 [[nodiscard]] ReaderResult open_ply(ByteSource source, const CloudReadOptions& options);
 [[nodiscard]] ReaderResult open_text(ByteSource source, const CloudReadOptions& options,
                                      bool is_csv);
@@ -184,6 +185,8 @@ class FlatWriter : public CloudWriter {
 void check_batch(const CloudFields& fields, const PointBatch& batch);
 
 using WriterResult = Result<std::unique_ptr<CloudWriter>>;
+[[nodiscard]] WriterResult create_e57(const std::filesystem::path& path,
+                                      const CloudWriteOptions& options);
 /// @param scalar  one more float per point: name of the property; its values are `values`, in the
 ///                order of the points written
 struct ExtraScalar {

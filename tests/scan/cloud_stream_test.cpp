@@ -106,6 +106,7 @@ TEST_P(SimpleFormat, BringsStationsToTheModelFrameAndForgetsTheirPositions) {
     cloud.stations.push_back(sample_station(f, 4, 5, s));
     cloud.points.push_back(sample_points(f, 4, 5, s));
   }
+  cloud.stations[1].fields.flags = true;
   cloud.points[1].flags.resize(20);
   cloud.points[1].flags[3] = kNoPosition;
   cloud.points[1].flags[4] = kDirectionOnly;

@@ -105,7 +105,7 @@ struct MillReport {
   double rapid_length_mm = 0.0;
   double cutting_time_min = 0.0;  ///< length over feed; no acceleration
   double shortest_move_mm = 0.0;
-  /// Cutting moves a second at the programmed feed, at worst over 32 moves in a row.
+  /// Cutting moves a second at the programmed feed, at worst over 32 in a row; 0 for fewer.
   double highest_block_rate_per_s = 0.0;
   double direction_deg = 0.0;  ///< of the passes, as cut
   ToleranceShares shares;

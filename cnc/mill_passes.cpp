@@ -28,9 +28,7 @@ using heightmap::ModelField;
 constexpr std::size_t kPassesAtATime = 64;
 /// Of the tolerance, between samples above the path; beyond, a sample more costs less than a move.
 constexpr double kDipShare = 0.2;
-constexpr double kLongestCutLink_mm = 10.0;
 constexpr double kAddedOverlap_mm = 1.0;  ///< added passes reach this far beyond where they must
-constexpr double kLeastGap_mm = 4.0;      ///< ... and go on over shorter gaps
 constexpr int kMostHalvings = 3;
 constexpr double kApproach_mm = 1.0;
 
@@ -64,7 +62,6 @@ struct Piece {
   FitBounds bounds;
   std::uint64_t sampled = 0;
   Toolpath path;
-  PathFigures figures;
 
   [[nodiscard]] ToolPosition end_at(bool last) const {
     const FittedMove& m = last ? moves.back() : moves.front();
@@ -112,6 +109,11 @@ class Milling {
     highest_mm_ = highest + allowance_mm_;
     safe_z_ = static_cast<std::int64_t>(std::ceil((highest_mm_ + o.clearance.value()) * 1000.0)) *
               kResolution;
+    // A flight costs about as much as cutting on for as long as the plunge takes, and a little.
+    const double lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
+    const double plunge =
+        clearance_ ? kApproach_mm : 0.5 * (highest_mm_ - lowest) + o.clearance.value();
+    air_worth_mm_ = 10.0 + plunge * o.feed.value() / o.plunge_feed.value();
   }
 
   Result<MillReport> run(const ToolpathSink& sink, const RunContext& run) {
@@ -253,7 +255,7 @@ class Milling {
     const auto places = [this](double mm) {
       return static_cast<std::int64_t>(std::ceil(mm / frame_.step_mm()));
     };
-    const std::int64_t overlap = places(kAddedOverlap_mm), least = places(kLeastGap_mm);
+    const std::int64_t overlap = places(kAddedOverlap_mm), least = places(air_worth_mm_);
     std::vector<PathSample> samples;
     constexpr std::int64_t kParts = std::int64_t{1} << kMostHalvings;
     for (std::int64_t part = 1; part < kParts; ++part) {
@@ -331,7 +333,7 @@ class Milling {
         piece.by_air = false;
       } else if (options_.zigzag && row_) {
         piece.link = link_inside(frame_, area_, row_->across, row_->cut_to, piece.across,
-                                 piece.cut.from, kLongestCutLink_mm);
+                                 piece.cut.from, air_worth_mm_);
         piece.by_air = piece.link.empty();
       }
       end_ = piece.end_at(true);
@@ -424,7 +426,6 @@ class Milling {
       path.moves.push_back(move);
     }
     piece.moves = {};
-    piece.figures = figures_of(path);
   }
 
   /// Of the calling thread.
@@ -473,7 +474,7 @@ class Milling {
     }
     bounds_.gouge_mm = std::max(bounds_.gouge_mm, piece.bounds.gouge_mm);
     bounds_.excess_mm = std::max(bounds_.excess_mm, piece.bounds.excess_mm);
-    figures_.add(piece.figures);
+    figures_.add(piece.path);
     const auto check = [](char axis, double length_mm, Millimetres travel) -> Result<void> {
       if (travel.value() == 0.0 || length_mm <= travel.value()) return {};
       return fail(kBeyondTravel,
@@ -500,7 +501,7 @@ class Milling {
   std::int64_t grain_;
   double allowed_mm_;
   ScallopCollector scallop_;
-  double allowance_mm_ = 0.0, highest_mm_ = 0.0;
+  double allowance_mm_ = 0.0, highest_mm_ = 0.0, air_worth_mm_ = 0.0;
   std::int64_t safe_z_ = 0;
 
   struct RowEnd {

@@ -9,8 +9,6 @@
 namespace maquette::cnc {
 namespace {
 
-constexpr std::size_t kWindow = 32;
-
 using Coordinate = std::int64_t ToolPosition::*;
 constexpr std::array<Coordinate, 3> kCoordinates{&ToolPosition::x, &ToolPosition::y,
                                                  &ToolPosition::z};
@@ -53,60 +51,37 @@ void extend(ToolPosition& low, ToolPosition& high, const ToolPosition& a) {
 
 }  // namespace
 
-void PathFigures::add(const PathFigures& piece) {
-  lines += piece.lines;
-  arcs += piece.arcs;
-  rapids += piece.rapids;
-  cutting_length_mm += piece.cutting_length_mm;
-  rapid_length_mm += piece.rapid_length_mm;
-  cutting_time_min += piece.cutting_time_min;
-  shortest_cut_mm = std::min(shortest_cut_mm, piece.shortest_cut_mm);
-  highest_rate_per_s = std::max(highest_rate_per_s, piece.highest_rate_per_s);
-  extend(low, high, piece.low);
-  extend(low, high, piece.high);
-  lowest_cut = std::min(lowest_cut, piece.lowest_cut);
-  highest_cut = std::max(highest_cut, piece.highest_cut);
-}
-
-PathFigures figures_of(const Toolpath& path) {
-  PathFigures f;
-  ToolPosition at = path.start;
-  extend(f.low, f.high, at);
-  std::array<double, kWindow> seconds{};
-  double in_window = 0.0;
-  std::size_t cuts = 0;
-  for (const PathMove& m : path.moves) {
-    ToolPosition low = at, high = at;
-    extend(low, high, m.to);
-    double length = mm_of_ticks(1);
+void PathFigures::add(const Toolpath& piece) {
+  ToolPosition at = piece.start;
+  extend(low, high, at);
+  for (const PathMove& m : piece.moves) {
+    ToolPosition least = at, most = at;
+    extend(least, most, m.to);
+    double length = kTick_mm;
     if (m.kind == PathMove::Kind::arc)
-      length *= arc(at, m, low, high);
+      length *= arc(at, m, least, most);
     else
       length *= std::hypot(number(m.to.x - at.x), number(m.to.y - at.y), number(m.to.z - at.z));
-    extend(f.low, f.high, low);
-    extend(f.low, f.high, high);
+    extend(low, high, least);
+    extend(low, high, most);
     at = m.to;
     if (m.kind == PathMove::Kind::rapid) {
-      ++f.rapids;
-      f.rapid_length_mm += length;
+      ++rapids;
+      rapid_length_mm += length;
       continue;
     }
-    ++(m.kind == PathMove::Kind::arc ? f.arcs : f.lines);
-    f.lowest_cut = std::min(f.lowest_cut, low.z);
-    f.highest_cut = std::max(f.highest_cut, high.z);
-    f.cutting_length_mm += length;
-    f.cutting_time_min += length / m.feed_mm_min;
-    f.shortest_cut_mm = std::min(f.shortest_cut_mm, length);
-    double& oldest = seconds[cuts % kWindow];
-    in_window += 60.0 * length / m.feed_mm_min - oldest;
+    double& oldest = seconds_[(lines + arcs) % kWindow];
+    ++(m.kind == PathMove::Kind::arc ? arcs : lines);
+    lowest_cut = std::min(lowest_cut, least.z);
+    highest_cut = std::max(highest_cut, most.z);
+    cutting_length_mm += length;
+    cutting_time_min += length / m.feed_mm_min;
+    shortest_cut_mm = std::min(shortest_cut_mm, length);
+    in_window_ += 60.0 * length / m.feed_mm_min - oldest;
     oldest = 60.0 * length / m.feed_mm_min;
-    ++cuts;
-    if (cuts >= kWindow && in_window > 0.0)
-      f.highest_rate_per_s = std::max(f.highest_rate_per_s, number(kWindow) / in_window);
+    if (lines + arcs >= kWindow && in_window_ > 0.0)
+      highest_rate_per_s = std::max(highest_rate_per_s, static_cast<double>(kWindow) / in_window_);
   }
-  if (cuts > 0 && cuts < kWindow && in_window > 0.0)
-    f.highest_rate_per_s = number(static_cast<std::int64_t>(cuts)) / in_window;
-  return f;
 }
 
 }  // namespace maquette::cnc

@@ -4,7 +4,9 @@
 /// @file path_figures.hpp
 /// What a path amounts to: lengths, moves, extent, and how fast its moves follow each other.
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 
@@ -17,19 +19,21 @@ struct PathFigures {
   double cutting_length_mm = 0.0, rapid_length_mm = 0.0;
   double cutting_time_min = 0.0;  ///< length over feed
   double shortest_cut_mm = INFINITY;
-  /// Cutting moves a second at the programmed feed, over the worst 32 in a row of one piece
-  /// (fewer if the piece has fewer).
+  /// Cutting moves a second at the programmed feed, over the worst kWindow in a row; 0 for fewer.
   double highest_rate_per_s = 0.0;
   /// Of the tip on all moves, arcs' bulges included; z of the cuts alone besides.
   ToolPosition low{kMost, kMost, kMost}, high{-kMost, -kMost, -kMost};
   std::int64_t lowest_cut = kMost, highest_cut = -kMost;
 
-  void add(const PathFigures& piece);
+  /// The next piece of the path. @pre start and all ends known
+  void add(const Toolpath& piece);
 
   static constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
-};
+  static constexpr std::size_t kWindow = 32;
 
-/// @pre start and all ends known
-[[nodiscard]] PathFigures figures_of(const Toolpath& path);
+ private:
+  std::array<double, kWindow> seconds_{};  // of the last cuts
+  double in_window_ = 0.0;
+};
 
 }  // namespace maquette::cnc

@@ -13,7 +13,7 @@ namespace maquette::cnc {
 namespace {
 
 constexpr std::int64_t kLargestStep = 32;  // times kResolution
-constexpr double kShortestRow_mm = 0.01;
+constexpr double kShortestRow_mm = 0.2;
 
 std::int64_t floor_div(std::int64_t a, std::int64_t b) {
   const std::int64_t q = a / b;

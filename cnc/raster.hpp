@@ -6,8 +6,8 @@
 /// integer lattice, so that each place on each row is exactly on it and exactly writable.
 ///
 /// The passes' direction becomes the nearest rational one, (p, q) times 0.001 mm with
-/// p^2 + q^2 <= 32^2: off by nothing at multiples of 45 degrees, by up to 0.9 degrees near them,
-/// by less than 0.1 elsewhere. Lattice point (m, j) is origin + m (p, q) + j (-q, p): m along the
+/// p^2 + q^2 <= 32^2: off by nothing at multiples of 45 degrees, by up to 0.91 degrees near them,
+/// by at most 0.5 elsewhere. Lattice point (m, j) is origin + m (p, q) + j (-q, p): m along the
 /// rows, j across them, to their left.
 
 #include <cstdint>
@@ -57,7 +57,7 @@ struct LineSegment {
 [[nodiscard]] RasterRow clip_row(const RasterFrame& frame, const RasterArea& area, std::int64_t j);
 
 /// From right to left of the rows' direction, `stepover` apart rounded down to whole steps, the
-/// last gap less; each at least 0.01 mm long. Along an axis the first and the last row lie on
+/// last gap less; each at least 0.2 mm long. Along an axis the first and the last row lie on
 /// the area's edges. @pre stepover >= one step
 [[nodiscard]] std::vector<RasterRow> raster_rows(const RasterFrame& frame, const RasterArea& area,
                                                  double stepover_mm);

@@ -148,4 +148,21 @@ heightmap::ModelField StockGrid::field() const {
   return field;
 }
 
+heightmap::ModelField surface_over(const heightmap::ModelField& squares) {
+  heightmap::ModelField over = squares;
+  const std::ptrdiff_t rows = squares.z_mm.rows(), cols = squares.z_mm.cols();
+  const float lowest = heightmap::height_range(squares.z_mm).min;
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      float z = lowest;
+      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - 1); i <= std::min(rows - 1, r + 1);
+           ++i)
+        for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, c - 1); j <= std::min(cols - 1, c + 1);
+             ++j)
+          if (squares.z_mm(i, j) > z) z = squares.z_mm(i, j);
+      over.z_mm(r, c) = z;
+    }
+  return over;
+}
+
 }  // namespace maquette::cnc

@@ -64,4 +64,8 @@ class StockGrid {
   std::vector<Reach> shrunk_, widened_;  // nearest first
 };
 
+/// A surface nowhere below such squares: each node as high as the highest of its neighbours, voids
+/// as low as the lowest. What later passes take as their stock.
+[[nodiscard]] heightmap::ModelField surface_over(const heightmap::ModelField& squares);
+
 }  // namespace maquette::cnc

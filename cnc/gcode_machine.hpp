@@ -46,6 +46,9 @@ class GcodeMachine {
   enum class Mode : std::uint8_t { none, rapid, line, clockwise, counter_clockwise };
   enum class AxisUse : std::uint8_t { motion, offset_set, offset_length, set_data, home, probe };
 
+  [[nodiscard]] static BlockFault syntax(int column, std::string text);
+  [[nodiscard]] static BlockFault unsupported(int column, std::string_view what,
+                                              std::string_view expected);
   std::optional<BlockFault> codes(const BlockWords& words);
   std::optional<BlockFault> one_code(const BlockWords& words, BlockWords::Code code);
   std::optional<BlockFault> m_codes(const BlockWords& words);

@@ -82,17 +82,29 @@ MoveLimits arc_limits(const Machine& machine, const Motion& motion) {
   const double across = v_flat * v_flat / std::fmax(radius * a_plane, 1e-12);
   m.along_mm_s2 = m.acceleration_mm_s2 * std::sqrt(std::fmax(0.25, 1.0 - across * across));
 
-  const double turn = motion.sweep_rad > 0.0 ? 1.0 : -1.0;
+  // The radius changes evenly, so rounded centres show as small corners.
   const auto tangent = [&](const std::array<double, 3>& p, double r) {
+    const double u = (p[first] - c[first]) / r, v = (p[second] - c[second]) / r;
     std::array<double, 3> t{};
-    t[first] = -turn * flat_share * (p[second] - c[second]) / r;
-    t[second] = turn * flat_share * (p[first] - c[first]) / r;
-    t[third] = rise / m.length_mm;
-    return Vec3{t[0], t[1], t[2]};
+    t[first] = (r1 - r0) * u - r * motion.sweep_rad * v;
+    t[second] = (r1 - r0) * v + r * motion.sweep_rad * u;
+    t[third] = rise;
+    return normalized(Vec3{t[0], t[1], t[2]});
   };
   m.start = tangent(a, r0);
   m.end = tangent(b, r1);
-  m.blend_in_mm = m.blend_out_mm = m.length_mm / 3.0;
+  m.blend_in_mm = m.length_mm / 3.0;
+  m.blend_out_mm = 2.0 * m.blend_in_mm;
+  m.radius_mm = radius;
+  m.sweep_rad = sweep;
+  const auto inward = [&](const std::array<double, 3>& p, double r) {
+    std::array<double, 3> n{};
+    n[first] = (c[first] - p[first]) / r;
+    n[second] = (c[second] - p[second]) / r;
+    return Vec3{n[0], n[1], n[2]};
+  };
+  m.bend_start = inward(a, r0);
+  m.bend_end = inward(b, r1);
   return m;
 }
 
@@ -127,13 +139,29 @@ Corner corner(const Machine& machine, const PathControl& control, const MoveLimi
   out.lost_share = kKinkShare;
 
   // By an arc.
-  const double h = 0.5 * norm(jump), c = std::sqrt(std::fmax(0.0, 1.0 - h * h));
   const bool point = machine.corner == "point";
   double tolerance = point ? machine.corner_tolerance_mm : control.tolerance_mm;
   const double quarter = 0.25 * std::fmin(before.length_mm, after.length_mm);
   if (tolerance == 0.0 || (!point && tolerance > quarter)) tolerance = quarter;
+  // Arcs that bend as the corner does, by their secants.
+  double half = std::asin(std::fmin(0.5 * norm(jump), 1.0)), room_before = before.blend_out_mm,
+         room_after = after.blend_in_mm;
+  const double upright = 0.5 * std::numbers::pi - half;
+  double secant = 0.0;
+  if (!point && before.curved && dot(after.start, before.bend_end) > 0.0) {
+    const double part = std::fmin(before.sweep_rad * 2.0 / 3.0, upright);
+    secant = 0.25 * part;
+    room_before = before.radius_mm * std::sin(0.25 * part);
+  }
+  if (!point && after.curved && dot(before.end, after.bend_start) < 0.0) {
+    const double part = std::fmin(after.sweep_rad / 3.0, upright);
+    secant = std::fmax(secant, 0.25 * part);
+    room_after = after.radius_mm * std::sin(0.25 * part);
+  }
+  half = std::fmin(half + secant, 0.49 * std::numbers::pi);
+  const double h = std::sin(half), c = std::cos(half), turn = 2.0 * half;
   double d = tolerance * (1.0 + c) / h;
-  if (!point) d = std::min({d, before.blend_out_mm, after.blend_in_mm});
+  if (!point) d = std::min({d, room_before, room_after});
   const Vec3 across = cross(before.end, after.start);
   const double sine = norm(across);
   if (!(sine > 1e-9)) return out;
@@ -142,7 +170,6 @@ Corner corner(const Machine& machine, const PathControl& control, const MoveLimi
   const double widest = d * c / h, a_across = point ? a : kAcross * a;
   double v = std::sqrt(a_across * widest);
   v = std::fmin(v, point ? slower : std::fmax(before.speed_mm_s, after.speed_mm_s));
-  const double turn = 2.0 * std::asin(h);
   if (!point) {
     // Directions between the two may be slower than both: the circle that every direction of
     // the plane allows, or for two lines the chord between what they allow.

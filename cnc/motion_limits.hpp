@@ -19,8 +19,10 @@
 ///    moves;
 ///  - by an arc that leaves the corner by no more than the tolerance P: with h = |u2 - u1| / 2
 ///    (the sine of half the turn) and c = sqrt(1 - h^2) its tangent points lie
-///    d = P (1 + c) / h before and behind the corner, not more than half a line or a third of
-///    an arc, and its radius is d c / h;
+///    d = P (1 + c) / h before and behind the corner, not more than half a line, a third of the
+///    arc behind or two thirds of the arc before, and its radius is d c / h. An arc that
+///    bends as the corner does counts by its secant over that part: its angle with the
+///    tangent, half of it, is added to half the turn;
 ///  - by a stop.
 /// This is how LinuxCNC 2.9's planner behaves (its manual, "Trajectory Control"; R. W. Ellenberg's
 /// circular blends); with arcs of zero length, only speeds, it is GRBL's junction deviation
@@ -56,6 +58,8 @@ struct MoveLimits {
   bool curved = false;
   Vec3 start, end;                               ///< unit tangents
   double blend_in_mm = 0.0, blend_out_mm = 0.0;  ///< that a corner's arc may use up
+  double radius_mm = 0.0, sweep_rad = 0.0;       ///< arcs
+  Vec3 bend_start, bend_end;                     ///< arcs: unit, across the path, to the centre
 };
 
 /// @pre length_mm(motion) > 0; cuts have a feed > 0

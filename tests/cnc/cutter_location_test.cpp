@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// What is claimed in cnc/cutter_location.hpp, tool.hpp and steepness.hpp, and how each
-// claim is attacked:
+// What is claimed in cnc/cutter_location.hpp, contact.hpp, tool.hpp and steepness.hpp, and how
+// each claim is attacked:
 //
-//   closed forms ................. plane, tilted plane, spike, ridge, outline
+//   closed forms ................. plane, tilted plane, spike, ridge, outline; ball, bull, flat
+//   holder ....................... closed forms of disc and cone; brute force
+//   wide cutters (by tiles) ...... brute force
 //   exact to 1e-9 mm ............. brute force over all triangles (features in 3-D vectors) on
 //                                  rough ground, spikes, cliffs, knife edges, narrow pits
 //   the brute force is right ..... nested search for the maximum, no formula in common
 //   grows with the surface ....... raising nodes never lowers the tip
 //   moves with the surface ....... shift in z, shift by whole cells
 //   history does not matter ...... same bits from a fresh cutter, in any order
-//   contact point is a contact ... it lies on the surface and on the ball
+//   contact point is a contact ... it lies on the surface and on the cutter
 //   least depth of contact ....... no contact found by drop() is shallower
 //
 // Heights come from a seed that is part of the test's name.
@@ -133,17 +135,20 @@ double tip_by_search(const Slow& tool, Vec3 a, Vec3 b, Vec3 c, double x, double 
   return best < -1e3 ? -INFINITY : best;
 }
 
-double brute_force(const ModelField& f, double x, double y, const Slow& on) {
+template <class OnTriangle>
+double over_all_triangles(const ModelField& f, OnTriangle&& on) {
   double best = -INFINITY;
   for (std::ptrdiff_t r = 0; r + 1 < f.z_mm.rows(); ++r)
     for (std::ptrdiff_t c = 0; c + 1 < f.z_mm.cols(); ++c) {
       const auto p = [&](std::ptrdiff_t i, std::ptrdiff_t j) {
         return Vec3{f.x_mm(c + j), f.y_mm(r + i), static_cast<double>(f.z_mm(r + i, c + j))};
       };
-      best = std::max(
-          {best, on(p(0, 0), p(0, 1), p(1, 1), x, y), on(p(0, 0), p(1, 1), p(1, 0), x, y)});
+      best = std::max({best, on(p(0, 0), p(0, 1), p(1, 1)), on(p(0, 0), p(1, 1), p(1, 0))});
     }
   return best;
+}
+double brute_force(const ModelField& f, double x, double y, const Slow& slow) {
+  return over_all_triangles(f, [&](Vec3 a, Vec3 b, Vec3 c) { return slow(a, b, c, x, y); });
 }
 
 // ---- closed forms ------------------------------------------------------------------------
@@ -291,7 +296,7 @@ TEST_P(DropCutterOnTerrain, EqualsBruteForceOverAllTriangles) {
   if (tool.is_ball()) (less.corner_radius_mm -= 1e-12, more.corner_radius_mm += 1e-12);
   double worst = 0.0;
   int at_rim = 0;
-  for (std::uint64_t i = 0; i < (tool.is_ball() ? 400U : 150U); ++i) {
+  for (std::uint64_t i = 0; i < (tool.is_ball() ? 200U : 80U); ++i) {
     const double x = ground.x0.value() + somewhere(2 * i);
     const double y = ground.y0.value() + somewhere(2 * i + 1 + (i / 4) % 4);
     const double fast = cutter.drop(x, y).tip_mm;
@@ -351,6 +356,123 @@ TEST_P(DropCutterOnTerrain, NoContactIsShallowerThanTheTilesSay) {
   }
 }
 
+// Too many cells for windows: the same by tiles.
+TEST_P(DropCutterOnTerrain, WideCuttersEqualBruteForceToo) {
+  Cutter wide = tool;
+  const double R = 24.3 * spacing;
+  wide.corner_radius_mm *= R / wide.radius_mm;
+  wide.radius_mm = R;
+  if (tool.is_ball()) wide.corner_radius_mm = R;
+  const ModelField large = testing_support::ground(kind, seed, 40, spacing);
+  DropCutter cutter(large, wide);
+  const Slow slow(wide);
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    const double x = large.x0.value() + somewhere(2 * i) * 2.0;
+    const double y = large.y0.value() + somewhere(2 * i + 1 + (i / 4) % 4);
+    EXPECT_NEAR(cutter.drop(x, y).tip_mm, brute_force(large, x, y, slow), 1e-9)
+        << "at " << x << ", " << y;
+  }
+}
+
+// ---- holder ------------------------------------------------------------------------------
+
+Cutter with_holder() {
+  Cutter cutter = Cutter::ball(1.0);
+  cutter.holder = {{10.0, 10.0, 2.0, 2.0}, {20.0, 6.0, 4.0, 7.0}, {26.0, 30.0, 9.0, 5.0}};
+  return cutter;
+}
+
+TEST(DropHolder, IsNowhereWithoutAHolder) {
+  DropCutter cutter(flat_field(21, 21, 0.5, 2.0F), Cutter::ball(1.0));
+  EXPECT_EQ(cutter.drop_holder(5.0, 5.0).tip_mm, -INFINITY);
+}
+
+TEST(DropHolder, TouchesWithItsLowestPartOnFlatGround) {
+  DropCutter cutter(flat_field(81, 81, 0.5, 2.0F), with_holder());
+  EXPECT_EQ(cutter.drop_holder(20.0, 20.0).tip_mm, 2.0 - 10.0);
+  // Beside the outline by 2.5 mm: the shank passes, the disc of the holder does not.
+  EXPECT_EQ(cutter.drop_holder(-2.5, 20.0).tip_mm, 2.0 - 20.0);
+  // By 5.5 mm: the cone, halfway out.
+  EXPECT_NEAR(cutter.drop_holder(-5.5, 20.0).tip_mm, 2.0 - 23.0, 1e-12);
+  EXPECT_EQ(cutter.drop_holder(-8.0, 20.0).tip_mm, 2.0 - 26.0);
+  EXPECT_EQ(cutter.drop_holder(-9.1, 20.0).tip_mm, -INFINITY);
+}
+
+TEST(DropHolder, ASteepPlaneMeetsTheRimAGentleOneTheDisc) {
+  for (const double g : {0.5, 3.0}) {
+    ModelField plane = flat_field(81, 81, 0.5, 0.0F);
+    for (std::ptrdiff_t r = 0; r < 81; ++r)
+      for (std::ptrdiff_t c = 0; c < 81; ++c)
+        plane.z_mm(r, c) = static_cast<float>(g * plane.x_mm(c));
+    Cutter tool = Cutter::ball(1.0);
+    tool.holder = {{20.0, 6.0, 4.0, 7.0}};  // a cone of slope 2
+    DropCutter cutter(plane, tool);
+    const double above = g < 2.0 ? g * 4.0 : g * 7.0 - 6.0;
+    EXPECT_NEAR(cutter.drop_holder(20.0, 20.3).tip_mm, g * 20.0 + above - 20.0, 1e-10);
+  }
+}
+
+/// Tip at which one part touches one triangle: along each edge by halving, on the facet uphill at
+/// the radii where the underside bends.
+double slow_part(const HolderPart& part, Vec3 p, Vec3 q, Vec3 s, double x, double y) {
+  const double a = part.bottom_radius_mm, R = std::max(a, part.top_radius_mm);
+  const double slope = R > a ? part.height_mm / (R - a) : 0.0;
+  const auto rise = [&](double r) { return r > a ? (r - a) * slope : 0.0; };
+  double best = -INFINITY;
+  for (const auto& [u, v] : {std::pair{p, q}, {q, s}, {s, p}}) {
+    const double ex = v.x - u.x, ey = v.y - u.y, length = std::hypot(ex, ey);
+    const double foot = ((x - u.x) * ex + (y - u.y) * ey) / length;
+    const double h = std::abs((x - u.x) * ey - (y - u.y) * ex) / length;
+    if (h > R) continue;
+    const double half = std::sqrt((R - h) * (R + h)), m = (v.z - u.z) / length;
+    double low = std::max(0.0, foot - half), high = std::min(length, foot + half);
+    if (low > high) continue;
+    for (int i = 0; i < 64; ++i) {
+      const double t = 0.5 * (low + high), r = std::hypot(t - foot, h);
+      (m > (r > a ? slope * (t - foot) / r : 0.0) ? low : high) = t;
+    }
+    for (const double t : {low, high})
+      best = std::max(best, u.z + m * t - rise(std::hypot(t - foot, h)));
+  }
+  const Vec3 n = cross(q - p, s - p);
+  const double g = std::hypot(n.x, n.y) / std::abs(n.z);
+  for (const double r : {0.0, a, R}) {
+    const double sign = n.z < 0.0 ? 1.0 : -1.0, size = std::hypot(n.x, n.y);
+    if (size == 0.0 && r > 0.0) continue;
+    const Vec3 c{x + (r > 0.0 ? sign * n.x / size * r : 0.0),
+                 y + (r > 0.0 ? sign * n.y / size * r : 0.0), 0.0};
+    const auto left = [&](Vec3 u, Vec3 v) {
+      return (v.x - u.x) * (c.y - u.y) - (v.y - u.y) * (c.x - u.x);
+    };
+    const double s1 = left(p, q), s2 = left(q, s), s3 = left(s, p);
+    if (!((s1 >= 0 && s2 >= 0 && s3 >= 0) || (s1 <= 0 && s2 <= 0 && s3 <= 0))) continue;
+    const double under = p.z - (n.x * (x - p.x) + n.y * (y - p.y)) / n.z;
+    best = std::max(best, under + g * r - rise(r));
+  }
+  return best - part.bottom_mm;
+}
+
+TEST(DropHolder, EqualsBruteForce) {
+  const Cutter tool = with_holder();
+  for (const testing_support::Ground kind : testing_support::kGrounds)
+    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+      const ModelField ground = testing_support::ground(kind, seed, 45, 0.5);
+      DropCutter cutter(ground, tool);
+      for (std::uint64_t i = 0; i < 15; ++i) {
+        const double x = ground.x0.value() - 6.0 + 34.0 * random_uniform(seed, 2 * i);
+        const double y = ground.y0.value() - 6.0 + 34.0 * random_uniform(seed, 2 * i + 1);
+        double slow = -INFINITY;
+        for (const HolderPart& part : tool.holder)
+          slow = std::max(slow, over_all_triangles(ground, [&](Vec3 a, Vec3 b, Vec3 c) {
+                            return slow_part(part, a, b, c, x, y);
+                          }));
+        const double fast = cutter.drop_holder(x, y).tip_mm;
+        if (std::isinf(slow) && std::isinf(fast)) continue;
+        ASSERT_NEAR(fast, slow, 1e-9) << testing_support::name(kind) << " " << x << ", " << y;
+      }
+    }
+}
+
 TEST_P(DropCutterOnTerrain, GrowsAndMovesWithTheSurface) {
   ModelField higher = ground, shifted = ground;
   for (std::ptrdiff_t r = 0; r < 26; ++r)
@@ -373,8 +495,8 @@ TEST_P(DropCutterOnTerrain, GrowsAndMovesWithTheSurface) {
 
 TEST_P(DropCutterOnTerrain, DoesNotDependOnWhatWasAskedBefore) {
   DropCutter used(ground, tool);
-  for (std::uint64_t i = 0; i < 300; ++i) (void)used.drop(somewhere(i), somewhere(i + 7));
-  for (std::uint64_t i = 0; i < 60; ++i) {
+  for (std::uint64_t i = 0; i < 100; ++i) (void)used.drop(somewhere(i), somewhere(i + 7));
+  for (std::uint64_t i = 0; i < 5; ++i) {
     DropCutter fresh(ground, tool);
     const double x = somewhere(5 * i), y = somewhere(3 * i + 1);
     EXPECT_EQ(std::bit_cast<std::uint64_t>(used.drop(x, y).tip_mm),

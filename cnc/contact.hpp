@@ -26,6 +26,8 @@
 #include <variant>
 
 #include "cnc/tool.hpp"
+#include "core/check.hpp"
+#include "core/vec.hpp"
 
 namespace maquette::cnc {
 
@@ -154,6 +156,19 @@ using CutterShape = std::variant<BallShape, FlatShape, BullShape>;
   return BullShape(tool.radius_mm, tool.corner_radius_mm);
 }
 
+[[nodiscard]] inline ConeShape cone_of(const HolderPart& part) {
+  return {part.bottom_radius_mm, part.top_radius_mm, part.height_mm};
+}
+inline void check_cutter(const Cutter& tool) {
+  const double R = tool.radius_mm, rc = tool.corner_radius_mm;
+  MAQUETTE_CHECK(R > 0.0, "radius {} mm", R);
+  MAQUETTE_CHECK(rc >= 0.0 && rc <= R, "corner {} mm of radius {} mm", rc, R);
+  for (const HolderPart& p : tool.holder)
+    MAQUETTE_CHECK(p.bottom_radius_mm > 0.0 && p.top_radius_mm > 0.0 && p.height_mm >= 0.0,
+                   "holder part of radii {} and {} mm, {} mm high", p.bottom_radius_mm,
+                   p.top_radius_mm, p.height_mm);
+}
+
 /// @param vx, vy  relative to the axis
 template <class Shape>
 inline void touch_vertex(const Shape& shape, double vx, double vy, double vz, Touch& best) {
@@ -161,6 +176,50 @@ inline void touch_vertex(const Shape& shape, double vx, double vy, double vz, To
   if (!(r2 <= shape.reach2)) return;
   const double tip = vz - shape.rise(r2);
   if (tip > best.tip_mm) best = {tip, vx, vy};
+}
+
+/// The inside of the edge from p to q; the ends are vertices.
+template <class Shape>
+inline void touch_edge(const Shape& shape, Vec3 p, Vec3 q, Touch& best) {
+  const Vec3 e = q - p;
+  const double length2 = e.x * e.x + e.y * e.y;
+  if (!(length2 > 0.0)) return;  // upright: its upper end is higher
+  const double aside = p.x * e.y - p.y * e.x, h2 = aside * aside / length2;
+  if (!(h2 <= shape.reach2)) return;
+  const double length = std::sqrt(length2), m = e.z / length;
+  const Peak peak = shape.on_line(h2, std::abs(m));
+  const double s = -(p.x * e.x + p.y * e.y) / length + (m < 0.0 ? -peak.away_mm : peak.away_mm);
+  if (!(s > 0.0 && s < length)) return;
+  const double u = s / length, tip = p.z + e.z * u - peak.rise_mm;
+  if (tip > best.tip_mm) best = {tip, p.x + u * e.x, p.y + u * e.y};
+}
+
+/// The inside of the facet p, q, s, whichever way it faces. An upright one has none.
+template <class Shape>
+inline void touch_facet(const Shape& shape, Vec3 p, Vec3 q, Vec3 s, Touch& best) {
+  const Vec3 e = q - p, f = s - p, n = cross(e, f);
+  if (n.z == 0.0) return;
+  const double gx = -n.x / n.z, gy = -n.y / n.z, g2 = gx * gx + gy * gy;
+  const Peak peak = shape.on_plane(g2);
+  const double away = g2 > 0.0 ? peak.away_mm / std::sqrt(g2) : 0.0;
+  const double x = away * gx - p.x, y = away * gy - p.y;
+  // Weights of q and s; with all of them in [0, 1] the height is one of the facet's, however
+  // narrow it is.
+  const double v = (x * f.y - y * f.x) / n.z, w = (e.x * y - e.y * x) / n.z;
+  if (!(v >= 0.0 && w >= 0.0 && v + w <= 1.0)) return;
+  const double tip = p.z + v * e.z + w * f.z - peak.rise_mm;
+  if (tip > best.tip_mm) best = {tip, away * gx, away * gy};
+}
+
+template <class Shape>
+inline void touch_triangle(const Shape& shape, Vec3 p, Vec3 q, Vec3 s, Touch& best) {
+  touch_vertex(shape, p.x, p.y, p.z, best);
+  touch_vertex(shape, q.x, q.y, q.z, best);
+  touch_vertex(shape, s.x, s.y, s.z, best);
+  touch_edge(shape, p, q, best);
+  touch_edge(shape, q, s, best);
+  touch_edge(shape, s, p, best);
+  touch_facet(shape, p, q, s, best);
 }
 
 }  // namespace maquette::cnc

@@ -36,9 +36,7 @@ struct DropCutter::Surface {
         windows(windows_of(field, tool)),
         heights(field, std::max(HeightTiles::kMargin, windows ? windows->margin_rows() : 0),
                 std::max(HeightTiles::kMargin, windows ? windows->margin_cols() : 0)) {
-    for (const HolderPart& part : tool.holder)
-      holder.push_back(
-          {part.bottom_mm, ConeShape(part.bottom_radius_mm, part.top_radius_mm, part.height_mm)});
+    for (const HolderPart& part : tool.holder) holder.push_back({part.bottom_mm, cone_of(part)});
     if (!windows || !holder.empty()) tiles.emplace(heights);
   }
 
@@ -59,15 +57,10 @@ struct DropCutter::Surface {
 namespace {
 
 const heightmap::ModelField& checked(const heightmap::ModelField& field, const Cutter& tool) {
-  const double d = field.spacing.value(), R = tool.radius_mm, rc = tool.corner_radius_mm;
+  check_cutter(tool);
   MAQUETTE_CHECK(field.z_mm.rows() >= 2 && field.z_mm.cols() >= 2, "{} x {} nodes",
                  field.z_mm.rows(), field.z_mm.cols());
-  MAQUETTE_CHECK(d > 0.0 && R > 0.0, "spacing {} mm, radius {} mm", d, R);
-  MAQUETTE_CHECK(rc >= 0.0 && rc <= R, "corner {} mm of radius {} mm", rc, R);
-  for (const HolderPart& p : tool.holder)
-    MAQUETTE_CHECK(p.bottom_radius_mm > 0.0 && p.top_radius_mm > 0.0 && p.height_mm >= 0.0,
-                   "holder part of radii {} and {} mm, {} mm high", p.bottom_radius_mm,
-                   p.top_radius_mm, p.height_mm);
+  MAQUETTE_CHECK(field.spacing.value() > 0.0, "spacing {} mm", field.spacing.value());
   return field;
 }
 

@@ -13,6 +13,7 @@
 
 #include "camera/render.hpp"
 #include "cnc/mill.hpp"
+#include "cnc/roughing.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "meshing/bands.hpp"
@@ -57,10 +58,32 @@ namespace fs = std::filesystem;
                                          std::size_t band, Millimetres base_thickness,
                                          const fs::path& out, const RunContext& run);
 
-/// One band's program (band: index), or the whole surface's (no band).
-[[nodiscard]] Result<JobResult> mill_job(const fs::path& design, cnc::MillOptions options,
-                                         Millimetres max_width, std::optional<std::size_t> band,
-                                         const fs::path& out, const RunContext& run);
+/// A program, and what it may be judged by before anybody runs it.
+struct MillJob {
+  fs::path design;
+  std::string strategy = "raster";  ///< one of mill_strategies()
+  /// Of the finishing passes; every strategy takes diameter, feeds, spindle, clearance, control,
+  /// work offset, splitting and travel from here.
+  cnc::MillOptions finish;
+  cnc::RoughingOptions rough;
+  int rough_tool = 2;          ///< T word of the roughing cutter
+  Millimetres stock_top{NAN};  ///< of the block; NaN: `stock_margin` above the highest point
+  Millimetres stock_margin{1.0};
+  /// What an earlier operation left (<program>.stock.tif): rapids then stay low over it, and
+  /// roughing takes off only what is still there.
+  std::optional<fs::path> stock;
+  Millimetres max_width{0.0};       ///< of bands, used with `band`
+  std::optional<std::size_t> band;  ///< index; none: the whole surface
+};
+[[nodiscard]] const std::vector<std::string>& mill_strategies();
+
+/// Writes the program, or its parts where it is split. Roughing writes what it leaves beside it,
+/// as <program>.stock.tif; finishing the predicted height of ridges, <program>.scallop.tif. A
+/// finishing program gets its name only
+/// after every block of it, read back, was proven against the design: one that gouges deeper than
+/// the tolerance is left as <name>.rejected, and is a bound that is not met.
+[[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const fs::path& out,
+                                         const RunContext& run);
 
 struct VerifyJob {
   std::vector<fs::path> programs;

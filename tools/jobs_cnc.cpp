@@ -37,40 +37,6 @@ double gouge_against_mesh(const TriMesh& mesh, const heightmap::ModelField& as_m
 
 }  // namespace
 
-Result<JobResult> mill_job(const fs::path& design_path, cnc::MillOptions options,
-                           Millimetres max_width, std::optional<std::size_t> band,
-                           const fs::path& out, const RunContext& run) {
-  MAQUETTE_TRY(auto design, heightmap::read_model_field(design_path));
-  if (band) {
-    MAQUETTE_TRY(const auto bands,
-                 meshing::split_into_bands(design, meshing::BandAxis::y, max_width));
-    MAQUETTE_CHECK(*band < bands.size(), "band {} of {}", *band, bands.size());
-    const meshing::Band& b = bands[*band];
-    options.first_y_mm = design.y_mm(b.first);
-    options.last_y_mm = design.y_mm(b.last);
-    // The cutter feels the neighbours as far as its radius reaches.
-    design = meshing::band_field(design, b, options.ball_diameter);
-  }
-  MAQUETTE_TRY(const auto report, cnc::mill(design, options, out, run));
-  JobResult result;
-  result.outputs = {out};
-  result.figures_json = json{{"passes", report.passes},
-                             {"points_sampled", report.points_sampled},
-                             {"blocks", report.blocks},
-                             {"bytes", report.bytes},
-                             {"path_length_mm", report.path_length_mm},
-                             {"cutting_time_min", report.cutting_time_min},
-                             {"scallop_flat_mm", report.scallop_flat_mm},
-                             {"certified_gouge_mm", report.certified_gouge_mm},
-                             {"lowest_tip_mm", report.lowest_tip_mm},
-                             {"highest_tip_mm", report.highest_tip_mm}}
-                            .dump();
-  result.note =
-      fmt::format("{} blocks, {:.1f} m, {}", report.blocks, report.path_length_mm / 1000.0,
-                  human_seconds(60.0 * report.cutting_time_min));
-  return result;
-}
-
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
   cnc::VerifyOptions options;

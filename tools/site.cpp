@@ -38,6 +38,18 @@ std::vector<std::string> contradictions(const Site& s) {
   if (s.spacing_mm > s.ball_diameter_mm)
     found.push_back(fmt::format("spacing_mm {} must not exceed cutter.ball_diameter_mm {}",
                                 s.spacing_mm, s.ball_diameter_mm));
+  if (s.rough_corner_radius_mm > 0.5 * s.rough_diameter_mm)
+    found.push_back(
+        fmt::format("rough.corner_radius_mm {} must be at most half of "
+                    "rough.diameter_mm {}",
+                    s.rough_corner_radius_mm, s.rough_diameter_mm));
+  if (s.rough_stepover_mm > 0.9 * s.rough_diameter_mm)
+    found.push_back(fmt::format("rough.stepover_mm {} must be at most 0.9 of rough.diameter_mm {}",
+                                s.rough_stepover_mm, s.rough_diameter_mm));
+  if (s.rough_cell_mm > 0.125 * s.rough_diameter_mm)
+    found.push_back(
+        fmt::format("rough.cell_mm {} must be at most an eighth of rough.diameter_mm {}",
+                    s.rough_cell_mm, s.rough_diameter_mm));
   if (s.samples_per_pixel !=
       std::llround(std::pow(std::round(std::sqrt(static_cast<double>(s.samples_per_pixel))), 2)))
     found.push_back(
@@ -88,17 +100,38 @@ SiteFile empty_site_file() {
   t.add({"stock.lowest_mm", &s.lowest_mm, "model height of the lowest point of the relief", -1000,
          1000});
 
+  t.add({"stock.margin_mm", &s.stock_margin_mm, "of the block above the highest point", 0, 1000});
+
   t.section("bands", "Strips that are milled one at a time.");
   t.add({"bands.max_width_mm", &s.band_max_width_mm, "in y", 1, 20000});
 
   t.section("cutter", "");
   t.add({"cutter.ball_diameter_mm", &s.ball_diameter_mm, "of the ball nose", 0.1, 100});
 
+  t.section("rough", "Roughing, level by level, before the finishing pass.");
+  t.add({"rough.enabled", &s.roughing, "false: the block is roughed otherwise"});
+  t.add({"rough.diameter_mm", &s.rough_diameter_mm, "of the cutter, tool 2", 0.5, 200});
+  t.add({"rough.corner_radius_mm", &s.rough_corner_radius_mm, "0: flat end", 0, 100});
+  t.add({"rough.stepover_mm", &s.rough_stepover_mm, "at most 0.9 of the diameter", 0.05, 180});
+  t.add({"rough.step_down_mm", &s.rough_step_down_mm, "between levels", 0.1, 200});
+  t.add({"rough.allowance_mm", &s.rough_allowance_mm, "left for the finishing pass", 0, 50});
+  t.add({"rough.ramp_deg", &s.rough_ramp_deg, "steepest way down in material", 0.5, 45});
+  t.add({"rough.cell_mm", &s.rough_cell_mm,
+         "grid it is planned on, at most an eighth of the diameter", 0.05, 20});
+
   t.section("mill", "The finishing pass.");
   t.add({"mill.stepover_mm", &s.stepover_mm, "distance of neighbouring passes", 0.01, 50});
   t.add(
       {"mill.tolerance_mm", &s.tolerance_mm, "of the written path, all causes together", 1e-4, 1});
-  t.add({"mill.zigzag", &s.zigzag, "false: all passes in +x"});
+  t.add({"mill.direction_deg", &s.direction_deg, "of the passes, counter-clockwise from +x", -180,
+         180});
+  t.add({"mill.zigzag", &s.zigzag, "false: all passes in one direction"});
+  t.add({"mill.climb", &s.climb, "one way: climb milling, else conventional"});
+  t.add({"mill.arcs", &s.arcs, "G2 and G3 where passes run along an axis"});
+  t.add({"mill.constant_scallop", &s.constant_scallop,
+         "more passes where it is steep, so that ridges stay below the limit"});
+  t.add({"mill.scallop_limit_mm", &s.scallop_limit_mm, "height of ridges, normal to the surface",
+         1e-4, 10});
   t.add({"mill.feed_mm_per_min", &s.feed_mm_per_min, "along the path", 1, 100000});
   t.add({"mill.plunge_feed_mm_per_min", &s.plunge_feed_mm_per_min, "downwards into material", 1,
          100000});
@@ -109,7 +142,15 @@ SiteFile empty_site_file() {
   t.section("machine", "");
   t.add({"machine.name", &s.machine, "preset with travel and limits", -kInf, kInf,
          cnc::machine_names()});
-  t.add({"machine.post", &s.post, "dialect of the controller", -kInf, kInf, {"linuxcnc", "grbl"}});
+  t.add({"machine.post",
+         &s.post,
+         "dialect of the controller",
+         -kInf,
+         kInf,
+         {"linuxcnc", "grbl", "fanuc", "haas", "heidenhain"}});
+  t.add({"machine.max_lines", &s.max_lines, "of one program file, longer ones are split; 0: any", 0,
+         1e12});
+  t.add({"machine.max_bytes", &s.max_bytes, "the same in bytes", 0, 1e15});
 
   t.section("verify", "The program is read back and cut in simulation.");
   t.add({"verify.cell_mm", &s.verify_cell_mm, "grid of the simulated stock", 0.01, 5});

@@ -49,18 +49,27 @@ struct Site {
 
   double base_thickness_mm = 10.0;
   double lowest_mm = 0.0;
+  double stock_margin_mm = 1.0;
 
   double band_max_width_mm = 500.0;
 
   double ball_diameter_mm = 6.0;
+  bool roughing = true;
+  double rough_diameter_mm = 12.0, rough_corner_radius_mm = 1.0, rough_stepover_mm = 6.0;
+  double rough_step_down_mm = 5.0, rough_allowance_mm = 0.5, rough_ramp_deg = 3.0;
+  double rough_cell_mm = 1.0;
+
   double stepover_mm = 0.5;
   double tolerance_mm = 0.01;
-  bool zigzag = true;
+  double direction_deg = 0.0;
+  bool zigzag = true, climb = true, arcs = true, constant_scallop = false;
+  double scallop_limit_mm = 0.011;
   double feed_mm_per_min = 3000.0;
   double plunge_feed_mm_per_min = 600.0;
   double spindle_rpm = 18000.0;
   double clearance_mm = 5.0;
   std::string post = "linuxcnc";
+  std::int64_t max_lines = 0, max_bytes = 0;
   std::string machine = "portal_mill_2500";
 
   double verify_cell_mm = 0.1;

@@ -8,6 +8,7 @@
 
 #include "assets/devices.hpp"
 #include "cnc/machine.hpp"
+#include "cnc/posts.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "heightmap/source_files.hpp"
@@ -31,7 +32,14 @@ cnc::MillOptions mill_options(const Site& site, double scale) {
   o.ball_diameter = Millimetres{site.ball_diameter_mm};
   o.stepover = Millimetres{site.stepover_mm};
   o.tolerance = Millimetres{site.tolerance_mm};
+  o.direction = degrees(site.direction_deg);
   o.zigzag = site.zigzag;
+  o.climb = site.climb;
+  o.arcs = site.arcs;
+  o.constant_scallop = site.constant_scallop;
+  o.scallop_limit = Millimetres{site.scallop_limit_mm};
+  o.max_lines = static_cast<std::uint64_t>(site.max_lines);
+  o.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
   o.feed = FeedRate{site.feed_mm_per_min};
   o.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
   o.spindle_rpm = site.spindle_rpm;
@@ -42,6 +50,19 @@ cnc::MillOptions mill_options(const Site& site, double scale) {
   o.travel_y = Millimetres{machine.travel_mm.y};
   o.travel_z = Millimetres{machine.travel_mm.z};
   return o;
+}
+
+MillJob mill_of(const Site& site, double scale) {
+  MillJob job;
+  job.finish = mill_options(site, scale);
+  job.rough.cutter = cnc::Cutter::bull(0.5 * site.rough_diameter_mm, site.rough_corner_radius_mm);
+  job.rough.stepover_mm = site.rough_stepover_mm;
+  job.rough.step_down_mm = site.rough_step_down_mm;
+  job.rough.allowance_mm = site.rough_allowance_mm;
+  job.rough.ramp_angle_deg = site.rough_ramp_deg;
+  job.rough.cell_mm = site.rough_cell_mm;
+  job.stock_margin = Millimetres{site.stock_margin_mm};
+  return job;
 }
 
 /// As many bands as split_into_bands makes of a square surface of this size.
@@ -87,13 +108,27 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
 
   const Millimetres width{site.band_max_width_mm};
   const std::size_t bands = band_count(site);
-  Stage band_stage{name + ".bands", {}}, mill_stage{name + ".mill", {}};
-  std::vector<fs::path> programs;
+  const std::string extension(cnc::post_by_name(site.post)->extension);
+  Stage band_stage{name + ".bands", {}}, rough_stage{name + ".rough", {}},
+      mill_stage{name + ".mill", {}};
+  std::vector<fs::path> rough_programs, programs;
   for (std::size_t b = 0; b < bands; ++b) {
     const std::string band = fmt::format("band_{:02}", b + 1);
     const fs::path solid = here / "bands" / (band + ".ply");
-    const fs::path program = here / "bands" / (band + ".ngc");
+    const fs::path rough = here / "bands" / fmt::format("{}_rough.{}", band, extension);
+    const fs::path stock = here / "bands" / (band + "_rough.stock.tif");
+    const fs::path program = here / "bands" / fmt::format("{}.{}", band, extension);
     programs.push_back(program);
+    const auto job = [=, &site](const std::string& what) {
+      std::error_code ec;
+      fs::create_directories(program.parent_path(), ec);
+      MillJob mill = mill_of(site, scale);
+      mill.design = design;
+      mill.max_width = width;
+      mill.band = b;
+      mill.finish.program_name += " " + band + what;
+      return mill;
+    };
     band_stage.units.push_back({fmt::format("{}.bands.{}", name, band),
                                 {design},
                                 values({"bands.", "stock."}),
@@ -103,18 +138,30 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                   return band_job(design, width, b,
                                                   Millimetres{site.base_thickness_mm}, solid, run);
                                 }});
-    mill_stage.units.push_back({fmt::format("{}.mill.{}", name, band),
-                                {design},
+    if (site.roughing) {
+      rough_programs.push_back(rough);
+      rough_stage.units.push_back(
+          {fmt::format("{}.rough.{}", name, band),
+           {design},
+           values({"name", "bands.", "rough.", "mill.", "machine.", "stock."}),
+           [=](const RunContext& run) {
+             MillJob mill = job(" rough");
+             mill.strategy = "rough";
+             return mill_job(mill, rough, run);
+           }});
+    }
+    std::vector<fs::path> inputs{design};
+    if (site.roughing) inputs.push_back(stock);
+    mill_stage.units.push_back({fmt::format("{}.mill.{}", name, band), std::move(inputs),
                                 values({"name", "bands.", "cutter.", "mill.", "machine."}),
                                 [=, &site](const RunContext& run) {
-                                  std::error_code ec;
-                                  fs::create_directories(program.parent_path(), ec);
-                                  auto options = mill_options(site, scale);
-                                  options.program_name += " " + band;
-                                  return mill_job(design, options, width, b, program, run);
+                                  MillJob mill = job("");
+                                  if (site.roughing) mill.stock = stock;
+                                  return mill_job(mill, program, run);
                                 }});
   }
   stages.push_back(std::move(band_stage));
+  if (site.roughing) stages.push_back(std::move(rough_stage));
   stages.push_back(std::move(mill_stage));
 
   std::vector<fs::path> verify_inputs{design, stones, mesh};

@@ -25,7 +25,7 @@ class Waiting {
     std::error_code ec;
     fs::remove_all(waiting.folder_, ec);
     fs::create_directories(waiting.folder_, ec);
-    if (ec) return tl::unexpected(write_error(waiting.folder_, ec.value()));
+    if (ec) return tl::unexpected(write_error(out, ec.value()));
     return waiting;
   }
   Waiting(Waiting&& other) noexcept : folder_(std::exchange(other.folder_, {})) {}
@@ -104,8 +104,7 @@ heightmap::ModelField surface_over(const heightmap::ModelField& squares, float f
 }
 
 Result<JobResult> raster_job(const MillJob& job, const heightmap::ModelField& design,
-                             cnc::MillOptions options, const fs::path& out,
-                             const RunContext& run) {
+                             cnc::MillOptions options, const fs::path& out, const RunContext& run) {
   heightmap::ModelField stock;
   if (job.stock) {
     MAQUETTE_TRY(stock, heightmap::read_model_field(*job.stock));
@@ -237,25 +236,26 @@ Result<JobResult> rough_job(const MillJob& job, const heightmap::ModelField& des
   result.outputs = written.files;
   result.outputs.push_back(beside(out, "stock"));
   const auto lowest = heightmap::height_range(design.z_mm).min;
-  MAQUETTE_TRY_VOID(heightmap::write_model_field(surface_over(roughing.stock, lowest),
-                                                 result.outputs.back()));
-  result.figures_json = json{{"strategy", job.strategy},
-                             {"levels", report.levels},
-                             {"pieces", report.pieces},
-                             {"side_entries", report.side_entries},
-                             {"ramps", report.ramps},
-                             {"blocks", written.blocks},
-                             {"bytes", written.bytes},
-                             {"path_length_mm", report.cutting_length_mm},
-                             {"rapid_length_mm", report.rapid_length_mm},
-                             {"cutting_time_min", written.cutting_time_min},
-                             {"removed_cm3", 1e-3 * report.removed_mm3},
-                             {"lowest_tip_mm", report.lowest_tip_mm},
-                             {"stock_top_mm", stock.top_mm}}
-                            .dump();
-  result.note = fmt::format("{} levels, {} blocks, {:.1f} m, {:.0f} cm3 removed", report.levels,
-                            written.blocks, report.cutting_length_mm / 1000.0,
-                            1e-3 * report.removed_mm3);
+  MAQUETTE_TRY_VOID(
+      heightmap::write_model_field(surface_over(roughing.stock, lowest), result.outputs.back()));
+  result.figures_json = json{
+      {"strategy", job.strategy},
+      {"levels", report.levels},
+      {"pieces", report.pieces},
+      {"side_entries", report.side_entries},
+      {"ramps", report.ramps},
+      {"blocks", written.blocks},
+      {"bytes", written.bytes},
+      {"path_length_mm", report.cutting_length_mm},
+      {"rapid_length_mm", report.rapid_length_mm},
+      {"cutting_time_min", written.cutting_time_min},
+      {"removed_cm3", 1e-3 * report.removed_mm3},
+      {"lowest_tip_mm", report.lowest_tip_mm},
+      {"stock_top_mm",
+       stock.top_mm}}.dump();
+  result.note =
+      fmt::format("{} levels, {} blocks, {:.1f} m, {:.0f} cm3 removed", report.levels,
+                  written.blocks, report.cutting_length_mm / 1000.0, 1e-3 * report.removed_mm3);
   return result;
 }
 
@@ -280,8 +280,8 @@ Result<JobResult> mill_job(const MillJob& job, const fs::path& out, const RunCon
     options.first_y_mm = design.y_mm(b.first);
     options.last_y_mm = design.y_mm(b.last);
     // The cutter feels the neighbours as far as it reaches.
-    const double reach = job.strategy == "rough" ? 4.0 * job.rough.cutter.radius_mm
-                                                 : options.ball_diameter.value();
+    const double reach =
+        job.strategy == "rough" ? 4.0 * job.rough.cutter.radius_mm : options.ball_diameter.value();
     design = meshing::band_field(design, b, Millimetres{reach});
   }
   if (job.strategy == "rough") return rough_job(job, design, options, stock_top, out, run);

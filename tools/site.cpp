@@ -108,17 +108,6 @@ SiteFile empty_site_file() {
   t.section("cutter", "");
   t.add({"cutter.ball_diameter_mm", &s.ball_diameter_mm, "of the ball nose", 0.1, 100});
 
-  t.section("rough", "Roughing, level by level, before the finishing pass.");
-  t.add({"rough.enabled", &s.roughing, "false: the block is roughed otherwise"});
-  t.add({"rough.diameter_mm", &s.rough_diameter_mm, "of the cutter, tool 2", 0.5, 200});
-  t.add({"rough.corner_radius_mm", &s.rough_corner_radius_mm, "0: flat end", 0, 100});
-  t.add({"rough.stepover_mm", &s.rough_stepover_mm, "at most 0.9 of the diameter", 0.05, 180});
-  t.add({"rough.step_down_mm", &s.rough_step_down_mm, "between levels", 0.1, 200});
-  t.add({"rough.allowance_mm", &s.rough_allowance_mm, "left for the finishing pass", 0, 50});
-  t.add({"rough.ramp_deg", &s.rough_ramp_deg, "steepest way down in material", 0.5, 45});
-  t.add({"rough.cell_mm", &s.rough_cell_mm,
-         "grid it is planned on, at most an eighth of the diameter", 0.05, 20});
-
   t.section("mill", "The finishing pass.");
   t.add({"mill.stepover_mm", &s.stepover_mm, "distance of neighbouring passes", 0.01, 50});
   t.add(
@@ -138,6 +127,17 @@ SiteFile empty_site_file() {
   t.add({"mill.spindle_rpm", &s.spindle_rpm, "", 1, 200000});
   t.add(
       {"mill.clearance_mm", &s.clearance_mm, "of rapid moves above the highest point", 0.1, 1000});
+
+  t.section("rough", "Roughing, level by level, before the finishing pass.");
+  t.add({"rough.enabled", &s.roughing, "false: the block is roughed otherwise"});
+  t.add({"rough.diameter_mm", &s.rough_diameter_mm, "of the cutter, tool 2", 0.5, 200});
+  t.add({"rough.corner_radius_mm", &s.rough_corner_radius_mm, "0: flat end", 0, 100});
+  t.add({"rough.stepover_mm", &s.rough_stepover_mm, "at most 0.9 of the diameter", 0.05, 180});
+  t.add({"rough.step_down_mm", &s.rough_step_down_mm, "between levels", 0.1, 200});
+  t.add({"rough.allowance_mm", &s.rough_allowance_mm, "left for the finishing pass", 0, 50});
+  t.add({"rough.ramp_deg", &s.rough_ramp_deg, "steepest way down in material", 0.5, 45});
+  t.add({"rough.cell_mm", &s.rough_cell_mm,
+         "grid it is planned on, at most an eighth of the diameter", 0.05, 20});
 
   t.section("machine", "");
   t.add({"machine.name", &s.machine, "preset with travel and limits", -kInf, kInf,

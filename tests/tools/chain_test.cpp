@@ -96,6 +96,9 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
                              "surface.certificate.json",
                              "bands/band_01.ply",
                              "bands/band_03.ngc",
+                             "bands/band_03_rough.ngc",
+                             "bands/band_03_rough.stock.tif",
+                             "bands/band_03.scallop.tif",
                              "certificate.json",
                              "as_milled.tif",
                              "export/surface.stl",
@@ -210,7 +213,7 @@ TEST_F(Chain, ShardsAndMergeAreTheSame) {
   };
   for (const char* stage : {"products", "fuse", "stones", "mesh"})
     step(std::string("--stage ") + stage);
-  for (const char* stage : {"bands", "mill"})
+  for (const char* stage : {"bands", "rough", "mill"})
     for (const char* shard : {"2/3", "3/3", "1/3"})
       step(fmt::format("--stage {} --shard {}", stage, shard));
   step("--merge");

@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "cnc/surface_path.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <tuple>
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include "cnc/linking.hpp"
+#include "cnc/piece_order.hpp"
+#include "core/check.hpp"
+
+namespace maquette::cnc {
+namespace {
+
+using heightmap::ModelField;
+
+constexpr double kBeside = 4.0;         // of aimed lines, 0.001 mm
+constexpr std::int64_t kCoarsest = 12;  // the larger part of their steps, 0.001 mm
+constexpr double kShort = 15.0;         // that they may end before their aim
+constexpr double kLongestLine = 20e3;   // 0.001 mm; longer ones are parted, to share the work
+constexpr double kDipShare = 0.2;       // as for raster passes
+constexpr double kApproach_mm = 1.0;
+constexpr std::size_t kLinesAtATime = 16384, kLinesATask = 64;
+
+struct Cut {
+  AimedLine aimed;
+  bool by_air = false;  // the cutter flies to its start
+};
+
+struct Planned {
+  std::vector<FittedMove> moves;
+  FitBounds bounds;
+  std::uint64_t sampled = 0;
+};
+
+class Cutting {
+ public:
+  Cutting(const ModelField& design, const SurfacePathOptions& o)
+      : design_(design),
+        options_(o),
+        shares_(share_tolerance(o.tolerance)),
+        tiles_(design, o.tool),
+        cutters_(DropCutter(design, Cutter::ball(o.tool.radius_mm))) {
+    const auto inside = [](double low, double high) {
+      return std::pair{static_cast<std::int32_t>(std::ceil(low * 1000.0 - 1e-4)),
+                       static_cast<std::int32_t>(std::floor(high * 1000.0 + 1e-4))};
+    };
+    std::tie(area_.left, area_.right) =
+        inside(design.x0.value(), design.x_mm(design.z_mm.cols() - 1));
+    std::tie(area_.bottom, area_.top) =
+        inside(design.y0.value(), design.y_mm(design.z_mm.rows() - 1));
+    const bool known = !std::isnan(o.stock_allowance.value());
+    const double allowance = known ? o.stock_allowance.value() : 0.0;
+    const double highest =
+        static_cast<double>(heightmap::height_range(design.z_mm).max) + allowance;
+    safe_z_ = static_cast<std::int64_t>(std::ceil((highest + o.clearance.value()) * 1000.0)) *
+              kResolution;
+    if (known) {
+      clearance_.emplace(design, Cutter::ball(o.tool.radius_mm));
+      obstacles_ = clearance_->for_thread();
+      obstacles_.tip_mm = [tip = obstacles_.tip_mm, allowance](double x, double y) {
+        return tip(x, y) + allowance;
+      };
+    } else {
+      obstacles_ = {1e3, [highest](double, double) { return highest; }};
+    }
+    link_ = {o.clearance.value(),
+             known ? std::min(kApproach_mm, o.clearance.value()) : o.clearance.value(),
+             o.plunge_feed.value()};
+  }
+
+  Result<SurfacePathReport> run(std::span<const PlanCurve> ways, const ToolpathSink& sink,
+                                const RunContext& run) {
+    PieceOrder order(1e-3 * area_.left, 1e-3 * area_.bottom, 1e-3 * area_.right, 1e-3 * area_.top,
+                     5.0);
+    std::uint64_t total = 0, done = 0;
+    for (const PlanCurve& way : ways) {
+      const PlanPlace a = clamped(way.places.front()), b = clamped(way.places.back());
+      order.add(1e-3 * a.x, 1e-3 * a.y, 1e-3 * b.x, 1e-3 * b.y);
+      total += way.places.size();
+    }
+    PlanPlace at = clamped(ways.front().places.front());
+    bool first = true;
+    while (order.left() > 0) {
+      const PieceOrder::End end = order.take_nearest(1e-3 * at.x, 1e-3 * at.y);
+      const std::vector<PlanPlace>& places = ways[end.piece].places;
+      const auto place = [&](std::size_t i) {
+        return clamped(places[end.last ? places.size() - 1 - i : i]);
+      };
+      const PlanPlace start = place(0);
+      bool by_air = first || std::hypot(start.x - at.x, start.y - at.y) > 1e3 * kLongestCutLink_mm;
+      if (!first) ++(by_air ? report_.links_flown : report_.links_cut);
+      if (by_air) at = start;
+      first = false;
+      for (std::size_t i = by_air ? 1 : 0; i < places.size(); ++i) {
+        go(at, place(i), by_air);
+        if (cuts_.size() >= kLinesAtATime) MAQUETTE_TRY_VOID(flush(sink, run));
+      }
+      done += places.size();
+      run.progress(static_cast<double>(done) / static_cast<double>(total));
+    }
+    last_ = true;
+    MAQUETTE_TRY_VOID(flush(sink, run));
+    return report_;
+  }
+
+ private:
+  [[nodiscard]] PlanPlace clamped(PlanPlace p) const {
+    return {std::clamp(p.x, area_.left, area_.right), std::clamp(p.y, area_.bottom, area_.top)};
+  }
+
+  [[nodiscard]] static PlanPlace end_of(const AimedLine& a) {
+    return {static_cast<std::int32_t>((a.line.x + a.steps * a.line.dx) / kResolution),
+            static_cast<std::int32_t>((a.line.y + a.steps * a.line.dy) / kResolution)};
+  }
+
+  /// Adds lines from `at` to as near to `to` as they come; moves `at` there.
+  void go(PlanPlace& at, PlanPlace to, bool& by_air) {
+    const double length = std::hypot(to.x - at.x, to.y - at.y);
+    const auto parts = std::max(1, static_cast<int>(std::ceil(length / kLongestLine)));
+    const PlanPlace from = at;
+    for (int k = 1; k <= parts; ++k) {
+      const double t = static_cast<double>(k) / parts;
+      const PlanPlace part =
+          k == parts
+              ? to
+              : PlanPlace{from.x + static_cast<std::int32_t>(std::lround(t * (to.x - from.x))),
+                          from.y + static_cast<std::int32_t>(std::lround(t * (to.y - from.y)))};
+      // What is left after whole steps is mostly less than matters.
+      while (std::hypot(part.x - at.x, part.y - at.y) > kShort) {
+        const AimedLine aimed = aim(at, part, area_);
+        cuts_.push_back({aimed, by_air});
+        by_air = false;
+        at = end_of(aimed);
+      }
+    }
+  }
+
+  Result<void> flush(const ToolpathSink& sink, const RunContext& run) {
+    std::vector<Planned> planned(cuts_.size());
+    const std::size_t tasks = (cuts_.size() + kLinesATask - 1) / kLinesATask;
+    oneapi::tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
+      if (run.stopped()) return;
+      std::vector<PathSample> samples;
+      const std::size_t end = std::min(cuts_.size(), (task + 1) * kLinesATask);
+      for (std::size_t i = task * kLinesATask; i < end; ++i) plan(cuts_[i], samples, planned[i]);
+    });
+    if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
+    Toolpath path;
+    path.start = at_;
+    for (std::size_t i = 0; i < cuts_.size(); ++i) append(path, cuts_[i], planned[i]);
+    cuts_.clear();
+    if (last_ && cnc::end_of(path).x != ToolPosition::kUnknown) {
+      PathMove up;
+      up.kind = PathMove::Kind::rapid;
+      up.to = cnc::end_of(path);
+      up.to.z = std::max(up.to.z, safe_z_);
+      path.moves.push_back(up);
+    }
+    if (path.moves.empty()) return {};
+    at_ = cnc::end_of(path);
+    report_.figures.add(path);
+    return sink(path);
+  }
+
+  void plan(const Cut& cut, std::vector<PathSample>& samples, Planned& out) {
+    sample_line(cutters_.local(), tiles_, design_, options_.tool, cut.aimed.line, 0,
+                cut.aimed.steps, {shares_.sampling_mm, kDipShare * options_.tolerance.value()},
+                samples);
+    FitLimits limits;
+    limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
+    limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
+    limits.arcs = false;  // curves hardly ever run along an axis
+    out.bounds = fit_moves(samples, cut.aimed.line.step_mm(), limits, out.moves);
+    out.sampled = samples.size();
+  }
+
+  void append(Toolpath& path, const Cut& cut, const Planned& planned) {
+    const ToolPosition start{cut.aimed.line.x, cut.aimed.line.y, planned.moves.front().z};
+    const ToolPosition at = cnc::end_of(path);
+    if (cut.by_air) {
+      if (at.x == ToolPosition::kUnknown) path.start = {start.x, start.y, safe_z_};
+      append_link(path, start, obstacles_, link_);
+    } else {
+      MAQUETTE_CHECK(at.x == start.x && at.y == start.y, "({}, {}) and ({}, {}) do not meet", at.x,
+                     at.y, start.x, start.y);
+      if (at.z != start.z) {  // lifted there by different walls
+        PathMove move;
+        move.to = start;
+        move.feed_mm_min = options_.plunge_feed.value();
+        path.moves.push_back(move);
+      }
+    }
+    append_fitted(path, cut.aimed.line, planned.moves, options_.feed.value());
+    report_.points_sampled += planned.sampled;
+    report_.bounds.gouge_mm = std::max(report_.bounds.gouge_mm, planned.bounds.gouge_mm);
+    report_.bounds.excess_mm = std::max(report_.bounds.excess_mm, planned.bounds.excess_mm);
+  }
+
+  const ModelField& design_;
+  const SurfacePathOptions& options_;
+  ToleranceShares shares_;
+  SteepnessTiles tiles_;
+  oneapi::tbb::enumerable_thread_specific<DropCutter> cutters_;
+  std::optional<CutterClearance> clearance_;
+  LinkSurface obstacles_;
+  LinkOptions link_;
+  PlanBox area_;
+  std::int64_t safe_z_ = 0;
+  std::vector<Cut> cuts_;
+  ToolPosition at_;  // where the last piece handed over ended
+  bool last_ = false;
+  SurfacePathReport report_;
+};
+
+}  // namespace
+
+AimedLine aim(PlanPlace from, PlanPlace to, const PlanBox& box) {
+  const std::int64_t x = to.x - from.x, y = to.y - from.y;
+  const bool mostly_x = std::abs(x) >= std::abs(y);
+  const std::int64_t major = mostly_x ? x : y, minor = mostly_x ? y : x;
+  const double length = std::hypot(static_cast<double>(x), static_cast<double>(y));
+  std::int64_t best_dx = x, best_dy = y, best_steps = 0;
+  double farthest = 0.0;
+  for (std::int64_t i = 1; i <= std::min(kCoarsest, std::abs(major)); ++i) {
+    const std::int64_t u = major > 0 ? i : -i;
+    const auto v = std::llround(static_cast<double>(minor) * static_cast<double>(u) /
+                                static_cast<double>(major));
+    const std::int64_t dx = mostly_x ? u : v, dy = mostly_x ? v : u;
+    const double step = std::hypot(static_cast<double>(dx), static_cast<double>(dy));
+    const auto off = static_cast<double>(std::abs(x * dy - y * dx));  // length step sine
+    const auto towards = static_cast<double>(x * dx + y * dy);
+    double far = towards / step;  // along this direction, at the height of the aim
+    if (off > 0.0) far = std::min(far, kBeside * length * step / off);
+    const auto steps = static_cast<std::int64_t>(far / step);
+    const double gone = static_cast<double>(steps) * step;
+    if (!(gone > farthest * (1.0 + 1e-9))) continue;
+    const std::int64_t end_x = from.x + steps * dx, end_y = from.y + steps * dy;
+    if (end_x < box.left || end_x > box.right || end_y < box.bottom || end_y > box.top) continue;
+    farthest = gone;
+    best_dx = dx;
+    best_dy = dy;
+    best_steps = steps;
+  }
+  if (best_steps == 0) best_steps = 1;  // all at once
+  return {
+      {from.x * kResolution, from.y * kResolution, best_dx * kResolution, best_dy * kResolution},
+      best_steps};
+}
+
+Result<SurfacePathReport> cut_along(const ModelField& design, std::span<const PlanCurve> ways,
+                                    const SurfacePathOptions& options, const ToolpathSink& sink,
+                                    const RunContext& run) {
+  MAQUETTE_CHECK(!ways.empty(), "nothing to cut");
+  return Cutting(design, options).run(ways, sink, run);
+}
+
+}  // namespace maquette::cnc

@@ -1,167 +1,364 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "cnc/certificate.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 namespace maquette::cnc {
 namespace {
 
 constexpr std::size_t kWorstPlaces = 10;
+constexpr std::array<double, 6> kClassEdges_deg{0.0, 15.0, 30.0, 45.0, 60.0, 90.0};
+constexpr std::size_t kClasses = kClassEdges_deg.size() - 1;
+// Histogram of heights over the design: what lies beyond counts in the last bin.
+constexpr double kBin_mm = 0.0002, kFirstBin_mm = -0.04;
+constexpr std::size_t kBins = 1200;
 
-struct Gouge {
-  float depth_mm;
-  std::int32_t row, col;
-};
-
-/// Figures of one band of nodes; added up in the order of the bands.
-struct Band {
-  double sum = 0.0, sum_of_squares = 0.0;
-  double max_gouge = 0.0, max_excess = 0.0, max_with_bound = 0.0, max_fallback = 0.0;
-  std::uint64_t gouged = 0;
-  std::vector<Gouge> gouges;  // the deepest of each block
-};
-
-/// Steepest of the two facets of a design cell.
-double steepest_facet(const Grid<float>& z, std::ptrdiff_t r, std::ptrdiff_t c, double spacing) {
-  const double z00 = z(r, c), z10 = z(r, c + 1), z01 = z(r + 1, c), z11 = z(r + 1, c + 1);
-  return std::fmax(std::hypot(z10 - z00, z11 - z10), std::hypot(z11 - z01, z01 - z00)) / spacing;
+std::size_t class_of(double slope) {
+  const double deg = std::atan(slope) * 180.0 / std::numbers::pi;
+  std::size_t k = 0;
+  while (k + 1 < kClasses && deg >= kClassEdges_deg[k + 1]) ++k;
+  return k;
 }
 
-/// Deepest first, at least a ball's radius apart.
-std::vector<Place> worst_places(const heightmap::ModelField& field, std::vector<Gouge> gouges,
-                                double apart_mm) {
-  std::sort(gouges.begin(), gouges.end(), [](const Gouge& a, const Gouge& b) {
-    if (a.depth_mm != b.depth_mm) return a.depth_mm > b.depth_mm;
-    return a.row != b.row ? a.row < b.row : a.col < b.col;
-  });
-  std::vector<Place> worst;
-  for (const Gouge& gouge : gouges) {
-    if (worst.size() == kWorstPlaces) break;
-    const Place place{field.x_mm(gouge.col), field.y_mm(gouge.row),
-                      static_cast<double>(gouge.depth_mm)};
-    const bool close = std::any_of(worst.begin(), worst.end(), [&](const Place& p) {
-      return std::hypot(p.x_mm - place.x_mm, p.y_mm - place.y_mm) < apart_mm;
-    });
-    if (!close) worst.push_back(place);
+/// Vertical height of the ridge between passes across a slope; infinite where they do not meet.
+double stated_scallop(double radius, double stepover, double slope) {
+  const double steep = std::sqrt(1.0 + slope * slope), half = 0.5 * stepover * steep;
+  if (!(half < radius)) return INFINITY;
+  return (radius - std::sqrt(radius * radius - half * half)) * steep;
+}
+
+/// How much higher than at a node the as-milled surface may be between the nodes: a ball that
+/// stands `excess` over a facet at a node and cuts it by at most `gouge` is so steep there.
+double excess_between_nodes(double excess, double slope, double gouge, double cell, double radius) {
+  const double steep = std::sqrt(1.0 + slope * slope);
+  const double over = std::fmin(radius, std::fmax(0.0, excess) / steep + gouge);
+  const double from = std::sqrt(over * (2.0 * radius - over));
+  const double to = from + cell / std::numbers::sqrt2 * steep;
+  if (!(to < radius)) return INFINITY;
+  return (std::sqrt(radius * radius - from * from) - std::sqrt(radius * radius - to * to)) * steep;
+}
+
+double quantile(const std::uint64_t* bins, double share) {
+  std::uint64_t all = 0;
+  for (std::size_t i = 0; i < kBins; ++i) all += bins[i];
+  const auto wanted = static_cast<std::uint64_t>(std::ceil(share * static_cast<double>(all)));
+  std::uint64_t sum = 0;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    sum += bins[i];
+    if (sum >= wanted && sum > 0) return kFirstBin_mm + kBin_mm * (static_cast<double>(i) + 0.5);
   }
-  return worst;
+  return 0.0;
+}
+
+/// Where the cutter is at most as steep as `slope`, and no farther than a cell's diagonal from
+/// there: how far from the start of the corner's circle; infinite beyond the rim.
+double corner_reach(double slope, double cell, const Cutter& cutter) {
+  const double e =
+      cutter.corner_radius_mm * slope / std::sqrt(1.0 + slope * slope) + std::numbers::sqrt2 * cell;
+  return e < cutter.corner_radius_mm ? e : INFINITY;
 }
 
 }  // namespace
 
-double gouge_between_nodes_mm(double slope, double cell_mm, double ball_radius_mm) {
-  const double contact = ball_radius_mm * slope / std::sqrt(1.0 + slope * slope);
-  const double farthest = contact + std::sqrt(2.0) * cell_mm;
-  const double h2 = ball_radius_mm * ball_radius_mm - farthest * farthest;
-  if (!(h2 > 0.0)) return INFINITY;
-  const double curvature = ball_radius_mm * ball_radius_mm / (h2 * std::sqrt(h2));
+double gouge_between_nodes_mm(double slope, double cell_mm, const Cutter& cutter) {
+  const double e = corner_reach(slope, cell_mm, cutter), r = cutter.corner_radius_mm;
+  if (std::isinf(e)) return INFINITY;
+  const double h2 = r * r - e * e;
+  const double curvature = r * r / (h2 * std::sqrt(h2));
   return 0.25 * curvature * cell_mm * cell_mm;
 }
 
-Result<void> compare(const heightmap::ModelField& design, const heightmap::ModelField& as_milled,
-                     std::ptrdiff_t per_spacing, double ball_radius_mm, CutterError error,
-                     Certificate& certificate, const RunContext& run) {
-  const DividedDesign divided(design, per_spacing);
-  const Grid<float>& z = design.z_mm;
-  const Grid<float>& cut = as_milled.z_mm;
-  const double spacing = design.spacing.value(), cell = as_milled.spacing.value();
-  const std::ptrdiff_t k = per_spacing;
-  const std::ptrdiff_t quad_rows = z.rows() - 1, quad_cols = z.cols() - 1;
-  // A block is a whole number of design cells, about 64 nodes wide; a band is a row of them.
-  const std::ptrdiff_t quads = std::max<std::ptrdiff_t>(1, 64 / k), block = quads * k;
-  const std::ptrdiff_t block_rows = (quad_rows + quads - 1) / quads;
-  const std::ptrdiff_t block_cols = (quad_cols + quads - 1) / quads;
-  Grid<float> block_excess(block_rows, block_cols, 0.0F);
-  std::vector<Band> bands(static_cast<std::size_t>(block_rows));
+struct Comparison::Strip {
+  double sum = 0.0, sum_of_squares = 0.0;
+  double max_gouge = 0.0, max_excess = 0.0, proven = 0.0;
+  std::uint64_t gouged = 0;
+  std::vector<Gouge> gouges;                       // the deepest of each block
+  std::vector<std::uint64_t> bins;                 // kClasses x kBins
+  std::array<std::vector<float>, kReaches> reach;  // per block
+};
 
-  tbb::parallel_for(std::ptrdiff_t{0}, block_rows, [&](std::ptrdiff_t br) {
+Comparison::Comparison(const heightmap::ModelField& design, ComparisonOptions options)
+    : design_(design),
+      options_(std::move(options)),
+      divided_(design, options_.per_spacing),
+      quads_(std::max<std::ptrdiff_t>(1, 64 / options_.per_spacing)),
+      block_nodes_(quads_ * options_.per_spacing),
+      block_rows_((design.z_mm.rows() - 2 + quads_) / quads_),
+      block_cols_((design.z_mm.cols() - 2 + quads_) / quads_),
+      border_nodes_(static_cast<std::ptrdiff_t>(std::ceil(options_.border_mm / options_.cell_mm))),
+      strips_(static_cast<std::size_t>(block_rows_) + 1),
+      reach_(design, options_.per_spacing, options_.reach_radius_mm) {
+  strips_.back().bins.assign(kClasses * kBins, 0);  // the sum of all
+  best_[over_scallop] = -INFINITY;
+}
+Comparison::~Comparison() = default;
+
+double Comparison::slope_of(std::ptrdiff_t qr, std::ptrdiff_t qc) const {
+  const Grid<float>& z = design_.z_mm;
+  const double z00 = z(qr, qc), z10 = z(qr, qc + 1), z01 = z(qr + 1, qc), z11 = z(qr + 1, qc + 1);
+  const double a = (z10 - z00) * (z10 - z00) + (z11 - z10) * (z11 - z10);
+  const double b = (z11 - z01) * (z11 - z01) + (z01 - z00) * (z01 - z00);
+  return std::sqrt(std::fmax(a, b)) / design_.spacing.value();
+}
+
+/// The steepest facet of the design's cells that hold the node.
+double Comparison::slope_at_node(std::ptrdiff_t row, std::ptrdiff_t col) const {
+  const std::ptrdiff_t k = options_.per_spacing;
+  const std::ptrdiff_t last_r = design_.z_mm.rows() - 2, last_c = design_.z_mm.cols() - 2;
+  double slope = 0.0;
+  for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, (row + k - 1) / k - 1);
+       r <= std::min(last_r, row / k); ++r)
+    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, (col + k - 1) / k - 1);
+         c <= std::min(last_c, col / k); ++c)
+      slope = std::fmax(slope, slope_of(r, c));
+  return slope;
+}
+
+bool Comparison::is_border(std::ptrdiff_t row, std::ptrdiff_t col) const {
+  return row < border_nodes_ || col < border_nodes_ || row >= divided_.rows() - border_nodes_ ||
+         col >= divided_.cols() - border_nodes_;
+}
+
+double Comparison::value(Reach kind, std::ptrdiff_t row, std::ptrdiff_t col, double excess,
+                         double slope) const {
+  const bool at_border = is_border(row, col);
+  const double R = options_.reach_radius_mm;
+  switch (kind) {
+    case inside:
+      return at_border ? -INFINITY : excess;
+    case border:
+      return at_border ? excess : -INFINITY;
+    case with_bound:
+      return excess +
+             excess_between_nodes(excess, slope, options_.deepest_gouge_mm, options_.cell_mm, R);
+    default:
+      return at_border ? -INFINITY : excess - stated_scallop(R, options_.stepover_mm, slope);
+  }
+}
+
+double Comparison::proven_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdiff_t qc,
+                               double slope, double quad_gouge, const Cutter& cutter) const {
+  const double cell = options_.cell_mm, between = gouge_between_nodes_mm(slope, cell, cutter);
+  const CutterError& error = options_.error;
+  if (std::isfinite(between)) {
+    // At the nodes around, the cutter may be steeper than the facet: its slope there.
+    const double r = cutter.corner_radius_mm, e = corner_reach(slope, cell, cutter);
+    const double normal_length = r / std::sqrt(r * r - e * e);
+    return quad_gouge + between + error.vertical_mm + normal_length * error.sideways_mm;
+  }
+  // A node within a cell's diagonal of any place is gouged too, less by the rise to it.
+  const std::ptrdiff_t k = options_.per_spacing, rings = k >= 2 ? 1 : 2;
+  double around = 0.0, gouge = -INFINITY;
+  for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, qr - rings);
+       r <= std::min(design_.z_mm.rows() - 2, qr + rings); ++r)
+    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, qc - rings);
+         c <= std::min(design_.z_mm.cols() - 2, qc + rings); ++c)
+      around = std::fmax(around, slope_of(r, c));
+  for (std::ptrdiff_t row = std::max<std::ptrdiff_t>(0, qr * k - kMargin);
+       row <= std::min(divided_.rows() - 1, (qr + 1) * k + kMargin); ++row)
+    for (std::ptrdiff_t col = std::max<std::ptrdiff_t>(0, qc * k - kMargin);
+         col <= std::min(divided_.cols() - 1, (qc + 1) * k + kMargin); ++col)
+      gouge = std::fmax(gouge, divided_.at(row, col) - band.at(row, col));
+  return gouge + around * (std::numbers::sqrt2 * cell + error.sideways_mm) + error.vertical_mm +
+         error.sideways_mm;
+}
+
+void Comparison::add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdiff_t qc,
+                          Strip& strip, Gouge& deepest, std::array<float, kReaches>& reach) const {
+  const std::ptrdiff_t k = options_.per_spacing;
+  const bool last_row = qr + 2 == design_.z_mm.rows(), last_col = qc + 2 == design_.z_mm.cols();
+  const double slope = slope_of(qr, qc), cosine = 1.0 / std::sqrt(1.0 + slope * slope);
+  const bool counts = !is_border(qr * k, qc * k) && !is_border((qr + 1) * k, (qc + 1) * k);
+  std::uint64_t* bins = strip.bins.data() + class_of(slope) * kBins;
+  double quad_gouge = -INFINITY, excess = -INFINITY, excess_inside = -INFINITY,
+         excess_border = -INFINITY;  // gouge of the closed design cell, excess of its own nodes
+  for (std::ptrdiff_t i = 0; i <= k; ++i)
+    for (std::ptrdiff_t j = 0; j <= k; ++j) {
+      const std::ptrdiff_t row = qr * k + i, col = qc * k + j;
+      const double over = band.at(row, col) - divided_.at(row, col);
+      quad_gouge = std::fmax(quad_gouge, -over);
+      // A node between two design cells belongs to the later one.
+      if ((i == k && !last_row) || (j == k && !last_col)) continue;
+      strip.sum += over;
+      strip.sum_of_squares += over * over;
+      excess = std::fmax(excess, over);
+      if (counts) {
+        const double bin = std::floor((over * cosine - kFirstBin_mm) / kBin_mm);
+        ++bins[static_cast<std::size_t>(std::fmin(std::fmax(bin, 0.0), double{kBins - 1}))];
+        excess_inside = excess;
+      } else if (is_border(row, col)) {
+        excess_border = std::fmax(excess_border, over);
+      } else {
+        excess_inside = std::fmax(excess_inside, over);
+      }
+      if (-over > kGougeListed_mm) ++strip.gouged;
+      if (-over > static_cast<double>(deepest.depth_mm))
+        deepest = {static_cast<float>(-over), static_cast<std::int32_t>(row),
+                   static_cast<std::int32_t>(col)};
+    }
+  strip.max_gouge = std::fmax(strip.max_gouge, quad_gouge);
+  strip.max_excess = std::fmax(strip.max_excess, excess);
+  for (const Cutter& cutter : options_.cutters)
+    strip.proven = std::fmax(strip.proven, proven_quad(band, qr, qc, slope, quad_gouge, cutter));
+
+  const auto raise = [&](Reach kind, double v) {
+    const float up = std::nextafter(static_cast<float>(v), std::numeric_limits<float>::infinity());
+    reach[kind] = std::max(reach[kind], up);
+  };
+  raise(inside, excess_inside);
+  raise(border, excess_border);
+  // At a node between cells the steepest cell counts; here only an upper bound is asked for.
+  double around = slope;
+  for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, qr - 1); r <= qr; ++r)
+    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, qc - 1); c <= qc; ++c)
+      around = std::fmax(around, slope_of(r, c));
+  raise(with_bound, value(with_bound, qr * k, qc * k, excess, around));
+  if (!std::isnan(options_.stepover_mm))
+    raise(over_scallop,
+          excess_inside - stated_scallop(options_.reach_radius_mm, options_.stepover_mm, slope));
+}
+
+Result<void> Comparison::add(const MilledBand& band, std::ptrdiff_t first_block_row,
+                             std::ptrdiff_t end_block_row, const RunContext& run) {
+  const std::ptrdiff_t quad_rows = design_.z_mm.rows() - 1, quad_cols = design_.z_mm.cols() - 1;
+  tbb::parallel_for(first_block_row, end_block_row, [&](std::ptrdiff_t br) {
     if (run.stopped()) return;
-    Band& band = bands[static_cast<std::size_t>(br)];
-    for (std::ptrdiff_t bc = 0; bc < block_cols; ++bc) {
+    Strip& strip = strips_[static_cast<std::size_t>(br)];
+    strip.bins.assign(kClasses * kBins, 0);
+    for (auto& values : strip.reach)
+      values.assign(static_cast<std::size_t>(block_cols_), -INFINITY);
+    for (std::ptrdiff_t bc = 0; bc < block_cols_; ++bc) {
       Gouge deepest{0.0F, 0, 0};
-      double excess = 0.0;
-      const std::ptrdiff_t r_end = std::min(quad_rows, (br + 1) * quads);
-      const std::ptrdiff_t c_end = std::min(quad_cols, (bc + 1) * quads);
-      for (std::ptrdiff_t qr = br * quads; qr < r_end; ++qr)
-        for (std::ptrdiff_t qc = bc * quads; qc < c_end; ++qc) {
-          double quad_gouge = -INFINITY;  // of the closed design cell
-          for (std::ptrdiff_t i = 0; i <= k; ++i)
-            for (std::ptrdiff_t j = 0; j <= k; ++j) {
-              const std::ptrdiff_t row = qr * k + i, col = qc * k + j;
-              const double over = static_cast<double>(cut(row, col)) - divided.at(row, col);
-              quad_gouge = std::fmax(quad_gouge, -over);
-              // A node between two design cells belongs to the later one.
-              if ((i == k && qr + 1 < quad_rows) || (j == k && qc + 1 < quad_cols)) continue;
-              band.sum += over;
-              band.sum_of_squares += over * over;
-              excess = std::fmax(excess, over);
-              if (-over > kGougeListed_mm) ++band.gouged;
-              if (-over > static_cast<double>(deepest.depth_mm))
-                deepest = {static_cast<float>(-over), static_cast<std::int32_t>(row),
-                           static_cast<std::int32_t>(col)};
-              band.max_gouge = std::fmax(band.max_gouge, -over);
-            }
-          const double slope = steepest_facet(z, qr, qc, spacing);
-          const double between = gouge_between_nodes_mm(slope, cell, ball_radius_mm);
-          if (std::isfinite(between)) {
-            // At the nodes around, the ball may be steeper than the facet: its slope there.
-            const double contact =
-                ball_radius_mm * slope / std::sqrt(1.0 + slope * slope) + std::sqrt(2.0) * cell;
-            const double normal_length =
-                ball_radius_mm / std::sqrt(ball_radius_mm * ball_radius_mm - contact * contact);
-            band.max_with_bound =
-                std::fmax(band.max_with_bound, quad_gouge + between + error.vertical_mm +
-                                                   normal_length * error.sideways_mm);
-          } else {
-            // The steepest facet around, for the node that is asked may lie next door.
-            double around = slope;
-            for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, qr - 1);
-                 i <= std::min(quad_rows - 1, qr + 1); ++i)
-              for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, qc - 1);
-                   j <= std::min(quad_cols - 1, qc + 1); ++j)
-                around = std::fmax(around, steepest_facet(z, i, j, spacing));
-            const double reach = std::sqrt(2.0) * cell + error.sideways_mm;
-            // One cell beyond the design cell lies within it or a neighbour only if k >= 2;
-            // the deepest gouge of all is on the safe side in any case.
-            band.max_fallback = std::fmax(band.max_fallback,
-                                          around * reach + error.vertical_mm + error.sideways_mm);
-          }
-        }
-      if (static_cast<double>(deepest.depth_mm) > kGougeListed_mm) band.gouges.push_back(deepest);
-      block_excess(br, bc) =
-          std::nextafter(static_cast<float>(excess), std::numeric_limits<float>::infinity());
-      band.max_excess = std::fmax(band.max_excess, excess);
+      std::array<float, kReaches> reach;
+      reach.fill(-INFINITY);
+      for (std::ptrdiff_t qr = br * quads_; qr < std::min(quad_rows, (br + 1) * quads_); ++qr)
+        for (std::ptrdiff_t qc = bc * quads_; qc < std::min(quad_cols, (bc + 1) * quads_); ++qc)
+          add_quad(band, qr, qc, strip, deepest, reach);
+      if (static_cast<double>(deepest.depth_mm) > kGougeListed_mm) strip.gouges.push_back(deepest);
+      for (std::size_t i = 0; i < kReaches; ++i)
+        strip.reach[i][static_cast<std::size_t>(bc)] = reach[i];
     }
   });
   if (run.stopped()) return fail(kCancelled, "comparing the cut with the design was stopped");
 
-  Band all;
-  for (Band& band : bands) {
-    all.sum += band.sum;
-    all.sum_of_squares += band.sum_of_squares;
-    all.max_gouge = std::fmax(all.max_gouge, band.max_gouge);
-    all.max_excess = std::fmax(all.max_excess, band.max_excess);
-    all.max_with_bound = std::fmax(all.max_with_bound, band.max_with_bound);
-    all.max_fallback = std::fmax(all.max_fallback, band.max_fallback);
-    all.gouged += band.gouged;
-    all.gouges.insert(all.gouges.end(), band.gouges.begin(), band.gouges.end());
+  Strip& all = strips_.back();
+  std::array<std::vector<ReachBlock>, kReaches> blocks;
+  for (std::ptrdiff_t br = first_block_row; br < end_block_row; ++br) {
+    Strip& strip = strips_[static_cast<std::size_t>(br)];
+    for (std::size_t i = 0; i < all.bins.size(); ++i) all.bins[i] += strip.bins[i];
+    for (std::size_t kind = 0; kind < kReaches; ++kind)
+      for (std::ptrdiff_t bc = 0; bc < block_cols_; ++bc) {
+        const float v = strip.reach[kind][static_cast<std::size_t>(bc)];
+        if (!(static_cast<double>(v) > best_[kind])) continue;
+        // The last blocks have the outline's nodes too.
+        blocks[kind].push_back({v, br * block_nodes_,
+                                br + 1 == block_rows_ ? divided_.rows() : (br + 1) * block_nodes_,
+                                bc * block_nodes_,
+                                bc + 1 == block_cols_ ? divided_.cols() : (bc + 1) * block_nodes_});
+      }
+    strip.bins = {};
+    strip.reach = {};
   }
-  const double nodes = static_cast<double>(cut.rows()) * static_cast<double>(cut.cols());
-  certificate.max_gouge_mm = all.max_gouge;
-  certificate.max_excess_anywhere_mm = all.max_excess;
-  certificate.mean_excess_mm = all.sum / nodes;
-  certificate.rms_excess_mm = std::sqrt(all.sum_of_squares / nodes);
-  certificate.gouged_area_mm2 = static_cast<double>(all.gouged) * cell * cell;
-  certificate.bound_mm =
-      std::fmax(std::fmax(all.max_with_bound - all.max_gouge, all.max_fallback), 0.0);
-  certificate.worst_gouges = worst_places(as_milled, std::move(all.gouges), ball_radius_mm);
-  MAQUETTE_TRY(certificate.max_excess_mm,
-               reachable_excess(divided, cut, cell, ball_radius_mm, block_excess, block, run));
+  for (std::size_t kind = 0; kind < kReaches; ++kind) {
+    const auto at_node = [&](std::ptrdiff_t row, std::ptrdiff_t col) {
+      const std::ptrdiff_t k = options_.per_spacing;
+      const double slope = kind == with_bound ? slope_at_node(row, col)
+                           : kind == over_scallop
+                               ? slope_of(std::min(row / k, design_.z_mm.rows() - 2),
+                                          std::min(col / k, design_.z_mm.cols() - 2))
+                               : 0.0;
+      return value(static_cast<Reach>(kind), row, col, band.at(row, col) - divided_.at(row, col),
+                   slope);
+    };
+    MAQUETTE_TRY(best_[kind], reach_.raise(std::move(blocks[kind]), at_node, best_[kind], run));
+  }
   return {};
+}
+
+double Comparison::proven_gouge_mm(const MilledBand& band, std::ptrdiff_t first_block_row,
+                                   std::ptrdiff_t end_block_row, const Cutter& cutter) const {
+  const std::ptrdiff_t k = options_.per_spacing;
+  const std::ptrdiff_t q0 = first_block_row * quads_;
+  const std::ptrdiff_t q1 = std::min(design_.z_mm.rows() - 1, end_block_row * quads_);
+  std::vector<double> proven(static_cast<std::size_t>(q1 - q0), 0.0);
+  tbb::parallel_for(q0, q1, [&](std::ptrdiff_t qr) {
+    double& most = proven[static_cast<std::size_t>(qr - q0)];
+    for (std::ptrdiff_t qc = 0; qc + 1 < design_.z_mm.cols(); ++qc) {
+      double gouge = -INFINITY;
+      for (std::ptrdiff_t i = 0; i <= k; ++i)
+        for (std::ptrdiff_t j = 0; j <= k; ++j)
+          gouge = std::fmax(gouge,
+                            divided_.at(qr * k + i, qc * k + j) - band.at(qr * k + i, qc * k + j));
+      most = std::fmax(most, proven_quad(band, qr, qc, slope_of(qr, qc), gouge, cutter));
+    }
+  });
+  return *std::max_element(proven.begin(), proven.end());
+}
+
+void Comparison::finish(Certificate& c) {
+  Strip all;
+  std::vector<Gouge> gouges;
+  for (std::size_t i = 0; i + 1 < strips_.size(); ++i) {
+    const Strip& strip = strips_[i];
+    all.sum += strip.sum;
+    all.sum_of_squares += strip.sum_of_squares;
+    all.max_gouge = std::fmax(all.max_gouge, strip.max_gouge);
+    all.max_excess = std::fmax(all.max_excess, strip.max_excess);
+    all.proven = std::fmax(all.proven, strip.proven);
+    all.gouged += strip.gouged;
+    gouges.insert(gouges.end(), strip.gouges.begin(), strip.gouges.end());
+  }
+  const double cell = options_.cell_mm;
+  const double nodes = static_cast<double>(divided_.rows()) * static_cast<double>(divided_.cols());
+  c.cell_gouge_mm = all.max_gouge;
+  c.cell_bound_mm = std::fmax(0.0, all.proven - all.max_gouge);
+  c.max_excess_anywhere_mm = all.max_excess;
+  c.max_excess_inside_mm = best_[inside];
+  c.max_excess_border_mm = best_[border];
+  c.max_excess_mm = std::fmax(best_[inside], best_[border]);
+  c.excess_bound_mm = std::fmax(0.0, best_[with_bound] - c.max_excess_mm);
+  c.max_excess_over_scallop_mm = std::isnan(options_.stepover_mm) ? NAN : best_[over_scallop];
+  c.mean_excess_mm = all.sum / nodes;
+  c.rms_excess_mm = std::sqrt(all.sum_of_squares / nodes);
+  c.gouged_area_mm2 = static_cast<double>(all.gouged) * cell * cell;
+
+  // Deepest first, at least a cutter's radius apart.
+  double apart = 0.0;
+  for (const Cutter& cutter : options_.cutters) apart = std::fmax(apart, cutter.radius_mm);
+  std::sort(gouges.begin(), gouges.end(), [](const Gouge& a, const Gouge& b) {
+    if (a.depth_mm != b.depth_mm) return a.depth_mm > b.depth_mm;
+    return a.row != b.row ? a.row < b.row : a.col < b.col;
+  });
+  for (const Gouge& gouge : gouges) {
+    if (c.worst_gouges.size() == kWorstPlaces) break;
+    const Place place{design_.x0.value() + cell * gouge.col, design_.y0.value() + cell * gouge.row,
+                      static_cast<double>(gouge.depth_mm)};
+    const bool close =
+        std::any_of(c.worst_gouges.begin(), c.worst_gouges.end(), [&](const Place& p) {
+          return std::hypot(p.x_mm - place.x_mm, p.y_mm - place.y_mm) < apart;
+        });
+    if (!close) c.worst_gouges.push_back(place);
+  }
+
+  for (std::size_t k = 0; k < kClasses; ++k) {
+    const std::uint64_t* bins = strips_.back().bins.data() + k * kBins;
+    std::uint64_t count = 0;
+    for (std::size_t i = 0; i < kBins; ++i) count += bins[i];
+    if (count == 0) continue;
+    const double steep = std::tan(kClassEdges_deg[k + 1] * std::numbers::pi / 180.0);
+    ScallopClass s{
+        kClassEdges_deg[k],  kClassEdges_deg[k + 1], static_cast<double>(count) * cell * cell,
+        quantile(bins, 0.5), quantile(bins, 0.95),   quantile(bins, 0.99)};
+    if (!std::isnan(options_.stepover_mm) && k + 1 < kClasses)
+      s.stated_mm = stated_scallop(options_.reach_radius_mm, options_.stepover_mm, steep) /
+                    std::sqrt(1.0 + steep * steep);
+    c.scallops.push_back(s);
+  }
 }
 
 }  // namespace maquette::cnc

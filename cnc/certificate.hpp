@@ -6,10 +6,14 @@
 ///
 /// Both surfaces are taken at the nodes of the as-milled grid, which is the design's
 /// grid divided `per_spacing` times, so every facet of the design is a whole number of
-/// half cells and its height at a node is exact. How the bound follows from the ball's
-/// curvature: docs/derivations/verify_bound.md.
+/// half cells and its height at a node is exact. The as-milled grid comes in bands of whole
+/// blocks (about 64 x 64 nodes), so it is never there as a whole. How the bounds follow from the
+/// cutter's curvature: docs/derivations/verify_bound.md.
 
+#include <array>
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <vector>
 
 #include "cnc/verify.hpp"
@@ -22,8 +26,8 @@ namespace maquette::cnc {
 
 /// Deeper cuts count as gouged area and may be listed.
 inline constexpr double kGougeListed_mm = 0.001;
-/// A node counts as within the ball's reach if the design's closing by the ball lies at
-/// most this far above it.
+/// A node counts as within the ball's reach if a ball that touches it has to rise by at most
+/// this to cut nothing elsewhere.
 inline constexpr double kReachTolerance_mm = 0.005;
 
 /// The design at the nodes of a grid that divides each of its cells `per_spacing` times.
@@ -56,36 +60,119 @@ class DividedDesign {
 
 /// What may separate the simulated cutter from the true one.
 struct CutterError {
-  double sideways_mm = 0.0;  ///< rounding of places, chords for arcs
+  double sideways_mm = 0.0;  ///< rounding of places, deviation of pieces
   double vertical_mm = 0.0;  ///< rounding of heights
 };
 
-/// Fills the figures of `certificate` that come from the two surfaces: gouge, excess
-/// (max_excess_mm by reachable_excess), area, mean, rms, worst places, bound.
-/// mean and rms are of as-milled minus design, signed, over all nodes.
-/// @return CORE_CANCELLED if stopped
-[[nodiscard]] Result<void> compare(const heightmap::ModelField& design,
-                                   const heightmap::ModelField& as_milled,
-                                   std::ptrdiff_t per_spacing, double ball_radius_mm,
-                                   CutterError error, Certificate& certificate,
-                                   const RunContext& run = {});
-
 /// How far a gouge between nodes may exceed the deepest one at the nodes of its facet,
-/// for a facet of the given slope (rise per mm); infinite where the ball's rim is nearer
-/// than the nodes.
-[[nodiscard]] double gouge_between_nodes_mm(double slope, double cell_mm, double ball_radius_mm);
+/// for a facet of the given slope (rise per mm); infinite where the cutter's rim is nearer
+/// than the nodes, so always for a flat cutter.
+[[nodiscard]] double gouge_between_nodes_mm(double slope, double cell_mm, const Cutter& cutter);
 
-/// Largest as-milled minus design at nodes that the ball can reach, at least 0.
-///
-/// Reach: dilation and erosion of the design by the ball on the as-milled grid (of every
-/// n-th node where the radius exceeds 32 cells), blocks of nodes in the order of their
-/// largest excess, so that most are never looked at. Worst case (unreachable
-/// excess in every block) about 10 ms for each block of 64 x 64 nodes.
-/// @param block_excess  per block of `block` x `block` nodes: its largest excess
-[[nodiscard]] Result<double> reachable_excess(const DividedDesign& design,
-                                              const Grid<float>& as_milled_mm, double cell_mm,
-                                              double ball_radius_mm,
-                                              const Grid<float>& block_excess, std::ptrdiff_t block,
-                                              const RunContext& run = {});
+/// A block of nodes (last ones excluded) and the largest value in it.
+struct ReachBlock {
+  float value = 0.0F;
+  std::ptrdiff_t r0 = 0, r1 = 0, c0 = 0, c1 = 0;
+};
+
+/// Looks for the largest of some figure among the nodes that the ball can reach: those where it
+/// touches a facet that holds the node, along the facet's normal, and has to rise by at most
+/// kReachTolerance_mm to cut nothing elsewhere (exact cutter location). Blocks and nodes in the
+/// order of their values, so that most are never looked at.
+class ReachSearch {
+ public:
+  /// @param ball_radius_mm  0: everything is within reach
+  ReachSearch(const heightmap::ModelField& design, std::ptrdiff_t per_spacing,
+              double ball_radius_mm);
+  ~ReachSearch();
+  /// @param value  of (row, col) on the as-milled grid
+  /// @return the largest value above `best`; `best` if there is none; CORE_CANCELLED
+  [[nodiscard]] Result<double> raise(
+      std::vector<ReachBlock> blocks,
+      const std::function<double(std::ptrdiff_t, std::ptrdiff_t)>& value, double best,
+      const RunContext& run = {});
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// As-milled rows of a band: row 0 is node row `first_row` of the whole grid.
+struct MilledBand {
+  const Grid<float>& z_mm;
+  std::ptrdiff_t first_row;
+  [[nodiscard]] double at(std::ptrdiff_t row, std::ptrdiff_t col) const {
+    return static_cast<double>(z_mm(row - first_row, col));
+  }
+};
+
+struct ComparisonOptions {
+  std::ptrdiff_t per_spacing = 1;
+  double cell_mm = 0.0;
+  CutterError error{};
+  std::vector<Cutter> cutters{};  ///< those that leave the surface that is compared
+  double reach_radius_mm = 0.0;   ///< of the ball that decides what can be reached
+  double border_mm = 0.0;         ///< nodes nearer to the outline are counted apart
+  double deepest_gouge_mm = 0.0;  ///< nothing is cut deeper; for the excess between nodes
+  double stepover_mm = NAN;       ///< NaN: no stated scallop
+};
+
+class Comparison {
+ public:
+  /// @pre as for DividedDesign; the design outlives this
+  Comparison(const heightmap::ModelField& design, ComparisonOptions options);
+
+  [[nodiscard]] std::ptrdiff_t block_rows() const { return block_rows_; }
+  /// Nodes along a block; block row b has the node rows b n .. (b + 1) n, both included.
+  [[nodiscard]] std::ptrdiff_t block_nodes() const { return block_nodes_; }
+  /// What a band needs beside its block rows, above and below, where the grid has it.
+  static constexpr std::ptrdiff_t kMargin = 2;
+
+  /// Every block row once, in any order of bands (which of several equal figures is named may
+  /// depend on it). @return CORE_CANCELLED if stopped
+  [[nodiscard]] Result<void> add(const MilledBand& band, std::ptrdiff_t first_block_row,
+                                 std::ptrdiff_t end_block_row, const RunContext& run);
+
+  /// Bound on the gouge of a surface that `cutter` has cut last, on the continuous facets of
+  /// these block rows.
+  [[nodiscard]] double proven_gouge_mm(const MilledBand& band, std::ptrdiff_t first_block_row,
+                                       std::ptrdiff_t end_block_row, const Cutter& cutter) const;
+
+  /// Fills the figures that come from the two surfaces. cell_bound_mm is what `cutters` may
+  /// have cut deeper between the nodes.
+  void finish(Certificate& certificate);
+
+ private:
+  struct Gouge {
+    float depth_mm;
+    std::int32_t row, col;
+  };
+  struct Strip;  // figures of one row of blocks
+  enum Reach : std::size_t { inside, border, with_bound, over_scallop, kReaches };
+
+  void add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdiff_t qc, Strip& strip,
+                Gouge& deepest, std::array<float, kReaches>& reach) const;
+  [[nodiscard]] double proven_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdiff_t qc,
+                                   double slope, double quad_gouge, const Cutter& cutter) const;
+  [[nodiscard]] double slope_of(std::ptrdiff_t qr, std::ptrdiff_t qc) const;
+  [[nodiscard]] bool is_border(std::ptrdiff_t row, std::ptrdiff_t col) const;
+  /// What counts for a kind of reach at a node; -INFINITY: nothing.
+  [[nodiscard]] double value(Reach kind, std::ptrdiff_t row, std::ptrdiff_t col, double excess,
+                             double slope) const;
+  [[nodiscard]] double slope_at_node(std::ptrdiff_t row, std::ptrdiff_t col) const;
+
+  const heightmap::ModelField& design_;
+  ComparisonOptions options_;
+  DividedDesign divided_;
+  std::ptrdiff_t quads_, block_nodes_, block_rows_, block_cols_, border_nodes_;
+  std::vector<Strip> strips_;
+  std::array<double, kReaches> best_{};
+  ReachSearch reach_;
+
+ public:
+  Comparison(const Comparison&) = delete;
+  Comparison& operator=(const Comparison&) = delete;
+  ~Comparison();
+};
 
 }  // namespace maquette::cnc

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// The plane that lets blocks be skipped: the capsule is convex, so for every gradient
+// The plane that lets blocks be skipped under a ball: a capsule is convex, so for every gradient
 // g = (gs, gd) all of its underside lies above
 //     A.z + R - R sqrt(1 + |g|^2) + gs s + gd d + min over its ends of (m - gs) t,
-// whatever g is; g is taken from the sphere at the block's centre, where it is tight.
+// whatever g is; g is taken from the sphere at the block's centre, where it is tight. A way
+// within `sag` of its chord lies above that lowered by sag sqrt(1 + |g|^2).
 
 #include "cnc/milling_sim.hpp"
 
@@ -17,173 +18,231 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include "cnc/swept_cutter.hpp"
 #include "core/check.hpp"
 
 namespace maquette::cnc {
 namespace {
 
-constexpr int kBlock = 8;   // cells along a block's side: one AVX register of floats
+using swept::kBlock;
 constexpr int kTile = 128;  // cells along a tile's side: 64 KiB of heights
 constexpr int kBlocks = kTile / kBlock;
-// Steeper moves (plunges, retracts) are swept in double: a single-precision place times
-// such a slope would show in the height.
-constexpr double kSteepestSingle = 8.0;
 // The gradient of the supporting plane is taken inside this share of the ball's disc.
 constexpr float kInnerDisc = 0.96F;
 // More than single precision can err in a supporting plane below 1 m of height.
 constexpr float kPlaneMargin_mm = 1e-3F;
+constexpr float kNone = std::numeric_limits<float>::max();
 
 struct Tile {
   alignas(64) std::array<float, kTile * kTile> z;  // row by row
   alignas(64) std::array<float, kBlocks * kBlocks> highest;
-  double x0_mm, y0_mm;  // of the first cell's centre
+  double cell_mm;
+  double x0_mm, y0_mm;      // of the whole grid
+  std::ptrdiff_t row, col;  // of the first cell in the whole grid
+  float highest_of_all;     // at least: it is not kept up with every cut
+
+  // The same sums for a block whichever tile it is in.
+  [[nodiscard]] double x_of(int bx) const {
+    return x0_mm + static_cast<double>(col + bx * kBlock) * cell_mm;
+  }
+  [[nodiscard]] double y_of(int by) const {
+    return y0_mm + static_cast<double>(row + by * kBlock) * cell_mm;
+  }
+  [[nodiscard]] float* block(int by, int bx) {
+    return z.data() + by * kBlock * kTile + bx * kBlock;
+  }
+  [[nodiscard]] float& top(int by, int bx) {
+    return highest[static_cast<std::size_t>(by * kBlocks + bx)];
+  }
 };
 
-/// The piece of a move that can reach a tile, seen from its point nearest the tile's
-/// middle, so that all lengths are small.
-struct LocalMove {
-  double x_mm, y_mm, z_mm;  // tip at t = 0
-  double ux, uy;            // horizontal direction
-  double rise;              // mm per horizontal mm
-  double t1, t2;            // t1 <= 0 <= t2
+/// Blocks of a tile under a rectangle.
+struct Blocks {
+  int x1, x2, y1, y2;
+  [[nodiscard]] bool empty() const { return x1 > x2 || y1 > y2; }
 };
-
-LocalMove localise(const ToolMove& move, double cx, double cy, double reach) {
-  const Vec3 a = move.from_mm, b = move.to_mm;
-  const double dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
-  const double length = std::sqrt(dx * dx + dy * dy);
-  // A vertical move leaves what its lower end leaves; shorter than a nanometre is vertical.
-  if (length < 1e-6) {
-    const Vec3 low = dz < 0.0 ? b : a;
-    return {low.x, low.y, low.z, 1.0, 0.0, 0.0, 0.0, 0.0};
-  }
-  const double ux = dx / length, uy = dy / length, rise = dz / length;
-  const double t = std::fmin(std::fmax((cx - a.x) * ux + (cy - a.y) * uy, 0.0), length);
-  return {a.x + t * ux, a.y + t * uy, a.z + t * rise,        ux,
-          uy,           rise,         std::fmax(-t, -reach), std::fmin(length - t, reach)};
-}
-
-/// Cuts one block; the new highest cell of it, and by how much one cell fell at most.
-template <class T>
-struct BlockResult {
-  T highest, deepest;
-};
-
-template <class T>
-BlockResult<T> cut_block(float* z, T dx0, T dy0, T cell, T radius, const LocalMove& m, T k) {
-  const T ux = static_cast<T>(m.ux), uy = static_cast<T>(m.uy), rise = static_cast<T>(m.rise);
-  const T t1 = static_cast<T>(m.t1), t2 = static_cast<T>(m.t2);
-  const T base = static_cast<T>(m.z_mm + static_cast<double>(radius));
-  const T r2 = radius * radius;
-  constexpr T kNone = std::numeric_limits<T>::max();
-  std::array<T, kBlock> highest, deepest;
-  highest.fill(-kNone);
-  deepest.fill(T{0});
-  for (int r = 0; r < kBlock; ++r) {
-    const T dy = dy0 + static_cast<T>(r) * cell;
-    float* row = z + r * kTile;
-    for (int c = 0; c < kBlock; ++c) {
-      const auto i = static_cast<std::size_t>(c);
-      const T dx = dx0 + static_cast<T>(c) * cell;
-      const T s = dx * ux + dy * uy;
-      const T d = dx * uy - dy * ux;
-      const T rho2 = r2 - d * d;
-      const T rho = std::sqrt(rho2 > T{0} ? rho2 : T{0});
-      T t = s - k * rho;
-      t = t > t1 ? t : t1;
-      t = t < t2 ? t : t2;
-      const T w = s - t;
-      const T q = rho2 - w * w;
-      const T under = base + rise * t - std::sqrt(q > T{0} ? q : T{0});
-      const T old = static_cast<T>(row[c]);
-      const bool cuts = (q > T{0}) & (under < old);
-      const T now = cuts ? under : old;
-      row[c] = static_cast<float>(now);
-      highest[i] = highest[i] > now ? highest[i] : now;
-      deepest[i] = deepest[i] > old - now ? deepest[i] : old - now;
-    }
-  }
-  BlockResult<T> result{highest[0], deepest[0]};
-  for (std::size_t i = 1; i < kBlock; ++i) {
-    result.highest = std::max(result.highest, highest[i]);
-    result.deepest = std::max(result.deepest, deepest[i]);
-  }
-  return result;
-}
-
-/// @return deepest cut, mm
-template <class T>
-double sweep_tile(Tile& tile, const LocalMove& m, double cell_mm, double radius_mm) {
-  // Blocks under the piece's bounding box.
-  const double lo_x = std::fmin(m.t1 * m.ux, m.t2 * m.ux) + m.x_mm - radius_mm - tile.x0_mm;
-  const double hi_x = std::fmax(m.t1 * m.ux, m.t2 * m.ux) + m.x_mm + radius_mm - tile.x0_mm;
-  const double lo_y = std::fmin(m.t1 * m.uy, m.t2 * m.uy) + m.y_mm - radius_mm - tile.y0_mm;
-  const double hi_y = std::fmax(m.t1 * m.uy, m.t2 * m.uy) + m.y_mm + radius_mm - tile.y0_mm;
+Blocks blocks_under(const Tile& tile, double left, double right, double south, double north) {
+  const double pitch = tile.cell_mm * kBlock;
   const auto block_of = [&](double mm) {
-    return static_cast<int>(
-        std::fmin(std::fmax(std::floor(mm / (cell_mm * kBlock)), -1.0), double{kBlocks}));
+    return static_cast<int>(std::fmin(std::fmax(std::floor(mm / pitch), -1.0), double{kBlocks}));
   };
-  const int bx1 = std::max(0, block_of(lo_x)), bx2 = std::min(kBlocks - 1, block_of(hi_x));
-  const int by1 = std::max(0, block_of(lo_y)), by2 = std::min(kBlocks - 1, block_of(hi_y));
-  if (bx1 > bx2 || by1 > by2) return 0.0;
+  // A cell wider than needed, so that rounding never loses a block.
+  const double x = tile.x_of(0), y = tile.y_of(0), wide = tile.cell_mm;
+  return {std::max(0, block_of(left - x - wide)), std::min(kBlocks - 1, block_of(right - x + wide)),
+          std::max(0, block_of(south - y - wide)),
+          std::min(kBlocks - 1, block_of(north - y + wide))};
+}
 
-  const double k = m.rise / std::sqrt(1.0 + m.rise * m.rise);
-  const double middle = 0.5 * (kBlock - 1) * cell_mm;  // of a block, from its first cell
-  const auto ux = static_cast<float>(m.ux), uy = static_cast<float>(m.uy);
-  const auto rise = static_cast<float>(m.rise), kf = static_cast<float>(k);
-  const auto t1 = static_cast<float>(m.t1), t2 = static_cast<float>(m.t2);
-  const auto radius = static_cast<float>(radius_mm);
-  const float r2 = radius * radius, inner2 = kInnerDisc * r2;
-  const auto half = static_cast<float>(middle);
-  const auto base = static_cast<float>(m.z_mm + radius_mm) - kPlaneMargin_mm;
-  const float far = radius + 1.4143F * half;
-  const float far2 = far * far * 1.0001F;
-  const auto pitch = static_cast<float>(cell_mm * kBlock);
-  const auto first_x = static_cast<float>(tile.x0_mm + middle - m.x_mm);
-  constexpr float kNone = std::numeric_limits<float>::max();
+/// The piece of a chord that can reach a tile, seen from its point nearest the tile's
+/// middle, so that all lengths are small.
+struct LocalChord {
+  double x, y, z;  // at t = 0
+  double t1, t2;   // t1 <= 0 <= t2
+};
+LocalChord localise(const swept::Way& way, const Tile& tile) {
+  const double half = 0.5 * (kTile - 1) * tile.cell_mm;
+  const double reach =
+      2.0 * (std::sqrt(2.0) * half + way.cutter.radius_mm) + way.sag + tile.cell_mm;
+  const double cx = tile.x_of(0) + half - way.start.x, cy = tile.y_of(0) + half - way.start.y;
+  const double t = swept::clamped(cx * way.ux + cy * way.uy, 0.0, way.length);
+  return {way.start.x + t * way.ux, way.start.y + t * way.uy, way.start.z + t * way.rise,
+          std::fmax(-t, -reach), std::fmin(way.length - t, reach)};
+}
 
-  double deepest = 0.0;
+/// Lower bounds of the underside over a row of blocks.
+class RowBound {
+ public:
+  RowBound(const swept::Way& way, const LocalChord& m, const Tile& tile)
+      : ball_(way.cutter.is_ball()),
+        ux_(static_cast<float>(way.ux)),
+        uy_(static_cast<float>(way.uy)),
+        rise_(static_cast<float>(way.rise)),
+        k_(static_cast<float>(way.rise / std::sqrt(1.0 + way.rise * way.rise))),
+        t1_(static_cast<float>(m.t1)),
+        t2_(static_cast<float>(m.t2)),
+        radius_(static_cast<float>(way.cutter.radius_mm)),
+        half_(static_cast<float>(0.5 * (kBlock - 1) * tile.cell_mm)),
+        sag_(static_cast<float>(way.sag)),
+        base_(static_cast<float>(m.z) - kPlaneMargin_mm),
+        pitch_(static_cast<float>(tile.cell_mm * kBlock)),
+        first_x_(static_cast<float>(tile.x_of(0) + static_cast<double>(half_) - m.x)),
+        first_y_(static_cast<float>(tile.y_of(0) + static_cast<double>(half_) - m.y)) {
+    const float far = radius_ + sag_ + 1.4143F * half_;
+    far2_ = far * far * 1.0001F;
+  }
+
+  void operator()(int by, const Blocks& blocks, std::array<float, kBlocks>& lowest) const {
+    const float dy = first_y_ + static_cast<float>(by) * pitch_;
+    if (ball_)
+      for (int bx = blocks.x1; bx <= blocks.x2; ++bx)
+        lowest[static_cast<std::size_t>(bx)] = ball(first_x_ + static_cast<float>(bx) * pitch_, dy);
+    else
+      for (int bx = blocks.x1; bx <= blocks.x2; ++bx)
+        lowest[static_cast<std::size_t>(bx)] = any(first_x_ + static_cast<float>(bx) * pitch_, dy);
+  }
+
+ private:
+  [[nodiscard]] float ball(float dx, float dy) const {
+    const float r2 = radius_ * radius_, inner2 = kInnerDisc * r2;
+    const float s = dx * ux_ + dy * uy_, d = dx * uy_ - dy * ux_;
+    const float rho2 = r2 - d * d;
+    const float rho = std::sqrt(rho2 > 0.0F ? rho2 : 0.0F);
+    float t = s - k_ * rho;
+    t = t > t1_ ? t : t1_;
+    t = t < t2_ ? t : t2_;
+    const float w = s - t;
+    const float dist2 = w * w + d * d;
+    const bool inside = dist2 <= inner2;
+    const float scale = std::sqrt(inner2 / (inside ? inner2 : dist2));
+    const float height = std::sqrt(r2 - (inside ? dist2 : inner2));
+    const float gs = w * scale / height, gd = d * scale / height;
+    const float at1 = (rise_ - gs) * t1_, at2 = (rise_ - gs) * t2_;
+    const float gx = gs * ux_ + gd * uy_, gy = gs * uy_ - gd * ux_;
+    // radius / height = sqrt(1 + |g|^2)
+    const float plane = base_ + radius_ - (r2 + sag_ * radius_) / height + gs * s + gd * d +
+                        (at1 < at2 ? at1 : at2) - half_ * (std::abs(gx) + std::abs(gy));
+    return beyond(s, d) ? kNone : plane;
+  }
+  [[nodiscard]] float any(float dx, float dy) const {
+    const float s = dx * ux_ + dy * uy_, d = dx * uy_ - dy * ux_;
+    // The end plane of the cutter, on the part of the chord that reaches the block.
+    const float out = radius_ + 1.4143F * half_;
+    float lo = s - out > t1_ ? s - out : t1_, hi = s + out < t2_ ? s + out : t2_;
+    lo = lo < t2_ ? lo : t2_;
+    hi = hi > t1_ ? hi : t1_;
+    const float a = rise_ * lo, b = rise_ * hi;
+    return beyond(s, d) ? kNone : base_ + (a < b ? a : b);
+  }
+  [[nodiscard]] bool beyond(float s, float d) const {
+    float near = s < t1_ ? t1_ : s;
+    near = near > t2_ ? t2_ : near;
+    return (s - near) * (s - near) + d * d > far2_;
+  }
+
+  bool ball_;
+  float ux_, uy_, rise_, k_, t1_, t2_, radius_, half_, sag_, base_, pitch_, first_x_, first_y_;
+  float far2_ = 0.0F;
+};
+
+struct TileCut {
+  double deepest = 0.0;      // mm
+  std::int64_t removed = 0;  // MoveEffects::kUnit_mm
+};
+
+TileCut sweep_tile(Tile& tile, const swept::Way& way) {
+  const LocalChord m = localise(way, tile);
+  const double out = way.cutter.radius_mm + way.sag;
+  const Blocks blocks = blocks_under(tile, m.x + std::fmin(m.t1 * way.ux, m.t2 * way.ux) - out,
+                                     m.x + std::fmax(m.t1 * way.ux, m.t2 * way.ux) + out,
+                                     m.y + std::fmin(m.t1 * way.uy, m.t2 * way.uy) - out,
+                                     m.y + std::fmax(m.t1 * way.uy, m.t2 * way.uy) + out);
+  TileCut sum;
+  if (blocks.empty()) return sum;
+  const RowBound bound(way, m, tile);
   alignas(64) std::array<float, kBlocks> lowest{};
-  for (int by = by1; by <= by2; ++by) {
-    const auto dy = static_cast<float>(tile.y0_mm + by * kBlock * cell_mm + middle - m.y_mm);
-    const float* highest = tile.highest.data() + by * kBlocks;
-    for (int bx = bx1; bx <= bx2; ++bx) {
-      const float dx = first_x + static_cast<float>(bx) * pitch;
-      const float s = dx * ux + dy * uy, d = dx * uy - dy * ux;
-      const float rho2 = r2 - d * d;
-      const float rho = std::sqrt(rho2 > 0.0F ? rho2 : 0.0F);
-      float t = s - kf * rho;
-      t = t > t1 ? t : t1;
-      t = t < t2 ? t : t2;
-      const float w = s - t;
-      const float dist2 = w * w + d * d;
-      const bool inside = dist2 <= inner2;
-      const float scale = std::sqrt(inner2 / (inside ? inner2 : dist2));
-      const float height = std::sqrt(r2 - (inside ? dist2 : inner2));
-      const float gs = w * scale / height, gd = d * scale / height;
-      const float at1 = (rise - gs) * t1, at2 = (rise - gs) * t2;
-      const float gx = gs * ux + gd * uy, gy = gs * uy - gd * ux;
-      const float plane = base - r2 / height + gs * s + gd * d + (at1 < at2 ? at1 : at2) -
-                          half * (std::abs(gx) + std::abs(gy));
-      float near = s < t1 ? t1 : s;
-      near = near > t2 ? t2 : near;
-      const float gap2 = (s - near) * (s - near) + d * d;
-      lowest[static_cast<std::size_t>(bx)] = gap2 > far2 ? kNone : plane;
-    }
-    for (int bx = bx1; bx <= bx2; ++bx) {
-      if (lowest[static_cast<std::size_t>(bx)] >= highest[bx]) continue;
-      const BlockResult<T> result =
-          cut_block<T>(tile.z.data() + by * kBlock * kTile + bx * kBlock,
-                       static_cast<T>(tile.x0_mm + bx * kBlock * cell_mm - m.x_mm),
-                       static_cast<T>(tile.y0_mm + by * kBlock * cell_mm - m.y_mm),
-                       static_cast<T>(cell_mm), static_cast<T>(radius_mm), m, static_cast<T>(k));
-      tile.highest[static_cast<std::size_t>(by * kBlocks + bx)] =
-          static_cast<float>(result.highest);
-      deepest = std::fmax(deepest, static_cast<double>(result.deepest));
+  for (int by = blocks.y1; by <= blocks.y2; ++by) {
+    bound(by, blocks, lowest);
+    for (int bx = blocks.x1; bx <= blocks.x2; ++bx) {
+      if (lowest[static_cast<std::size_t>(bx)] >= tile.top(by, bx)) continue;
+      const swept::BlockCut cut =
+          way.cut(tile.block(by, bx), kTile, tile.x_of(bx), tile.y_of(by), tile.cell_mm);
+      tile.top(by, bx) = cut.highest;
+      sum.deepest = std::fmax(sum.deepest, cut.deepest);
+      sum.removed += std::llround(cut.removed / MoveEffects::kUnit_mm);
     }
   }
-  return deepest;
+  return sum;
 }
+
+// ---- holder and shank --------------------------------------------------------
+
+/// Underside of a part of the holder by squared distance from the axis.
+struct ConeProfile {
+  double bottom, bottom_radius, radius, rise;
+  double operator()(double dist2) const {
+    const double dist = std::sqrt(dist2);
+    const double under = bottom + std::fmax(0.0, dist - bottom_radius) * rise;
+    return dist < radius ? under : swept::kNothing<double>;
+  }
+};
+
+bool part_touches(Tile& tile, const swept::Way& way, const HolderPart& part) {
+  const Vec3 a = way.piece.from_mm, b = way.piece.to_mm;
+  if (std::fmin(a.z, b.z) - way.sag + part.bottom_mm >= static_cast<double>(tile.highest_of_all))
+    return false;
+  const double radius = std::fmax(part.bottom_radius_mm, part.top_radius_mm) + way.sag;
+  const double wider = part.top_radius_mm - part.bottom_radius_mm;
+  const auto steps = static_cast<int>(
+      std::fmax(1.0, std::fmin(1e5, std::ceil(std::abs(b.z - a.z) / kHolderStep_mm))));
+  for (int i = 0; i < steps; ++i) {
+    const Vec3 p = a + (static_cast<double>(i) / steps) * (b - a);
+    const Vec3 q = a + (static_cast<double>(i + 1) / steps) * (b - a);
+    const double bottom = std::fmin(p.z, q.z) - way.sag + part.bottom_mm;
+    if (bottom >= static_cast<double>(tile.highest_of_all)) continue;
+    const double dx = q.x - p.x, dy = q.y - p.y, length = std::sqrt(dx * dx + dy * dy);
+    const double ux = length > 0.0 ? dx / length : 1.0, uy = length > 0.0 ? dy / length : 0.0;
+    const ConeProfile profile{bottom, part.bottom_radius_mm + way.sag, radius,
+                              wider > 0.0 ? part.height_mm / wider : 0.0};
+    const swept::AlongLevelLine<double, ConeProfile> under{ux, uy, 0.0, length, profile};
+    const Blocks blocks =
+        blocks_under(tile, std::fmin(p.x, q.x) - radius, std::fmax(p.x, q.x) + radius,
+                     std::fmin(p.y, q.y) - radius, std::fmax(p.y, q.y) + radius);
+    for (int by = blocks.y1; by <= blocks.y2; ++by)
+      for (int bx = blocks.x1; bx <= blocks.x2; ++bx)
+        if (static_cast<double>(tile.top(by, bx)) > bottom &&
+            swept::touches_block(tile.block(by, bx), kTile, tile.x_of(bx) - p.x,
+                                 tile.y_of(by) - p.y, tile.cell_mm, under, kCollisionDepth_mm))
+          return true;
+  }
+  return false;
+}
+
+bool holder_touches(Tile& tile, const swept::Way& way) {
+  return std::any_of(way.cutter.holder.begin(), way.cutter.holder.end(),
+                     [&](const HolderPart& part) { return part_touches(tile, way, part); });
+}
+
+// ---- tiles ---------------------------------------------------------------------
 
 void load(Tile& tile, const Grid<float>& stock, std::ptrdiff_t r0, std::ptrdiff_t c0) {
   // Cells beyond the stock are bottomless: nothing cuts them.
@@ -196,9 +255,10 @@ void load(Tile& tile, const Grid<float>& stock, std::ptrdiff_t r0, std::ptrdiff_
   tile.highest.fill(kBeyond);
   for (int r = 0; r < kTile; ++r)
     for (int c = 0; c < kTile; ++c) {
-      float& highest = tile.highest[static_cast<std::size_t>(r / kBlock * kBlocks + c / kBlock)];
+      float& highest = tile.top(r / kBlock, c / kBlock);
       highest = std::max(highest, tile.z[static_cast<std::size_t>(r * kTile + c)]);
     }
+  tile.highest_of_all = *std::max_element(tile.highest.begin(), tile.highest.end());
 }
 
 void store(const Tile& tile, Grid<float>& stock, std::ptrdiff_t r0, std::ptrdiff_t c0) {
@@ -208,52 +268,84 @@ void store(const Tile& tile, Grid<float>& stock, std::ptrdiff_t r0, std::ptrdiff
     std::copy_n(tile.z.data() + r * kTile, cols, &stock(r0 + r, c0));
 }
 
-}  // namespace
-
-MillingSim::MillingSim(std::ptrdiff_t rows, std::ptrdiff_t cols, double x0_mm, double y0_mm,
-                       double cell_mm, double ball_radius_mm, double stock_top_mm)
-    : stock_(rows, cols, static_cast<float>(stock_top_mm)),
-      x0_mm_(x0_mm),
-      y0_mm_(y0_mm),
-      cell_mm_(cell_mm),
-      radius_mm_(ball_radius_mm),
-      top_mm_(static_cast<double>(static_cast<float>(stock_top_mm))),
-      tile_rows_((rows + kTile - 1) / kTile),
-      tile_cols_((cols + kTile - 1) / kTile) {
-  MAQUETTE_CHECK(rows >= 1 && cols >= 1 && cell_mm > 0.0 && ball_radius_mm > 0.0,
-                 "{} x {} cells of {} mm, ball radius {} mm", rows, cols, cell_mm, ball_radius_mm);
+double widest_holder(const Cutter& cutter) {
+  double radius = 0.0;
+  for (const HolderPart& part : cutter.holder)
+    radius = std::fmax(radius, std::fmax(part.bottom_radius_mm, part.top_radius_mm));
+  return radius;
+}
+double lowest_holder(const Cutter& cutter) {
+  double bottom = INFINITY;
+  for (const HolderPart& part : cutter.holder) bottom = std::fmin(bottom, part.bottom_mm);
+  return bottom;
 }
 
-/// Calls visit(tile) for every tile that the move's capsule may touch: row of tiles by
-/// row of tiles, the span in x of the part of the segment within reach of that row.
+}  // namespace
+
+MillingSim::MillingSim(const SimGrid& grid, std::vector<Cutter> cutters, Grid<float> stock_mm)
+    : grid_(grid),
+      cutters_(std::move(cutters)),
+      stock_(std::move(stock_mm)),
+      top_mm_(-INFINITY),
+      tile_rows_((stock_.rows() + kTile - 1) / kTile),
+      tile_cols_((stock_.cols() + kTile - 1) / kTile) {
+  MAQUETTE_CHECK(!stock_.empty() && grid.cell_mm > 0.0 && !cutters_.empty(),
+                 "{} x {} cells of {} mm, {} cutters", stock_.rows(), stock_.cols(), grid.cell_mm,
+                 cutters_.size());
+  MAQUETTE_CHECK(grid.first_row % kBlock == 0 && grid.first_col % kBlock == 0,
+                 "window from row {}, column {}", grid.first_row, grid.first_col);
+  for (Cutter& c : cutters_) {
+    MAQUETTE_CHECK(
+        c.radius_mm > 0.0 && c.corner_radius_mm >= 0.0 && c.corner_radius_mm <= c.radius_mm,
+        "cutter of radius {} mm, corner {} mm", c.radius_mm, c.corner_radius_mm);
+    // Above its flutes a cutter without a known holder goes on as a shank.
+    if (c.holder.empty() && c.flute_length_mm > 0.0)
+      c.holder.push_back({c.flute_length_mm, 1e6, c.radius_mm, c.radius_mm});
+  }
+  for (const float h : stock_.cells()) top_mm_ = std::fmax(top_mm_, static_cast<double>(h));
+}
+
+/// Calls visit(tile) for every tile that the move may touch: row of tiles by row of tiles,
+/// the span in x of the part of the chord within reach of that row.
 template <class Visit>
 void MillingSim::for_each_tile(const ToolMove& move, Visit&& visit) const {
-  const Vec3 a = move.from_mm, b = move.to_mm;
-  if (std::fmin(a.z, b.z) >= top_mm_) return;
-  const double pitch = cell_mm_ * kTile;
-  const double margin = radius_mm_ + cell_mm_;
+  const Vec3 a = move.piece.from_mm, b = move.piece.to_mm;
+  const Cutter& cutter = cutters_[move.cutter];
+  const double low = std::fmin(a.z, b.z);  // also of arcs, which end at quadrants
+  if (low >= top_mm_) return;
+  const bool holder = low + lowest_holder(cutter) < top_mm_;
+  const double half_chord = 0.5 * norm(b - a);
+  const double sag = move.piece.kind == PathPiece::Kind::line
+                         ? 0.0
+                         : std::fmin(half_chord, half_chord * half_chord / move.piece.radius_mm);
+  const double pitch = grid_.cell_mm * kTile;
+  const double margin =
+      (holder ? std::fmax(cutter.radius_mm, widest_holder(cutter)) : cutter.radius_mm) + sag +
+      2.0 * grid_.cell_mm;
+  const double x0 = grid_.x0_mm + static_cast<double>(grid_.first_col) * grid_.cell_mm;
+  const double y0 = grid_.y0_mm + static_cast<double>(grid_.first_row) * grid_.cell_mm;
   const auto tile_of = [&](double mm, std::ptrdiff_t count) {
     return static_cast<std::ptrdiff_t>(
         std::fmin(std::fmax(std::floor(mm / pitch), -1.0), static_cast<double>(count)));
   };
-  const double lo_y = std::fmin(a.y, b.y) - y0_mm_ - margin;
-  const double hi_y = std::fmax(a.y, b.y) - y0_mm_ + margin;
+  const double lo_y = std::fmin(a.y, b.y) - y0 - margin;
+  const double hi_y = std::fmax(a.y, b.y) - y0 + margin;
   const std::ptrdiff_t ty1 = std::max<std::ptrdiff_t>(0, tile_of(lo_y, tile_rows_));
   const std::ptrdiff_t ty2 = std::min(tile_rows_ - 1, tile_of(hi_y, tile_rows_));
   for (std::ptrdiff_t ty = ty1; ty <= ty2; ++ty) {
     double f1 = 0.0, f2 = 1.0;
     if (const double dy = b.y - a.y; std::abs(dy) > 1e-9) {
-      const double p = (y0_mm_ + static_cast<double>(ty) * pitch - margin - a.y) / dy;
-      const double q = (y0_mm_ + static_cast<double>(ty + 1) * pitch + margin - a.y) / dy;
+      const double p = (y0 + static_cast<double>(ty) * pitch - margin - a.y) / dy;
+      const double q = (y0 + static_cast<double>(ty + 1) * pitch + margin - a.y) / dy;
       f1 = std::fmax(0.0, std::fmin(p, q));
       f2 = std::fmin(1.0, std::fmax(p, q));
       if (f1 > f2) continue;
     }
     const double x1 = a.x + f1 * (b.x - a.x), x2 = a.x + f2 * (b.x - a.x);
     const std::ptrdiff_t tx1 =
-        std::max<std::ptrdiff_t>(0, tile_of(std::fmin(x1, x2) - x0_mm_ - margin, tile_cols_));
+        std::max<std::ptrdiff_t>(0, tile_of(std::fmin(x1, x2) - x0 - margin, tile_cols_));
     const std::ptrdiff_t tx2 =
-        std::min(tile_cols_ - 1, tile_of(std::fmax(x1, x2) - x0_mm_ + margin, tile_cols_));
+        std::min(tile_cols_ - 1, tile_of(std::fmax(x1, x2) - x0 + margin, tile_cols_));
     for (std::ptrdiff_t tx = tx1; tx <= tx2; ++tx)
       visit(static_cast<std::size_t>(ty * tile_cols_ + tx));
   }
@@ -274,16 +366,15 @@ void MillingSim::bin(std::span<const ToolMove> moves) {
   start_[0] = 0;
 }
 
-void MillingSim::cut(std::span<const ToolMove> moves) {
+void MillingSim::cut(std::span<const ToolMove> moves, MoveEffects& effects) {
   if (moves.empty()) return;
   bin(moves);
-  collided_.assign(moves.size(), 0);
   std::vector<std::size_t> active;
   for (std::size_t i = 0; i + 1 < start_.size(); ++i)
     if (start_[i + 1] > start_[i]) active.push_back(i);
-  const double half_pitch = 0.5 * (kTile - 1) * cell_mm_;
-  // From the tile's middle to the farthest centre of a ball that touches it.
-  const double reach = 2.0 * (std::sqrt(2.0) * half_pitch + radius_mm_) + cell_mm_;
+  const auto mark = [&](std::uint32_t motion, std::uint8_t bit) {
+    std::atomic_ref<std::uint8_t>(effects.touched[motion]).fetch_or(bit, std::memory_order_relaxed);
+  };
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, active.size(), 1),
       [&](const tbb::blocked_range<std::size_t>& range) {
@@ -292,33 +383,43 @@ void MillingSim::cut(std::span<const ToolMove> moves) {
           const std::size_t index = active[a];
           const std::ptrdiff_t r0 = static_cast<std::ptrdiff_t>(index) / tile_cols_ * kTile;
           const std::ptrdiff_t c0 = static_cast<std::ptrdiff_t>(index) % tile_cols_ * kTile;
-          tile->x0_mm = x0_mm_ + static_cast<double>(c0) * cell_mm_;
-          tile->y0_mm = y0_mm_ + static_cast<double>(r0) * cell_mm_;
+          tile->cell_mm = grid_.cell_mm;
+          tile->x0_mm = grid_.x0_mm;
+          tile->y0_mm = grid_.y0_mm;
+          tile->row = grid_.first_row + r0;
+          tile->col = grid_.first_col + c0;
           load(*tile, stock_, r0, c0);
           for (std::uint64_t i = start_[index]; i < start_[index + 1]; ++i) {
             const ToolMove& move = moves[order_[i]];
-            const LocalMove local =
-                localise(move, tile->x0_mm + half_pitch, tile->y0_mm + half_pitch, reach);
-            const double deepest = std::abs(local.rise) > kSteepestSingle
-                                       ? sweep_tile<double>(*tile, local, cell_mm_, radius_mm_)
-                                       : sweep_tile<float>(*tile, local, cell_mm_, radius_mm_);
-            if (move.rapid && deepest > kCollisionDepth_mm)
-              std::atomic_ref<std::uint8_t>(collided_[order_[i]])
-                  .store(1, std::memory_order_relaxed);
+            const swept::Way way(move.piece, cutters_[move.cutter]);
+            if (!way.cutter.holder.empty()) {
+              if ((i - start_[index]) % 1024 == 1023)
+                tile->highest_of_all =
+                    *std::max_element(tile->highest.begin(), tile->highest.end());
+              if (holder_touches(*tile, way)) mark(move.motion, MoveEffects::kHolder);
+            }
+            const TileCut cut = sweep_tile(*tile, way);
+            if (cut.removed > 0)
+              std::atomic_ref<std::int64_t>(effects.removed[move.motion])
+                  .fetch_add(cut.removed, std::memory_order_relaxed);
+            if (move.rapid && cut.deepest > kCollisionDepth_mm)
+              mark(move.motion, MoveEffects::kRapid);
           }
           store(*tile, stock_, r0, c0);
         }
       });
-  for (const std::uint8_t hit : collided_) rapid_collisions_ += hit;
 }
 
-MillingSim::Precision MillingSim::precision(double largest_height_mm) const {
+MillingSim::Precision MillingSim::precision(double largest_height_mm, double cutter_radius_mm,
+                                            double cell_mm) {
   constexpr double kHalfUlp = 0x1.0p-24;
-  const double longest = 2.0 * (std::sqrt(2.0) * 0.5 * kTile * cell_mm_ + radius_mm_);
+  const double longest = cutter_radius_mm + 2.0 * kBlock * cell_mm;
   // s and d: six roundings of lengths up to `longest`; rho^2, w^2 and the root: six of R^2,
-  // which move the ball's wall by as many R / 2.
-  return {6.0 * kHalfUlp * longest + 3.0 * kHalfUlp * radius_mm_ + 3.0 * kHalfUlp * radius_mm_,
-          4.0 * kHalfUlp * (largest_height_mm + 2.0 * radius_mm_)};
+  // which move the cutter's wall by as many R / 2. An arc's height over its centre: three
+  // roundings of r^2 at a third of r.
+  return {6.0 * kHalfUlp * longest + 6.0 * kHalfUlp * cutter_radius_mm,
+          4.0 * kHalfUlp * (largest_height_mm + 2.0 * cutter_radius_mm) +
+              4.5 * kHalfUlp * swept::kLargestSingleArc_mm};
 }
 
 }  // namespace maquette::cnc

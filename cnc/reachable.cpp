@@ -1,143 +1,139 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// Closing of the design by the ball, on demand: the lowest surface that any path of the
-// ball can leave. A node where it lies on the design is within reach.
+// Whether the ball can touch the design at a node: it is put there along the normal of a facet
+// that holds the node, and the exact cutter location says how far it would have to rise.
 
+#include <algorithm>
+#include <array>
 #include <cmath>
-#include <limits>
 
-#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include "cnc/certificate.hpp"
+#include "cnc/cutter_location.hpp"
 
 namespace maquette::cnc {
 namespace {
 
-constexpr double kFinestDisc = 32.0;       // nodes per radius
 constexpr std::size_t kBlocksAtOnce = 16;  // fixed, so that the result is the same for any threads
 
-struct Offset {
-  std::ptrdiff_t row, col;
-  float cap_mm;  // of the ball above its lowest point
-};
-
-std::vector<Offset> ball_offsets(double step_mm, double radius_mm) {
-  std::vector<Offset> offsets;
-  const auto n = static_cast<std::ptrdiff_t>(radius_mm / step_mm);
-  for (std::ptrdiff_t r = -n; r <= n; ++r)
-    for (std::ptrdiff_t c = -n; c <= n; ++c) {
-      const double d2 = static_cast<double>(r * r + c * c) * step_mm * step_mm;
-      if (d2 > radius_mm * radius_mm) continue;
-      offsets.push_back(
-          {r, c, static_cast<float>(radius_mm - std::sqrt(radius_mm * radius_mm - d2))});
-    }
-  return offsets;
-}
-
-struct Box {
-  std::ptrdiff_t r1, r2, c1, c2;  // inclusive, in lattice steps
-};
-
 struct Candidate {
-  std::ptrdiff_t row, col;  // in lattice steps
-  double excess_mm;
+  double value;
+  std::ptrdiff_t row, col;
 };
-
-/// Largest excess among `candidates` within reach; `floor` if none.
-double best_of(const DividedDesign& design, const std::vector<Candidate>& candidates,
-               std::ptrdiff_t stride, const std::vector<Offset>& offsets, std::ptrdiff_t n,
-               double floor) {
-  Box box{std::numeric_limits<std::ptrdiff_t>::max(), 0, std::numeric_limits<std::ptrdiff_t>::max(),
-          0};
-  for (const Candidate& p : candidates)
-    box = {std::min(box.r1, p.row), std::max(box.r2, p.row), std::min(box.c1, p.col),
-           std::max(box.c2, p.col)};
-  // Tips within one radius of the candidates, ground within one radius of the tips. Beyond the
-  // outline there is nothing to touch, but the ball may hang over it. Heights are taken
-  // from one node, so that single precision is enough.
-  constexpr float kNothing = -1e30F;
-  const double datum = design.at(box.r1 * stride, box.c1 * stride);
-  const std::ptrdiff_t rows = box.r2 - box.r1 + 1, cols = box.c2 - box.c1 + 1;
-  Grid<float> ground(rows + 4 * n, cols + 4 * n, kNothing);
-  const std::ptrdiff_t last_row = (design.rows() - 1) / stride;
-  const std::ptrdiff_t last_col = (design.cols() - 1) / stride;
-  for (std::ptrdiff_t r = 0; r < ground.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < ground.cols(); ++c) {
-      const std::ptrdiff_t row = box.r1 - 2 * n + r, col = box.c1 - 2 * n + c;
-      if (row >= 0 && col >= 0 && row <= last_row && col <= last_col)
-        ground(r, c) = static_cast<float>(design.at(row * stride, col * stride) - datum);
-    }
-  Grid<float> tip(rows + 2 * n, cols + 2 * n, kNothing);
-  for (std::ptrdiff_t r = 0; r < tip.rows(); ++r)
-    for (const Offset& o : offsets) {
-      float* to = tip.row(r).data();
-      const float* from = ground.row(r + n + o.row).data() + n + o.col;
-      for (std::ptrdiff_t c = 0; c < tip.cols(); ++c) {
-        const float height = from[c] - o.cap_mm;
-        to[c] = to[c] > height ? to[c] : height;
-      }
-    }
-  double best = floor;
-  for (const Candidate& p : candidates) {
-    if (p.excess_mm <= best) continue;
-    float closing = std::numeric_limits<float>::max();
-    for (const Offset& o : offsets)
-      closing =
-          std::min(closing, tip(p.row - box.r1 + n + o.row, p.col - box.c1 + n + o.col) + o.cap_mm);
-    const double above =
-        static_cast<double>(closing) - (design.at(p.row * stride, p.col * stride) - datum);
-    if (above <= kReachTolerance_mm) best = p.excess_mm;
-  }
-  return best;
-}
 
 }  // namespace
 
-Result<double> reachable_excess(const DividedDesign& design, const Grid<float>& as_milled_mm,
-                                double cell_mm, double ball_radius_mm,
-                                const Grid<float>& block_excess, std::ptrdiff_t block,
-                                const RunContext& run) {
-  const auto stride = static_cast<std::ptrdiff_t>(
-      std::fmax(1.0, std::ceil(ball_radius_mm / kFinestDisc / cell_mm)));
-  const double step_mm = static_cast<double>(stride) * cell_mm;
-  const std::vector<Offset> offsets = ball_offsets(step_mm, ball_radius_mm);
-  const auto n = static_cast<std::ptrdiff_t>(ball_radius_mm / step_mm);
+struct ReachSearch::State {
+  const heightmap::ModelField& design;
+  std::ptrdiff_t k;
+  double R;
+  tbb::enumerable_thread_specific<DropCutter> cutters;
 
-  std::vector<std::pair<float, std::ptrdiff_t>> order;  // excess, block
-  for (std::ptrdiff_t i = 0; i < block_excess.rows() * block_excess.cols(); ++i) {
-    const float excess = block_excess(i / block_excess.cols(), i % block_excess.cols());
-    if (excess > 0.0F) order.emplace_back(excess, i);
+  /// True if a node of the design stands inside the ball: a tenth of the cost of a drop.
+  [[nodiscard]] bool vertex_above(double px, double py, double tip) const {
+    const Grid<float>& z = design.z_mm;
+    const double d = design.spacing.value();
+    const double tx = (px - design.x0.value()) / d, ty = (py - design.y0.value()) / d, n = R / d;
+    const auto first = [](double t) {
+      return std::max<std::ptrdiff_t>(0, static_cast<std::ptrdiff_t>(std::ceil(t)));
+    };
+    const std::ptrdiff_t r1 =
+        std::min(z.rows() - 1, static_cast<std::ptrdiff_t>(std::floor(ty + n)));
+    const std::ptrdiff_t c0 = first(tx - n),
+                         c1 = std::min(z.cols() - 1,
+                                       static_cast<std::ptrdiff_t>(std::floor(tx + n)));
+    const auto centre = static_cast<float>(tip + R);
+    const auto from = static_cast<float>(tx - static_cast<double>(c0));
+    const auto d2 = static_cast<float>(d * d);
+    for (std::ptrdiff_t r = first(ty - n); r <= r1; ++r) {
+      const double dy = (static_cast<double>(r) - ty) * d;
+      // Less than the ball by what single precision may add.
+      const auto left = static_cast<float>((R * R - dy * dy) * (1.0 - 1e-5));
+      const float* row = &z(r, c0);
+      bool inside = false;
+      for (std::ptrdiff_t c = 0; c <= c1 - c0; ++c) {
+        const float dx = static_cast<float>(c) - from, q = left - d2 * dx * dx;
+        const float below = centre - row[c];  // of the node, below the centre
+        inside |= (q > 0.0F) & (below * (below > 0.0F ? below : 0.0F) < q - 1e-4F);
+      }
+      if (inside) return true;
+    }
+    return false;
   }
-  std::sort(order.begin(), order.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first > b.first : a.second < b.second;
-  });
 
-  double best = 0.0;
-  for (std::size_t begin = 0; begin < order.size(); begin += kBlocksAtOnce) {
-    if (static_cast<double>(order[begin].first) <= best) break;
+  [[nodiscard]] bool reachable(std::ptrdiff_t row, std::ptrdiff_t col, DropCutter& cutter) const {
+    const Grid<float>& z = design.z_mm;
+    const double d = design.spacing.value(), step = d / static_cast<double>(k);
+    const double x = design.x0.value() + step * static_cast<double>(col);
+    const double y = design.y0.value() + step * static_cast<double>(row);
+    const auto touches = [&](double height, double gx, double gy) {
+      const double steep = std::sqrt(1.0 + gx * gx + gy * gy);
+      const double tip = height + R / steep - R;
+      const double px = x - R * gx / steep, py = y - R * gy / steep;
+      if (vertex_above(px, py, tip + kReachTolerance_mm)) return false;
+      return cutter.drop(px, py).tip_mm <= tip + kReachTolerance_mm;
+    };
+    for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, (row + k - 1) / k - 1);
+         r <= std::min(z.rows() - 2, row / k); ++r)
+      for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, (col + k - 1) / k - 1);
+           c <= std::min(z.cols() - 2, col / k); ++c) {
+        const std::ptrdiff_t i = row - r * k, j = col - c * k;
+        const double v = static_cast<double>(i) / static_cast<double>(k);
+        const double u = static_cast<double>(j) / static_cast<double>(k);
+        const double z00 = z(r, c), z10 = z(r, c + 1), z01 = z(r + 1, c), z11 = z(r + 1, c + 1);
+        if (j >= i &&
+            touches(z00 + u * (z10 - z00) + v * (z11 - z10), (z10 - z00) / d, (z11 - z10) / d))
+          return true;
+        if (i >= j &&
+            touches(z00 + v * (z01 - z00) + u * (z11 - z01), (z11 - z01) / d, (z01 - z00) / d))
+          return true;
+      }
+    return false;
+  }
+};
+
+ReachSearch::ReachSearch(const heightmap::ModelField& design, std::ptrdiff_t per_spacing,
+                         double ball_radius_mm) {
+  // Without a radius everything is within reach.
+  if (ball_radius_mm > 0.0)
+    state_ = std::make_unique<State>(State{design, per_spacing, ball_radius_mm,
+                                           tbb::enumerable_thread_specific<DropCutter>(
+                                               DropCutter(design, Cutter::ball(ball_radius_mm)))});
+}
+ReachSearch::~ReachSearch() = default;
+
+Result<double> ReachSearch::raise(
+    std::vector<ReachBlock> blocks,
+    const std::function<double(std::ptrdiff_t, std::ptrdiff_t)>& value, double best,
+    const RunContext& run) {
+  std::sort(blocks.begin(), blocks.end(), [](const ReachBlock& a, const ReachBlock& b) {
+    if (a.value != b.value) return a.value > b.value;
+    return a.r0 != b.r0 ? a.r0 < b.r0 : a.c0 < b.c0;
+  });
+  const auto best_of = [&](const ReachBlock& b) {
+    std::vector<Candidate> candidates;
+    for (std::ptrdiff_t r = b.r0; r < b.r1; ++r)
+      for (std::ptrdiff_t c = b.c0; c < b.c1; ++c)
+        if (const double at_node = value(r, c); at_node > best)
+          candidates.push_back({at_node, r, c});
+    std::sort(candidates.begin(), candidates.end(), [](const Candidate& p, const Candidate& q) {
+      if (p.value != q.value) return p.value > q.value;
+      return p.row != q.row ? p.row < q.row : p.col < q.col;
+    });
+    for (const Candidate& p : candidates)
+      if (!state_ || state_->reachable(p.row, p.col, state_->cutters.local())) return p.value;
+    return best;
+  };
+  for (std::size_t begin = 0; begin < blocks.size(); begin += kBlocksAtOnce) {
+    if (!(static_cast<double>(blocks[begin].value) > best)) break;
     if (run.stopped()) return fail(kCancelled, "looking for reachable excess was stopped");
-    const std::size_t count = std::min(kBlocksAtOnce, order.size() - begin);
+    const std::size_t count = std::min(kBlocksAtOnce, blocks.size() - begin);
     std::array<double, kBlocksAtOnce> found{};
     tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-      found[i] = best;
-      if (static_cast<double>(order[begin + i].first) <= best) return;
-      const std::ptrdiff_t index = order[begin + i].second;
-      const std::ptrdiff_t r0 = index / block_excess.cols() * block;
-      const std::ptrdiff_t c0 = index % block_excess.cols() * block;
-      // The last block has the outline's nodes too.
-      const std::ptrdiff_t r1 =
-          index / block_excess.cols() + 1 == block_excess.rows() ? as_milled_mm.rows() : r0 + block;
-      const std::ptrdiff_t c1 =
-          index % block_excess.cols() + 1 == block_excess.cols() ? as_milled_mm.cols() : c0 + block;
-      std::vector<Candidate> candidates;
-      for (std::ptrdiff_t r = (r0 + stride - 1) / stride; r * stride < r1; ++r)
-        for (std::ptrdiff_t c = (c0 + stride - 1) / stride; c * stride < c1; ++c) {
-          const double excess = static_cast<double>(as_milled_mm(r * stride, c * stride)) -
-                                design.at(r * stride, c * stride);
-          if (excess > best) candidates.push_back({r, c, excess});
-        }
-      if (!candidates.empty()) found[i] = best_of(design, candidates, stride, offsets, n, best);
+      const ReachBlock& b = blocks[begin + i];
+      found[i] = static_cast<double>(b.value) > best ? best_of(b) : best;
     });
     for (std::size_t i = 0; i < count; ++i) best = std::fmax(best, found[i]);
   }

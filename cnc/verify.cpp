@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "cnc/verify.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <memory>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
+#include <tbb/parallel_for.h>
 
 #include "cnc/certificate.hpp"
 #include "cnc/gcode_reader.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/milling_sim.hpp"
+#include "cnc/motion_store.hpp"
+#include "cnc/tool_moves.hpp"
 #include "core/files.hpp"
 
 namespace maquette::cnc {
@@ -17,8 +22,10 @@ namespace {
 
 // Enough to keep all threads busy, few enough that a stop is heard within a second.
 constexpr std::size_t kMovesPerCut = std::size_t{1} << 18;
-constexpr double kChordDeviation_mm = 0.0005;
-constexpr double kMostNodes = 3e9;  // 12 GB of heights
+constexpr double kMostNodes = 3e9;
+constexpr std::ptrdiff_t kBandNodes = 1280;  // rows of a band, about
+constexpr std::size_t kCollisionsListed = 10;
+constexpr double kReadingShare = 0.4;  // of the work, for the progress bar
 
 struct GridPlan {
   std::ptrdiff_t per_spacing = 1, rows = 0, cols = 0;
@@ -26,15 +33,27 @@ struct GridPlan {
 };
 
 Result<GridPlan> plan_grid(const heightmap::ModelField& design, const VerifyOptions& options) {
-  const double diameter = options.ball_diameter.value(), cell = options.cell.value();
-  if (!(diameter > 0.0) || !std::isfinite(diameter))
+  double least = options.ball_diameter.value();
+  if (options.tools.empty() && (!(least > 0.0) || !std::isfinite(least)))
     return fail(kToolNotPositive,
-                fmt::format("ball_diameter is {} mm, expected a length above 0", diameter));
-  if (!(cell > 0.0) || !(cell <= 0.25 * diameter))
+                fmt::format("ball_diameter is {} mm, expected a length above 0", least));
+  if (!options.tools.empty()) least = INFINITY;
+  for (const Tool& tool : options.tools) {
+    const Cutter& c = tool.cutter;
+    if (!(c.radius_mm > 0.0) || !std::isfinite(c.radius_mm) || !(c.corner_radius_mm >= 0.0) ||
+        !(c.corner_radius_mm <= c.radius_mm))
+      return fail(kToolNotPositive,
+                  fmt::format("tool {} has radius {} mm and corner radius {} mm, expected a radius "
+                              "above 0 and a corner of at most that",
+                              tool.number, c.radius_mm, c.corner_radius_mm));
+    least = std::fmin(least, 2.0 * c.radius_mm);
+  }
+  const double cell = options.cell.value();
+  if (!(cell > 0.0) || !(cell <= 0.25 * least))
     return fail(kCellOutOfRange,
-                fmt::format("cell is {} mm, expected more than 0 and at most half the ball's "
-                            "radius, {} mm",
-                            cell, 0.25 * diameter));
+                fmt::format("cell is {} mm, expected more than 0 and at most half the smallest "
+                            "cutter's radius, {} mm",
+                            cell, 0.25 * least));
   const double spacing = design.spacing.value();
   if (design.z_mm.rows() < 2 || design.z_mm.cols() < 2 || !(spacing > 0.0))
     return fail(kCellOutOfRange,
@@ -75,142 +94,409 @@ Result<std::string> fingerprint(std::span<const std::filesystem::path> programs)
   return sha256(list);
 }
 
-nlohmann::ordered_json to_array(Vec3 v) {
-  return nlohmann::ordered_json::array({v.x, v.y, v.z});
+/// The work of one call, in the order of the member functions.
+class Verifying {
+ public:
+  Verifying(std::span<const std::filesystem::path> programs, const heightmap::ModelField& design,
+            const VerifyOptions& options, const GridPlan& plan, const RunContext& run)
+      : programs_(programs), design_(design), options_(options), plan_(plan), run_(run) {
+    if (options.tools.empty()) {
+      cutters_.push_back(Cutter::ball(0.5 * options.ball_diameter.value()));
+      c_.tools.push_back({});
+    }
+    for (const Tool& tool : options.tools) {
+      cutters_.push_back(tool.cutter);
+      c_.tools.push_back({tool.number});
+    }
+    c_.ball_diameter_mm = 2.0 * cutters_.front().radius_mm;
+    c_.cell_mm = plan.cell_mm;
+    c_.stepover_mm = options.stepover.value();
+    used_.assign(cutters_.size(), false);
+    const double highest = static_cast<double>(heightmap::height_range(design.z_mm).max);
+    top_mm_ = std::isnan(options.stock_top.value()) ? highest + 1.0 : options.stock_top.value();
+    if (options.stock != nullptr) {
+      const float most = heightmap::height_range(options.stock->z_mm).max;
+      if (std::isfinite(most)) highest_stock_mm_ = static_cast<double>(most);
+    }
+    highest_stock_mm_ = std::fmax(highest_stock_mm_, top_mm_);
+  }
+
+  Result<void> check() const;
+  Result<void> read();
+  Result<void> prove_paths();
+  Result<void> cut(const RowSink& rows);
+  Result<Certificate> finish();
+
+ private:
+  Result<std::uint16_t> cutter_of(const Motion& motion, std::size_t program) const;
+  Result<void> take(std::span<const Motion> motions, std::size_t program);
+  [[nodiscard]] CutterError error() const;
+  [[nodiscard]] ComparisonOptions comparison_options() const;
+  [[nodiscard]] Grid<float> stock_rows(std::ptrdiff_t first, std::ptrdiff_t end) const;
+  Result<void> cut_band(Comparison& comparison, std::ptrdiff_t b0, std::ptrdiff_t b1,
+                        MoveEffects& effects, const RowSink& rows);
+  void sum_up(const MoveEffects& effects);
+  void prove_gouge();
+
+  std::span<const std::filesystem::path> programs_;
+  const heightmap::ModelField& design_;
+  const VerifyOptions& options_;
+  GridPlan plan_;
+  const RunContext& run_;
+  double top_mm_ = 0.0, highest_stock_mm_ = -INFINITY;
+  std::vector<Cutter> cutters_;
+  std::vector<bool> used_;
+  std::uint16_t last_cutter_ = 0;
+  bool any_deviation_ = false;
+  MotionStore motions_;
+  std::vector<std::size_t> first_motion_;  // of each program
+  std::map<std::uint16_t, std::unique_ptr<PathProof>> proofs_, stone_proofs_;
+  double proven_other_mm_ = 0.0;  // of cutters that are no balls
+  std::size_t anything_cut_ = 0;
+  Certificate c_;
+};
+
+Result<void> Verifying::check() const {
+  if (!std::isfinite(top_mm_))
+    return fail(kCellOutOfRange, fmt::format("stock_top is {} mm, expected a height", top_mm_));
+  return {};
 }
 
-}  // namespace
+Result<std::uint16_t> Verifying::cutter_of(const Motion& motion, std::size_t program) const {
+  if (options_.tools.empty()) return std::uint16_t{0};
+  const int number = tool_of(motion);
+  for (std::size_t i = 0; i < options_.tools.size(); ++i)
+    if (options_.tools[i].number == number || (number == 0 && i == 0))
+      return static_cast<std::uint16_t>(i);
+  return fail(kToolNotInTable,
+              fmt::format("{}:{}: cuts with tool {}, which is not in the tool table of {} tools",
+                          programs_[program].string(), motion.line, number, options_.tools.size()));
+}
 
-Result<Verification> verify(std::span<const std::filesystem::path> programs,
-                            const heightmap::ModelField& design, const VerifyOptions& options,
-                            const RunContext& run) {
-  MAQUETTE_TRY(const GridPlan plan, plan_grid(design, options));
-  const double radius = 0.5 * options.ball_diameter.value();
-  const heightmap::HeightRange range = heightmap::height_range(design.z_mm);
-  const double highest = static_cast<double>(range.max);
-  const double top =
-      std::isnan(options.stock_top.value()) ? highest + 1.0 : options.stock_top.value();
-  if (!std::isfinite(top))
-    return fail(kCellOutOfRange, fmt::format("stock_top is {} mm, expected a height", top));
+Result<void> Verifying::take(std::span<const Motion> motions, std::size_t program) {
+  std::size_t begin = 0;
+  while (begin < motions.size()) {
+    MAQUETTE_TRY(const std::uint16_t cutter, cutter_of(motions[begin], program));
+    std::size_t end = begin;
+    for (; end < motions.size() && tool_of(motions[end]) == tool_of(motions[begin]); ++end) {
+      const Motion& m = motions[end];
+      const bool rapid = m.kind == Motion::Kind::rapid;
+      const double length = length_mm(m);
+      (rapid ? c_.rapid_length_mm : c_.cutting_length_mm) += length;
+      if (!rapid) {
+        c_.time_min += length / m.feed_mm_min;
+        c_.tools[cutter].cutting_length_mm += length;
+        c_.tools[cutter].time_min += length / m.feed_mm_min;
+      }
+      c_.travel.add(m.from_mm);
+      if (m.kind == Motion::Kind::arc)
+        for_each_piece(m, [&](const PathPiece& p) {
+          c_.travel.add(p.to_mm);
+          any_deviation_ = any_deviation_ || p.deviation_mm > 0.0;
+        });
+      c_.travel.add(m.to_mm);
+      motions_.add(m, cutter);
+    }
+    const auto some = motions.subspan(begin, end - begin);
+    used_[cutter] = true;
+    last_cutter_ = cutter;
+    if (cutters_[cutter].is_ball()) {
+      const BallNose ball{cutters_[cutter].radius_mm};
+      auto& proof = proofs_[cutter];
+      if (!proof)
+        proof = std::make_unique<PathProof>(
+            design_, ball, PathProofOptions{.limit_mm = options_.gouge_limit.value()});
+      proof->add(some);
+      if (options_.with_stones != nullptr) {
+        auto& stones = stone_proofs_[cutter];
+        if (!stones)
+          stones = std::make_unique<PathProof>(
+              *options_.with_stones, ball,
+              PathProofOptions{.limit_mm = kStoneDepth_mm, .resolution_mm = 1e3});
+        stones->add(some);
+      }
+    }
+    begin = end;
+  }
+  return {};
+}
 
-  Verification result;
-  Certificate& c = result.certificate;
-  c.ball_diameter_mm = options.ball_diameter.value();
-  c.cell_mm = plan.cell_mm;
+Result<void> Verifying::read() {
   std::uintmax_t all_bytes = 0;
-  for (const auto& program : programs) {
+  for (const auto& program : programs_) {
     std::error_code ec;
     const std::uintmax_t bytes = std::filesystem::file_size(program, ec);
     if (!ec) all_bytes += bytes;
   }
-  MillingSim sim(plan.rows, plan.cols, design.x0.value(), design.y0.value(), plan.cell_mm, radius,
-                 top);
-  std::vector<ToolMove> moves;
-  moves.reserve(kMovesPerCut + 1);
-  bool any_arc = false;
-  double lines_done = 0.0, bytes_done = 0.0;
-  const auto cut = [&] {
-    sim.cut(moves);
-    moves.clear();
-  };
-  for (const auto& program : programs) {
+  double bytes_done = 0.0;
+  for (std::size_t i = 0; i < programs_.size(); ++i) {
+    first_motion_.push_back(motions_.size());
     const MotionSink sink = [&](std::span<const Motion> motions) -> Result<void> {
-      for (const Motion& motion : motions) {
-        const bool rapid = motion.kind == Motion::Kind::rapid;
-        const double length = length_mm(motion);
-        (rapid ? c.rapid_length_mm : c.cutting_length_mm) += length;
-        if (!rapid) c.time_min += length / motion.feed_mm_min;
-        any_arc = any_arc || motion.kind == Motion::Kind::arc;
-        c.travel.add(motion.from_mm);
-        for_each_chord(motion, kChordDeviation_mm, [&](Vec3 from, Vec3 to) {
-          c.travel.add(to);
-          moves.push_back({from, to, rapid});
-          if (moves.size() >= kMovesPerCut) cut();
-        });
-      }
+      MAQUETTE_TRY_VOID(take(motions, i));
       // About 20 bytes a block: only for the progress bar.
-      lines_done += static_cast<double>(motions.size());
+      const double lines = static_cast<double>(motions_.size() - first_motion_.back());
       if (all_bytes > 0)
-        run.progress(std::fmin(
-            0.9, 0.9 * (bytes_done + 20.0 * lines_done) / static_cast<double>(all_bytes)));
-      if (run.stopped()) return fail(kCancelled, "verifying was stopped");
+        run_.progress(kReadingShare *
+                      std::fmin(1.0, (bytes_done + 20.0 * lines) / static_cast<double>(all_bytes)));
+      if (run_.stopped()) return fail(kCancelled, "verifying was stopped");
       return {};
     };
-    MAQUETTE_TRY(const ProgramSummary summary, read_gcode(program, sink, run));
-    cut();
+    const std::string name = programs_[i].string();
+    MAQUETTE_TRY(const ProgramSummary summary, read_gcode(programs_[i], sink, run_));
     bytes_done += static_cast<double>(summary.bytes);
-    lines_done = 0.0;
-    c.blocks += summary.blocks;
-    c.moves += summary.motions;
-    c.time_min += summary.dwell_s / 60.0;
-    if (!summary.ended) run.warn(fmt::format("{}: ends without M2, M30 or '%'", program.string()));
-    if (summary.tool_changes > 1)
-      run.warn(fmt::format("{}: changes the tool {} times; all is cut with one ball of {} mm",
-                           program.string(), summary.tool_changes, c.ball_diameter_mm));
+    c_.blocks += summary.blocks;
+    c_.moves += summary.motions;
+    c_.time_min += summary.dwell_s / 60.0;
+    if (!summary.ended) run_.warn(fmt::format("{}: ends without M2, M30 or '%'", name));
+    if (summary.tool_changes > 1 && options_.tools.empty())
+      run_.warn(fmt::format("{}: changes the tool {} times; all is cut with one ball of {} mm",
+                            name, summary.tool_changes, c_.ball_diameter_mm));
     if (summary.skipped_blocks > 0)
-      run.warn(fmt::format("{}: {} blocks begin with '/' and were skipped", program.string(),
-                           summary.skipped_blocks));
+      run_.warn(fmt::format("{}: {} blocks begin with '/' and were skipped", name,
+                            summary.skipped_blocks));
   }
-  c.rapid_collisions = sim.rapid_collisions();
-  result.as_milled = {sim.take_stock(), Millimetres{plan.cell_mm}, design.x0, design.y0};
+  return {};
+}
 
-  const auto cells = result.as_milled.z_mm.cells();
-  const auto untouched = static_cast<float>(top);
-  if (std::none_of(cells.begin(), cells.end(), [&](float h) { return h < untouched; })) {
+Result<void> Verifying::prove_paths() {
+  for (auto& [cutter, proof] : proofs_) {
+    PathCertificate one = proof->finish();
+    proof.reset();
+    if (!c_.path) {
+      c_.path = std::move(one);
+      continue;
+    }
+    PathCertificate& all = *c_.path;
+    all.max_gouge_mm = std::fmax(all.max_gouge_mm, one.max_gouge_mm);
+    all.proven_mm = std::fmax(all.proven_mm, one.proven_mm);
+    all.motions += one.motions;
+    all.drops += one.drops;
+    all.gouging_motions += one.gouging_motions;
+    all.undecided += one.undecided;
+    all.places.insert(all.places.end(), one.places.begin(), one.places.end());
+    std::stable_sort(
+        all.places.begin(), all.places.end(),
+        [](const PathGouge& a, const PathGouge& b) { return a.depth_mm > b.depth_mm; });
+  }
+  for (auto& [cutter, proof] : stone_proofs_)
+    c_.stone_collisions += proof->finish().gouging_motions;
+  proofs_.clear();
+  stone_proofs_.clear();
+  if (run_.stopped()) return fail(kCancelled, "verifying was stopped");
+  return {};
+}
+
+CutterError Verifying::error() const {
+  const heightmap::HeightRange range = heightmap::height_range(design_.z_mm);
+  double largest =
+      std::fmax(std::abs(highest_stock_mm_), std::fmax(std::abs(static_cast<double>(range.min)),
+                                                       std::abs(static_cast<double>(range.max))));
+  if (!c_.travel.empty()) largest = std::fmax(largest, std::abs(c_.travel.min.z));
+  CutterError worst;
+  for (const Cutter& cutter : cutters_) {
+    const MillingSim::Precision p = MillingSim::precision(largest, cutter.radius_mm, plan_.cell_mm);
+    worst.sideways_mm = std::fmax(worst.sideways_mm, p.horizontal_mm);
+    worst.vertical_mm = std::fmax(worst.vertical_mm, p.vertical_mm);
+  }
+  if (any_deviation_) worst.sideways_mm += kPieceDeviation_mm;
+  worst.vertical_mm += kSolvedHeight_mm;
+  return worst;
+}
+
+ComparisonOptions Verifying::comparison_options() const {
+  ComparisonOptions o;
+  o.per_spacing = plan_.per_spacing;
+  o.cell_mm = plan_.cell_mm;
+  o.error = error();
+  o.stepover_mm = options_.stepover.value();
+  o.deepest_gouge_mm = c_.path ? c_.path->proven_mm : 0.0;
+  o.reach_radius_mm = INFINITY;
+  for (std::size_t i = 0; i < cutters_.size(); ++i) {
+    if (!used_[i]) continue;
+    o.reach_radius_mm = std::fmin(o.reach_radius_mm, cutters_[i].corner_radius_mm);
+    o.border_mm = std::fmax(o.border_mm, cutters_[i].radius_mm);
+    // What other cutters leave before is looked at when they are done.
+    if (cutters_[i].is_ball() || i == last_cutter_) o.cutters.push_back(cutters_[i]);
+  }
+  if (std::isinf(o.reach_radius_mm)) o.reach_radius_mm = 0.0;  // no motion at all
+  return o;
+}
+
+Grid<float> Verifying::stock_rows(std::ptrdiff_t first, std::ptrdiff_t end) const {
+  Grid<float> stock(end - first, plan_.cols, static_cast<float>(top_mm_));
+  if (options_.stock == nullptr) return stock;
+  tbb::parallel_for(first, end, [&](std::ptrdiff_t r) {
+    const double y = design_.y0.value() + plan_.cell_mm * static_cast<double>(r);
+    for (std::ptrdiff_t c = 0; c < plan_.cols; ++c) {
+      const double x = design_.x0.value() + plan_.cell_mm * static_cast<double>(c);
+      const double h = heightmap::height_at(*options_.stock, x, y);
+      if (std::isfinite(h)) stock(r - first, c) = static_cast<float>(h);
+    }
+  });
+  return stock;
+}
+
+Result<void> Verifying::cut_band(Comparison& comparison, std::ptrdiff_t b0, std::ptrdiff_t b1,
+                                 MoveEffects& effects, const RowSink& rows) {
+  const std::ptrdiff_t n = comparison.block_nodes();
+  const bool northernmost = b1 == comparison.block_rows();
+  // Windows begin at whole blocks of eight.
+  const std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, b0 * n - Comparison::kMargin) / 8 * 8;
+  const std::ptrdiff_t end = std::min(plan_.rows, b1 * n + Comparison::kMargin + 1);
+  MillingSim sim({design_.x0.value(), design_.y0.value(), plan_.cell_mm, first, 0}, cutters_,
+                 stock_rows(first, end));
+  const double y_min = design_.y0.value() + plan_.cell_mm * static_cast<double>(first);
+  const double y_max = design_.y0.value() + plan_.cell_mm * static_cast<double>(end);
+  double reach = 0.0;
+  for (const Cutter& cutter : cutters_) reach = std::fmax(reach, widest_mm(cutter));
+
+  std::vector<ToolMove> moves;
+  moves.reserve(kMovesPerCut + 64);
+  std::uint16_t cutter = last_cutter_;
+  bool stopped = false;
+  const auto flush = [&] {
+    sim.cut(moves, effects);
+    moves.clear();
+    stopped = stopped || run_.stopped();
+  };
+  // A cutter that is no ball is proven by what it leaves, before another one cuts.
+  const auto end_stage = [&] {
+    flush();
+    if (cutters_[cutter].is_ball()) return;
+    proven_other_mm_ =
+        std::fmax(proven_other_mm_,
+                  comparison.proven_gouge_mm({sim.stock_mm(), first}, b0, b1, cutters_[cutter]));
+  };
+  bool any = false;
+  motions_.for_each(y_min, y_max, reach + 1.0, [&](const MotionStore::Stored& stored) {
+    if (stopped) return;
+    if (any && stored.cutter != cutter) end_stage();
+    any = true;
+    cutter = stored.cutter;
+    append_tool_moves(stored.motion, cutters_[cutter], stored.cutter, stored.index, moves);
+    if (moves.size() >= kMovesPerCut) flush();
+  });
+  if (any) end_stage();
+  if (stopped) return fail(kCancelled, "verifying was stopped");
+
+  const MilledBand band{sim.stock_mm(), first};
+  MAQUETTE_TRY_VOID(comparison.add(band, b0, b1, run_));
+  const MilledShape shape{plan_.rows, plan_.cols, Millimetres{plan_.cell_mm}, design_.x0,
+                          design_.y0};
+  for (std::ptrdiff_t r = northernmost ? plan_.rows - 1 : b1 * n - 1; r >= b0 * n; --r)
+    MAQUETTE_TRY_VOID(rows(shape, r, sim.stock_mm().row(r - first)));
+  return {};
+}
+
+Result<void> Verifying::cut(const RowSink& rows) {
+  Comparison comparison(design_, comparison_options());
+  MoveEffects effects(motions_.size());
+  const std::ptrdiff_t blocks = comparison.block_rows();
+  const std::ptrdiff_t at_once = std::max<std::ptrdiff_t>(1, kBandNodes / comparison.block_nodes());
+  for (std::ptrdiff_t end = blocks; end > 0;) {  // files are north up
+    const std::ptrdiff_t begin = std::max<std::ptrdiff_t>(0, end - at_once);
+    MAQUETTE_TRY_VOID(cut_band(comparison, begin, end, effects, rows));
+    end = begin;
+    run_.progress(kReadingShare + (0.99 - kReadingShare) * static_cast<double>(blocks - begin) /
+                                      static_cast<double>(blocks));
+  }
+  comparison.finish(c_);
+  sum_up(effects);
+  return {};
+}
+
+void Verifying::sum_up(const MoveEffects& effects) {
+  const double cell = plan_.cell_mm, per_unit = MoveEffects::kUnit_mm * cell * cell;
+  std::size_t program = 0;
+  motions_.for_each(-INFINITY, INFINITY, 0.0, [&](const MotionStore::Stored& stored) {
+    const Motion& m = stored.motion;
+    const std::size_t i = stored.index;
+    while (program + 1 < first_motion_.size() && first_motion_[program + 1] <= i) ++program;
+    const double volume = per_unit * static_cast<double>(effects.removed[i]);
+    anything_cut_ += effects.removed[i] > 0;
+    if (m.kind == Motion::Kind::rapid)
+      c_.engagement.removed_mm3 += volume;
+    else
+      c_.engagement.add(length_mm(m), volume, m.feed_mm_min, cell);
+    const auto note = [&](std::uint8_t bit, std::uint64_t& count, std::vector<MotionPlace>& list) {
+      if ((effects.touched[i] & bit) == 0) return;
+      ++count;
+      if (list.size() < kCollisionsListed) list.push_back({program, m.line, m.to_mm});
+    };
+    note(MoveEffects::kRapid, c_.rapid_collisions, c_.first_rapid_collisions);
+    note(MoveEffects::kHolder, c_.holder_collisions, c_.first_holder_collisions);
+  });
+}
+
+void Verifying::prove_gouge() {
+  const double by_cells = std::fmax(c_.cell_gouge_mm + c_.cell_bound_mm, proven_other_mm_);
+  double found = c_.cell_gouge_mm, proven = by_cells;
+  if (c_.path) {
+    found = std::fmax(found, c_.path->max_gouge_mm);
+    proven = std::fmin(by_cells, std::fmax(c_.path->proven_mm, proven_other_mm_));
+  }
+  c_.max_gouge_mm = found;
+  c_.bound_mm = std::fmax(0.0, proven - found);
+}
+
+Result<Certificate> Verifying::finish() {
+  if (anything_cut_ == 0) {
     const std::string where =
-        c.travel.empty()
+        c_.travel.empty()
             ? "there are no moves at all"
             : fmt::format("the tip goes from ({:.3f}, {:.3f}, {:.3f}) to ({:.3f}, {:.3f}, {:.3f})",
-                          c.travel.min.x, c.travel.min.y, c.travel.min.z, c.travel.max.x,
-                          c.travel.max.y, c.travel.max.z);
+                          c_.travel.min.x, c_.travel.min.y, c_.travel.min.z, c_.travel.max.x,
+                          c_.travel.max.y, c_.travel.max.z);
     return fail(kGcodeNoCut,
                 fmt::format("{}: nothing is cut: {} mm, expected it to enter the stock, x {:.3f} "
                             "to {:.3f}, y {:.3f} to {:.3f}, top {:.3f} mm; do program and design "
                             "share one frame?",
-                            programs.empty() ? std::string("no program") : programs[0].string(),
-                            where, design.x_mm(0), design.x_mm(design.z_mm.cols() - 1),
-                            design.y_mm(0), design.y_mm(design.z_mm.rows() - 1), top));
+                            programs_.empty() ? std::string("no program") : programs_[0].string(),
+                            where, design_.x_mm(0), design_.x_mm(design_.z_mm.cols() - 1),
+                            design_.y_mm(0), design_.y_mm(design_.z_mm.rows() - 1), top_mm_));
   }
-
-  const double largest =
-      std::fmax(std::fmax(std::abs(top), std::abs(c.travel.min.z)),
-                std::fmax(std::abs(static_cast<double>(range.min)), std::abs(highest)));
-  const MillingSim::Precision precision = sim.precision(largest);
-  const CutterError error{precision.horizontal_mm + (any_arc ? kChordDeviation_mm : 0.0),
-                          precision.vertical_mm};
-  MAQUETTE_TRY_VOID(compare(design, result.as_milled, plan.per_spacing, radius, error, c, run));
-  MAQUETTE_TRY(c.program_sha256, fingerprint(programs));
-  run.progress(1.0);
-  return result;
+  prove_gouge();
+  const Vec3 span = c_.travel.max - c_.travel.min;
+  const auto check = [&](const char* axis, double length, Millimetres travel) {
+    if (travel.value() > 0.0 && length > travel.value()) c_.beyond_travel += axis;
+  };
+  check("x", span.x, options_.travel_x);
+  check("y", span.y, options_.travel_y);
+  check("z", span.z, options_.travel_z);
+  std::erase_if(c_.tools, [](const ToolUse& use) { return use.cutting_length_mm == 0.0; });
+  MAQUETTE_TRY(c_.program_sha256, fingerprint(programs_));
+  run_.progress(1.0);
+  return std::move(c_);
 }
 
-std::string to_json(const Certificate& c) {
-  nlohmann::ordered_json worst = nlohmann::ordered_json::array();
-  for (const Place& place : c.worst_gouges)
-    worst.push_back({{"x_mm", place.x_mm}, {"y_mm", place.y_mm}, {"depth_mm", place.depth_mm}});
-  nlohmann::ordered_json travel = nullptr;
-  if (!c.travel.empty())
-    travel = {{"min_mm", to_array(c.travel.min)}, {"max_mm", to_array(c.travel.max)}};
-  const nlohmann::ordered_json json = {{"schema", "maquette.certificate/1"},
-                                       {"max_gouge_mm", c.max_gouge_mm},
-                                       {"max_excess_mm", c.max_excess_mm},
-                                       {"max_excess_anywhere_mm", c.max_excess_anywhere_mm},
-                                       {"bound_mm", c.bound_mm},
-                                       {"mean_excess_mm", c.mean_excess_mm},
-                                       {"rms_excess_mm", c.rms_excess_mm},
-                                       {"gouged_area_mm2", c.gouged_area_mm2},
-                                       {"worst_gouges", worst},
-                                       {"rapid_collisions", c.rapid_collisions},
-                                       {"blocks", c.blocks},
-                                       {"moves", c.moves},
-                                       {"cutting_length_mm", c.cutting_length_mm},
-                                       {"rapid_length_mm", c.rapid_length_mm},
-                                       {"time_min", c.time_min},
-                                       {"travel", travel},
-                                       {"ball_diameter_mm", c.ball_diameter_mm},
-                                       {"cell_mm", c.cell_mm},
-                                       {"program_sha256", c.program_sha256}};
-  return json.dump(2) + "\n";
+}  // namespace
+
+Result<Certificate> verify(std::span<const std::filesystem::path> programs,
+                           const heightmap::ModelField& design, const VerifyOptions& options,
+                           const RowSink& rows, const RunContext& run) {
+  MAQUETTE_TRY(const GridPlan plan, plan_grid(design, options));
+  Verifying work(programs, design, options, plan, run);
+  MAQUETTE_TRY_VOID(work.check());
+  MAQUETTE_TRY_VOID(work.read());
+  MAQUETTE_TRY_VOID(work.prove_paths());
+  MAQUETTE_TRY_VOID(work.cut(rows));
+  return work.finish();
+}
+
+Result<Verification> verify(std::span<const std::filesystem::path> programs,
+                            const heightmap::ModelField& design, const VerifyOptions& options,
+                            const RunContext& run) {
+  Verification result;
+  heightmap::ModelField& field = result.as_milled;
+  const RowSink keep = [&](const MilledShape& shape, std::ptrdiff_t row,
+                           std::span<const float> heights) -> Result<void> {
+    if (field.z_mm.empty())
+      field = {Grid<float>(shape.rows, shape.cols), shape.cell, shape.x0, shape.y0};
+    std::copy(heights.begin(), heights.end(), field.z_mm.row(row).begin());
+    return {};
+  };
+  MAQUETTE_TRY(result.certificate, verify(programs, design, options, keep, run));
+  return result;
 }
 
 }  // namespace maquette::cnc

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "heightmap/field_io.hpp"
 
+#include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -9,7 +11,6 @@
 #include <string_view>
 
 #include <cpl_string.h>
-#include <cpl_vsi.h>
 #include <fmt/format.h>
 #include <ogr_spatialref.h>
 
@@ -95,50 +96,53 @@ Result<Frame> read_frame(GDALDataset& dataset, const std::string& name) {
   return frame;
 }
 
-Result<Grid<float>> read_heights(GDALDataset& dataset, const std::string& name) {
-  GDALRasterBand& band = *dataset.GetRasterBand(1);
-  const int cols = dataset.GetRasterXSize();
-  const int rows = dataset.GetRasterYSize();
-  int has_nodata = 0, has_scale = 0, has_offset = 0;
-  const double nodata = band.GetNoDataValue(&has_nodata);
-  const double scale = band.GetScale(&has_scale);
-  const double offset = band.GetOffset(&has_offset);
-  const bool raw = (has_scale == 0 || scale == 1.0) && (has_offset == 0 || offset == 0.0);
-  Grid<float> z(rows, cols);
-  const detail::ErrorCapture capture;
-  for (int line = 0; line < rows; ++line) {
-    const auto row = z.row(rows - 1 - line);  // files are north up
-    if (band.RasterIO(GF_Read, 0, line, cols, 1, row.data(), cols, 1, GDT_Float32, 0, 0, nullptr) !=
-        CE_None)
-      return fail(kRasterNotReadable, fmt::format("{}: cannot read line {} of {}: {}", name, line,
-                                                  rows, capture.text()));
+/// Reads lines of heights as they are meant: voids NaN, scale and offset applied.
+class HeightLines {
+ public:
+  HeightLines(GDALDataset& dataset, std::string name)
+      : band_(*dataset.GetRasterBand(1)),
+        cols_(dataset.GetRasterXSize()),
+        rows_(dataset.GetRasterYSize()),
+        name_(std::move(name)) {
+    nodata_ = band_.GetNoDataValue(&has_nodata_);
+    int has_scale = 0, has_offset = 0;
+    const double scale = band_.GetScale(&has_scale), offset = band_.GetOffset(&has_offset);
+    scale_ = has_scale != 0 ? scale : 1.0;
+    offset_ = has_offset != 0 ? offset : 0.0;
+  }
+  /// @param r  from the south
+  Result<void> read(std::ptrdiff_t r, std::span<float> row) {
+    const detail::ErrorCapture capture;
+    const int line = rows_ - 1 - static_cast<int>(r);  // files are north up
+    if (band_.RasterIO(GF_Read, 0, line, cols_, 1, row.data(), cols_, 1, GDT_Float32, 0, 0,
+                       nullptr) != CE_None)
+      return fail(kRasterNotReadable, fmt::format("{}: cannot read line {} of {}: {}", name_, line,
+                                                  rows_, capture.text()));
+    const bool raw = scale_ == 1.0 && offset_ == 0.0;
     for (float& h : row) {
       if (std::isnan(h)) continue;  // keeps the bits
-      if (!std::isfinite(h) || (has_nodata != 0 && h == static_cast<float>(nodata)))
+      if (!std::isfinite(h) || (has_nodata_ != 0 && h == static_cast<float>(nodata_)))
         h = NAN;
       else if (!raw)
-        h = static_cast<float>((has_scale != 0 ? scale : 1.0) * h +
-                               (has_offset != 0 ? offset : 0.0));
+        h = static_cast<float>(scale_ * h + offset_);
     }
+    return {};
   }
-  return z;
-}
-
-/// A file in GDAL's memory file system that disappears with the object.
-class MemoryFile {
- public:
-  MemoryFile() : name_(fmt::format("/vsimem/maquette-{}.tif", static_cast<const void*>(this))) {}
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-  ~MemoryFile() {
-    VSIUnlink(name_.c_str());
-    VSIUnlink((name_ + ".aux.xml").c_str());
-  }
-  [[nodiscard]] const std::string& name() const { return name_; }
 
  private:
+  GDALRasterBand& band_;
+  int cols_, rows_;
   std::string name_;
+  int has_nodata_ = 0;
+  double nodata_ = 0.0, scale_ = 1.0, offset_ = 0.0;
 };
+
+Result<Grid<float>> read_heights(GDALDataset& dataset, const std::string& name) {
+  Grid<float> z(dataset.GetRasterYSize(), dataset.GetRasterXSize());
+  HeightLines lines(dataset, name);
+  for (std::ptrdiff_t r = z.rows() - 1; r >= 0; --r) MAQUETTE_TRY_VOID(lines.read(r, z.row(r)));
+  return z;
+}
 
 }  // namespace
 
@@ -154,55 +158,137 @@ Result<ModelField> read_model_field(const std::filesystem::path& path) {
                     Millimetres{frame.y0_mm}};
 }
 
+Result<std::vector<double>> heights_at(const std::filesystem::path& path,
+                                       std::span<const Vec3> places_mm) {
+  const std::string name = path.string();
+  MAQUETTE_TRY(const detail::DatasetPtr dataset, detail::open_raster(path));
+  MAQUETTE_TRY_VOID(check_unit(*dataset, name));
+  MAQUETTE_TRY(const Frame frame, read_frame(*dataset, name));
+  const std::ptrdiff_t rows = dataset->GetRasterYSize(), cols = dataset->GetRasterXSize();
+  // Places by the row of cells they are in, two rows of nodes at a time.
+  const auto row_of = [&](const Vec3& p) {
+    const double r = std::floor((p.y - frame.y0_mm) / frame.spacing_mm);
+    return static_cast<std::size_t>(std::clamp(r, 0.0, static_cast<double>(rows - 2)));
+  };
+  std::vector<std::size_t> start(static_cast<std::size_t>(rows), 0), order(places_mm.size());
+  for (const Vec3& p : places_mm) ++start[row_of(p) + 1];
+  for (std::size_t i = 1; i < start.size(); ++i) start[i] += start[i - 1];
+  std::vector<std::size_t> next = start;
+  for (std::size_t i = 0; i < places_mm.size(); ++i) order[next[row_of(places_mm[i])]++] = i;
+
+  std::vector<double> heights(places_mm.size(), NAN);
+  HeightLines lines(*dataset, name);
+  ModelField two{Grid<float>(2, cols), Millimetres{frame.spacing_mm}, Millimetres{frame.x0_mm},
+                 Millimetres{0.0}};
+  std::ptrdiff_t held = -1;  // the row of nodes in two.z_mm.row(0)
+  for (std::ptrdiff_t r = rows - 2; r >= 0; --r) {
+    const auto i0 = start[static_cast<std::size_t>(r)], i1 = start[static_cast<std::size_t>(r) + 1];
+    if (i0 == i1) continue;
+    if (held == r + 1)
+      std::ranges::copy(two.z_mm.row(0), two.z_mm.row(1).begin());
+    else
+      MAQUETTE_TRY_VOID(lines.read(r + 1, two.z_mm.row(1)));
+    MAQUETTE_TRY_VOID(lines.read(r, two.z_mm.row(0)));
+    held = r;
+    two.y0 = Millimetres{frame.y0_mm + frame.spacing_mm * static_cast<double>(r)};
+    for (std::size_t i = i0; i < i1; ++i)
+      heights[order[i]] = height_at(two, places_mm[order[i]].x, places_mm[order[i]].y);
+  }
+  return heights;
+}
+
+struct ModelFieldWriter::State {
+  State(const std::filesystem::path& path, const Shape& of) : file(path), name(path), shape(of) {}
+  AtomicPath file;
+  std::filesystem::path name;
+  Shape shape;
+  detail::DatasetPtr dataset;
+  std::ptrdiff_t written = 0;
+
+  [[nodiscard]] tl::unexpected<Error> failed(const detail::ErrorCapture& capture) const {
+    return fail(kFileNotWritable, fmt::format("{}: {}", name.string(), capture.text()));
+  }
+};
+
+ModelFieldWriter::ModelFieldWriter(std::unique_ptr<State> state) : state_(std::move(state)) {}
+ModelFieldWriter::ModelFieldWriter(ModelFieldWriter&&) noexcept = default;
+ModelFieldWriter& ModelFieldWriter::operator=(ModelFieldWriter&&) noexcept = default;
+ModelFieldWriter::~ModelFieldWriter() = default;
+
+Result<ModelFieldWriter> ModelFieldWriter::create(const std::filesystem::path& path,
+                                                  const Shape& shape, const char* unit) {
+  MAQUETTE_CHECK(shape.rows >= 2 && shape.cols >= 2 && shape.spacing.value() > 0.0,
+                 "{} x {} nodes, spacing {}", shape.rows, shape.cols, shape.spacing.value());
+  auto state = std::make_unique<State>(path, shape);
+  MAQUETTE_TRY_VOID(state->file.prepare());
+  // GDAL is vague about full disks, so they are asked for beforehand.
+  std::error_code ec;
+  const auto space = std::filesystem::space(state->file.path(), ec);
+  const auto bytes = 4 * static_cast<std::uintmax_t>(shape.rows * shape.cols);
+  if (!ec && space.available < bytes) return tl::unexpected(write_error(path, ENOSPC));
+  detail::register_gdal_drivers();
+  const detail::ErrorCapture capture;
+  GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
+  CPLStringList options;
+  options.SetNameValue("BIGTIFF", "IF_SAFER");
+  const int cols = static_cast<int>(shape.cols), rows = static_cast<int>(shape.rows);
+  state->dataset.reset(
+      driver->Create(state->file.path().c_str(), cols, rows, 1, GDT_Float32, options.List()));
+  if (!state->dataset) return state->failed(capture);
+  GDALDataset& dataset = *state->dataset;
+  const double s = shape.spacing.value(), x0 = shape.x0.value(), y0 = shape.y0.value();
+  double gt[6] = {x0 - 0.5 * s, s, 0.0, y0 + (rows - 0.5) * s, 0.0, -s};
+  OGRSpatialReference frame;
+  frame.importFromWkt(kModelFrame);
+  dataset.SetMetadataItem(GDALMD_AREA_OR_POINT, GDALMD_AOP_POINT);
+  dataset.SetGeoTransform(gt);
+  dataset.SetSpatialRef(&frame);
+  dataset.SetMetadataItem(kFrameItem, fmt::format("{:.17g} {:.17g} {:.17g}", x0, y0, s).c_str());
+  GDALRasterBand& band = *dataset.GetRasterBand(1);
+  band.SetNoDataValue(NAN);
+  band.SetUnitType(unit);
+  if (capture.failed()) return state->failed(capture);
+  return ModelFieldWriter(std::move(state));
+}
+
+Result<void> ModelFieldWriter::write_row(std::span<const float> heights_mm) {
+  State& s = *state_;
+  MAQUETTE_CHECK(
+      s.written < s.shape.rows && heights_mm.size() == static_cast<std::size_t>(s.shape.cols),
+      "row {} of {}, {} of {} heights", s.written, s.shape.rows, heights_mm.size(), s.shape.cols);
+  const detail::ErrorCapture capture;
+  const int cols = static_cast<int>(s.shape.cols);
+  auto* row = const_cast<float*>(heights_mm.data());  // GDAL only reads it
+  if (s.dataset->GetRasterBand(1)->RasterIO(GF_Write, 0, static_cast<int>(s.written), cols, 1, row,
+                                            cols, 1, GDT_Float32, 0, 0, nullptr) != CE_None)
+    return s.failed(capture);
+  // GDAL would keep a twentieth of the machine's memory.
+  constexpr std::ptrdiff_t kRowsHeld = 512;
+  if (++s.written % kRowsHeld == 0) s.dataset->FlushCache();
+  if (capture.failed()) return s.failed(capture);
+  return {};
+}
+
+Result<void> ModelFieldWriter::commit() {
+  State& s = *state_;
+  MAQUETTE_CHECK(s.written == s.shape.rows, "{} of {} rows are written", s.written, s.shape.rows);
+  const detail::ErrorCapture capture;
+  s.dataset.reset();
+  if (capture.failed()) return s.failed(capture);
+  return s.file.commit();
+}
+
 Result<void> write_model_grid(const Grid<float>& values, const ModelField& like, const char* unit,
                               const std::filesystem::path& path) {
   MAQUETTE_CHECK(values.rows() == like.z_mm.rows() && values.cols() == like.z_mm.cols(),
                  "grid {} x {}, field {} x {}", values.rows(), values.cols(), like.z_mm.rows(),
                  like.z_mm.cols());
-  MAQUETTE_CHECK(values.rows() >= 2 && values.cols() >= 2 && like.spacing.value() > 0.0,
-                 "{} x {} nodes, spacing {}", values.rows(), values.cols(), like.spacing.value());
-  MAQUETTE_TRY(AtomicFile file, AtomicFile::create(path));
-  detail::register_gdal_drivers();
-  const detail::ErrorCapture capture;
-  const auto failed = [&] {
-    return fail(kFileNotWritable, fmt::format("{}: {}", path.string(), capture.text()));
-  };
-  // Written in memory first: one place (AtomicFile) knows about full disks and renaming.
-  const MemoryFile memory;
-  const int cols = static_cast<int>(values.cols());
-  const int rows = static_cast<int>(values.rows());
-  GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
-  CPLStringList options;
-  options.SetNameValue("BIGTIFF", "IF_SAFER");
-  detail::DatasetPtr dataset(
-      driver->Create(memory.name().c_str(), cols, rows, 1, GDT_Float32, options.List()));
-  if (!dataset) return failed();
-  const double s = like.spacing.value();
-  double gt[6] = {like.x0.value() - 0.5 * s, s, 0.0, like.y0.value() + (rows - 0.5) * s, 0.0, -s};
-  OGRSpatialReference frame;
-  frame.importFromWkt(kModelFrame);
-  dataset->SetMetadataItem(GDALMD_AREA_OR_POINT, GDALMD_AOP_POINT);
-  dataset->SetGeoTransform(gt);
-  dataset->SetSpatialRef(&frame);
-  dataset->SetMetadataItem(
-      kFrameItem,
-      fmt::format("{:.17g} {:.17g} {:.17g}", like.x0.value(), like.y0.value(), s).c_str());
-  GDALRasterBand& band = *dataset->GetRasterBand(1);
-  band.SetNoDataValue(NAN);
-  band.SetUnitType(unit);
-  for (int line = 0; line < rows; ++line) {
-    auto* row = const_cast<float*>(values.row(rows - 1 - line).data());  // GDAL only reads it
-    if (band.RasterIO(GF_Write, 0, line, cols, 1, row, cols, 1, GDT_Float32, 0, 0, nullptr) !=
-        CE_None)
-      return failed();
-  }
-  dataset.reset();
-  if (capture.failed()) return failed();
-  vsi_l_offset bytes = 0;
-  const GByte* data = VSIGetMemFileBuffer(memory.name().c_str(), &bytes, FALSE);
-  if (data == nullptr) return failed();
-  file.write(data, static_cast<std::size_t>(bytes));
-  return file.commit();
+  MAQUETTE_TRY(auto writer,
+               ModelFieldWriter::create(
+                   path, {values.rows(), values.cols(), like.spacing, like.x0, like.y0}, unit));
+  for (std::ptrdiff_t r = values.rows() - 1; r >= 0; --r)
+    MAQUETTE_TRY_VOID(writer.write_row(values.row(r)));
+  return writer.commit();
 }
 
 Result<void> write_model_field(const ModelField& field, const std::filesystem::path& path) {

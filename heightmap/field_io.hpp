@@ -8,8 +8,12 @@
 /// speaks of pixel corners either way, so node = corner + half a pixel).
 
 #include <filesystem>
+#include <memory>
+#include <span>
+#include <vector>
 
 #include "core/result.hpp"
+#include "core/vec.hpp"
 #include "heightmap/height_field.hpp"
 
 namespace maquette::heightmap {
@@ -29,6 +33,40 @@ inline constexpr ErrorCode kAllVoid{"HEIGHTMAP_ALL_VOID"};
 ///                                   (a planet raster: says to run `maquette fuse`)
 ///   HEIGHTMAP_ALL_VOID              no finite height
 [[nodiscard]] Result<ModelField> read_model_field(const std::filesystem::path& path);
+
+/// Heights of the triangulated surface of a field file at many places (their z does not matter),
+/// without holding the field; NaN where height_at gives it.
+/// @return one height a place, in order; read_model_field's errors
+[[nodiscard]] Result<std::vector<double>> heights_at(const std::filesystem::path& path,
+                                                     std::span<const Vec3> places_mm);
+
+/// Writes a field row by row without holding it, whole or not at all. Same heights, same bytes
+/// as write_model_field.
+class ModelFieldWriter {
+ public:
+  struct Shape {
+    std::ptrdiff_t rows, cols;
+    Millimetres spacing, x0, y0;
+  };
+  /// @pre at least 2 x 2 nodes, spacing > 0
+  /// @return the open file; CORE_FILE_NOT_WRITABLE; CORE_DISK_FULL if there is less space
+  ///         than the heights need
+  [[nodiscard]] static Result<ModelFieldWriter> create(const std::filesystem::path& path,
+                                                       const Shape& shape, const char* unit = "mm");
+  ModelFieldWriter(ModelFieldWriter&&) noexcept;
+  ModelFieldWriter& operator=(ModelFieldWriter&&) noexcept;
+  ~ModelFieldWriter();  ///< without commit() nothing is left
+
+  /// The northernmost row first, as in the file. @pre not more often than there are rows
+  [[nodiscard]] Result<void> write_row(std::span<const float> heights_mm);
+  /// @pre all rows are written
+  [[nodiscard]] Result<void> commit();
+
+ private:
+  struct State;
+  explicit ModelFieldWriter(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
 
 /// Writes the field whole or not at all. Same field, same bytes.
 [[nodiscard]] Result<void> write_model_field(const ModelField& field,

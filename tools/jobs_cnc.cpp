@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -19,18 +20,19 @@ namespace {
 
 /// Deepest place where the simulated cut lies below the mesh that is shown, exported
 /// and rendered; under the stones the mesh is not milled and does not count.
-double gouge_against_mesh(const TriMesh& mesh, const heightmap::ModelField& as_milled,
-                          const heightmap::ModelField& design,
-                          const heightmap::ModelField& with_stones) {
+Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled,
+                                  const heightmap::ModelField& design,
+                                  const heightmap::ModelField& with_stones) {
+  MAQUETTE_TRY(const auto cut, heightmap::heights_at(as_milled, mesh.vertices_mm));
   double deepest = 0.0;
-  for (const Vec3& v : mesh.vertices_mm) {
+  for (std::size_t i = 0; i < cut.size(); ++i) {
+    const Vec3& v = mesh.vertices_mm[i];
     const double terrain = heightmap::height_at(design, v.x, v.y);
     // Walls and base are below the surface, stones above it.
     constexpr double kOnSurface = 1e-3;
     if (!(std::fabs(v.z - terrain) < kOnSurface)) continue;
     if (heightmap::height_at(with_stones, v.x, v.y) > terrain + kOnSurface) continue;
-    const double cut = heightmap::height_at(as_milled, v.x, v.y);
-    if (!std::isnan(cut)) deepest = std::max(deepest, v.z - cut);
+    if (!std::isnan(cut[i])) deepest = std::max(deepest, v.z - cut[i]);
   }
   return deepest;
 }
@@ -42,30 +44,38 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   cnc::VerifyOptions options;
   options.ball_diameter = job.ball_diameter;
   options.cell = job.cell;
-  MAQUETTE_TRY(const auto verification, cnc::verify(job.programs, design, options, run));
-  const cnc::Certificate& certificate = verification.certificate;
-
+  JobResult result;
+  result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
+  // Excess (red) and gouge (blue) on the design's own nodes.
+  Grid<float> excess(design.z_mm.rows(), design.z_mm.cols());
+  std::optional<heightmap::ModelFieldWriter> writer;
+  const cnc::RowSink rows = [&](const cnc::MilledShape& shape, std::ptrdiff_t row,
+                                std::span<const float> heights) -> Result<void> {
+    if (!writer) {
+      std::error_code ec;
+      fs::create_directories(folder, ec);
+      if (ec) return tl::unexpected(write_error(folder, ec.value()));
+      MAQUETTE_TRY(
+          writer, heightmap::ModelFieldWriter::create(
+                      result.outputs[1], {shape.rows, shape.cols, shape.cell, shape.x0, shape.y0}));
+    }
+    const std::ptrdiff_t k = (shape.cols - 1) / (excess.cols() - 1);
+    if (row % k == 0)
+      for (std::ptrdiff_t c = 0; c < excess.cols(); ++c)
+        excess(row / k, c) = heights[static_cast<std::size_t>(c * k)] - design.z_mm(row / k, c);
+    return writer->write_row(heights);
+  };
+  MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, design, options, rows, run));
+  MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
   if (job.mesh && job.stones) {
     MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
     MAQUETTE_TRY(const auto mesh, meshing::read_mesh(*job.mesh));
-    figures["max_gouge_against_mesh_mm"] = gouge_against_mesh(mesh, verification.as_milled, design,
-                                                              meshing::with_stones(design, plan));
+    MAQUETTE_TRY(
+        figures["max_gouge_against_mesh_mm"],
+        gouge_against_mesh(mesh, result.outputs[1], design, meshing::with_stones(design, plan)));
   }
-  std::error_code ec;
-  fs::create_directories(folder, ec);
-  if (ec) return tl::unexpected(write_error(folder, ec.value()));
-  JobResult result;
-  result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], figures.dump(1)));
-  MAQUETTE_TRY_VOID(heightmap::write_model_field(verification.as_milled, result.outputs[1]));
-  // Excess (red) and gouge (blue) on the design's own nodes.
-  Grid<float> excess(design.z_mm.rows(), design.z_mm.cols());
-  for (std::ptrdiff_t r = 0; r < excess.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < excess.cols(); ++c)
-      excess(r, c) = static_cast<float>(
-          heightmap::height_at(verification.as_milled, design.x_mm(c), design.y_mm(r)) -
-          static_cast<double>(design.z_mm(r, c)));
   MAQUETTE_TRY_VOID(
       camera::write_png(signed_picture(excess, colour_limit(excess, 0.01)), result.outputs[2]));
 

@@ -27,42 +27,27 @@
 #include "cnc/cutter_location.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/path_pieces.hpp"
-#include "core/random.hpp"
 #include "support/matchers.hpp"
+#include "support/motions.hpp"
 #include "support/terrain.hpp"
 
 namespace maquette::cnc {
 namespace {
 
 using heightmap::ModelField;
+using testing_support::Draws;
 using testing_support::flat_field;
 using testing_support::Ground;
 using testing_support::ground;
+using testing_support::motions_of;
+using testing_support::motions_of_file;
+using testing_support::place_at;
+using testing_support::random_arc;
 using testing_support::ScratchFolder;
 using testing_support::Succeeds;
 
 constexpr BallNose kBall{3.0};
 constexpr double kExact_mm = 2e-9;
-
-std::vector<Motion> motions_of(const std::string& text) {
-  std::vector<Motion> all;
-  const MotionSink sink = [&](std::span<const Motion> some) -> Result<void> {
-    all.insert(all.end(), some.begin(), some.end());
-    return {};
-  };
-  EXPECT_THAT(read_gcode_text(text, "test", sink), Succeeds());
-  return all;
-}
-
-std::vector<Motion> motions_of_file(const std::filesystem::path& path) {
-  std::vector<Motion> all;
-  const MotionSink sink = [&](std::span<const Motion> some) -> Result<void> {
-    all.insert(all.end(), some.begin(), some.end());
-    return {};
-  };
-  EXPECT_THAT(read_gcode(path, sink), Succeeds());
-  return all;
-}
 
 PathCertificate prove(const ModelField& surface, const std::vector<Motion>& motions,
                       PathProofOptions options = {}, BallNose tool = kBall) {
@@ -74,59 +59,6 @@ PathCertificate prove(const ModelField& surface, const std::vector<Motion>& moti
 PathCertificate prove(const ModelField& surface, const std::string& text,
                       PathProofOptions options = {}) {
   return prove(surface, motions_of("G0 X0 Y0 Z90\n" + text + "\nM2\n"), options);
-}
-
-/// Place of a motion at a share of its way; arcs as the reader defines them.
-Vec3 at(const Motion& m, double share) {
-  if (m.kind != Motion::Kind::arc) return m.from_mm + share * (m.to_mm - m.from_mm);
-  const std::size_t third = m.plane == ArcPlane::xy ? 2 : m.plane == ArcPlane::zx ? 1 : 0;
-  const std::size_t first = (third + 1) % 3, second = (third + 2) % 3;
-  const auto list = [](Vec3 v) { return std::array<double, 3>{v.x, v.y, v.z}; };
-  const auto a = list(m.from_mm), b = list(m.to_mm), c = list(m.centre_mm);
-  const double r0 = std::hypot(a[first] - c[first], a[second] - c[second]);
-  const double r1 = std::hypot(b[first] - c[first], b[second] - c[second]);
-  const double r = r0 + share * (r1 - r0);
-  const double phi = std::atan2(a[second] - c[second], a[first] - c[first]) + share * m.sweep_rad;
-  std::array<double, 3> p{};
-  p[first] = c[first] + r * std::cos(phi);
-  p[second] = c[second] + r * std::sin(phi);
-  p[third] = a[third] + share * (b[third] - a[third]);
-  return {p[0], p[1], p[2]};
-}
-
-class Draws {
- public:
-  explicit Draws(std::uint64_t seed) : seed_(seed) {}
-  double operator()(double lo, double hi) { return lo + (hi - lo) * random_uniform(seed_, n_++); }
-  int pick(int count) { return static_cast<int>((*this)(0.0, count)); }
-
- private:
-  std::uint64_t seed_, n_ = 0;
-};
-
-/// An arc that starts at `from`; `radius_error` and `helix` may be 0.
-Motion random_arc(Draws& draw, Vec3 from, double radius, double radius_error, double helix) {
-  Motion m;
-  m.kind = Motion::Kind::arc;
-  m.plane = static_cast<ArcPlane>(draw.pick(3));
-  m.from_mm = from;
-  const double begin = draw(-std::numbers::pi, std::numbers::pi);
-  m.sweep_rad = (draw(0.0, 1.0) < 0.5 ? 1.0 : -1.0) * std::pow(10.0, draw(-3.0, 0.79));
-  const double end = begin + m.sweep_rad, r1 = radius + radius_error;
-  const auto in_plane = [&](double u, double v, double w) {
-    return m.plane == ArcPlane::xy   ? Vec3{u, v, w}
-           : m.plane == ArcPlane::zx ? Vec3{v, w, u}
-                                     : Vec3{w, u, v};
-  };
-  m.centre_mm = from - in_plane(radius * std::cos(begin), radius * std::sin(begin), 0.0);
-  m.to_mm = m.centre_mm + in_plane(r1 * std::cos(end), r1 * std::sin(end), helix);
-  if (helix == 0.0) {  // to the last bit, as the reader gives it
-    if (m.plane == ArcPlane::xy) m.to_mm.z = from.z;
-    if (m.plane == ArcPlane::zx) m.to_mm.y = from.y;
-    if (m.plane == ArcPlane::yz) m.to_mm.x = from.x;
-  }
-  m.feed_mm_min = 100.0;
-  return m;
 }
 
 // ---- pieces ----------------------------------------------------------------
@@ -175,7 +107,7 @@ TEST(PathPieces, StayOnTheMotion) {
     for (int s = 0; s <= 40; ++s) {
       double nearest = INFINITY, allowed = 0.0;
       for (const PathPiece& p : pieces) {
-        const double d = distance_to(p, at(m, s / 40.0));
+        const double d = distance_to(p, place_at(m, s / 40.0));
         if (d < nearest) nearest = d, allowed = p.deviation_mm;
       }
       // 512 chords of a quadrant: r (pi / 1024)^2 / 8.
@@ -274,7 +206,7 @@ TEST_P(PathCertificateRandom, NothingIsDeeperThanProven) {
       const PathCertificate c = prove(field, {m});
       double truth = 0.0;
       for (int s = 0; s <= 400; ++s) {
-        const Vec3 p = at(m, s / 400.0);
+        const Vec3 p = place_at(m, s / 400.0);
         truth = std::fmax(truth, cutter.drop(p.x, p.y).tip_mm - p.z);
       }
       ASSERT_GE(c.proven_mm, truth - kExact_mm) << "seed " << seed << " motion " << i;

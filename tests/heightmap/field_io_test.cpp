@@ -80,6 +80,61 @@ TEST(WriteModelField, SameFieldSameBytesAndNothingBeside) {
   EXPECT_EQ(files, 2) << "no .aux.xml, no partial file";
 }
 
+TEST(HeightsAt, AreThoseOfTheWholeField) {
+  const ScratchFolder scratch;
+  const ModelField field = random_field(37, 23, 4);
+  ASSERT_THAT(write_model_field(field, scratch / "a.tif"), Succeeds());
+  const double wide = field.x_mm(22) - field.x_mm(0), high = field.y_mm(36) - field.y_mm(0);
+  std::vector<Vec3> places;
+  for (std::uint64_t i = 0; i < 3000; ++i)
+    places.push_back({field.x_mm(0) + wide * (1.2 * random_uniform(8, 2 * i) - 0.1),
+                      field.y_mm(0) + high * (1.2 * random_uniform(8, 2 * i + 1) - 0.1), 0.0});
+  for (const std::ptrdiff_t r : {0, 1, 36}) places.push_back({field.x_mm(5), field.y_mm(r), 0.0});
+  const auto found = heights_at(scratch / "a.tif", places);
+  ASSERT_THAT(found, Succeeds());
+  int voids = 0;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const double expected = height_at(field, places[i].x, places[i].y);
+    voids += std::isnan(expected);
+    if (std::isnan(expected))
+      EXPECT_TRUE(std::isnan((*found)[i])) << i;
+    else
+      // The rows' place is rounded differently: a share of a cell of 1e-14.
+      EXPECT_NEAR((*found)[i], expected, 1e-9) << i;
+  }
+  EXPECT_GT(voids, 500);
+  EXPECT_LT(voids, 2500);
+}
+
+TEST(ModelFieldWriter, RowsNorthToSouthAreTheWholeField) {
+  const ScratchFolder scratch;
+  const ModelField field = random_field(40, 50, 9);
+  ASSERT_THAT(write_model_field(field, scratch / "whole.tif"), Succeeds());
+  {
+    auto writer =
+        ModelFieldWriter::create(scratch / "rows.tif", {40, 50, field.spacing, field.x0, field.y0});
+    ASSERT_THAT(writer, Succeeds());
+    for (std::ptrdiff_t r = 39; r >= 0; --r)
+      ASSERT_THAT(writer->write_row(field.z_mm.row(r)), Succeeds());
+    EXPECT_FALSE(std::filesystem::exists(scratch / "rows.tif")) << "not before commit";
+    ASSERT_THAT(writer->commit(), Succeeds());
+  }
+  EXPECT_EQ(*read_file(scratch / "whole.tif"), *read_file(scratch / "rows.tif"));
+  {
+    auto writer =
+        ModelFieldWriter::create(scratch / "half.tif", {40, 50, field.spacing, field.x0, field.y0});
+    ASSERT_THAT(writer, Succeeds());
+    ASSERT_THAT(writer->write_row(field.z_mm.row(39)), Succeeds());
+  }
+  std::ptrdiff_t files = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(scratch.path()))
+    ++files;
+  EXPECT_EQ(files, 2) << "nothing is left of a field that was not finished";
+  EXPECT_THAT(ModelFieldWriter::create(scratch / "large.tif",
+                                       {2000000, 2000000, field.spacing, field.x0, field.y0}),
+              FailsWith(kDiskFull));
+}
+
 TEST(WriteModelField, FailsWithoutFolder) {
   const ScratchFolder scratch;
   EXPECT_THAT(write_model_field(random_field(4, 4, 1), scratch / "missing/a.tif"),

@@ -134,6 +134,7 @@ double Comparison::value(Reach kind, std::ptrdiff_t row, std::ptrdiff_t col, dou
     case border:
       return at_border ? excess : -INFINITY;
     case with_bound:
+      if (at_border) return -INFINITY;
       return excess +
              excess_between_nodes(excess, slope, options_.deepest_gouge_mm, options_.cell_mm, R);
     default:
@@ -217,7 +218,9 @@ void Comparison::add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdif
   for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, qr - 1); r <= qr; ++r)
     for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, qc - 1); c <= qc; ++c)
       around = std::fmax(around, slope_of(r, c));
-  raise(with_bound, value(with_bound, qr * k, qc * k, excess, around));
+  raise(with_bound,
+        excess_inside + excess_between_nodes(excess_inside, around, options_.deepest_gouge_mm,
+                                             options_.cell_mm, options_.reach_radius_mm));
   if (!std::isnan(options_.stepover_mm))
     raise(over_scallop,
           excess_inside - stated_scallop(options_.reach_radius_mm, options_.stepover_mm, slope));
@@ -321,7 +324,7 @@ void Comparison::finish(Certificate& c) {
   c.max_excess_inside_mm = best_[inside];
   c.max_excess_border_mm = best_[border];
   c.max_excess_mm = std::fmax(best_[inside], best_[border]);
-  c.excess_bound_mm = std::fmax(0.0, best_[with_bound] - c.max_excess_mm);
+  c.excess_bound_mm = std::fmax(0.0, best_[with_bound] - c.max_excess_inside_mm);
   c.max_excess_over_scallop_mm = std::isnan(options_.stepover_mm) ? NAN : best_[over_scallop];
   c.mean_excess_mm = all.sum / nodes;
   c.rms_excess_mm = std::sqrt(all.sum_of_squares / nodes);

@@ -5,19 +5,13 @@
 #include <array>
 #include <cmath>
 
+#include "cnc/arc_geometry.hpp"
+
 namespace maquette::cnc {
 namespace {
 
 constexpr std::size_t kChunk = 4096;
 constexpr std::uint8_t kJump = 255;  // no motion: the next one starts here
-
-struct PlaneAxes {
-  std::size_t first, second, third;
-};
-PlaneAxes axes_of(ArcPlane plane) {
-  const std::size_t third = plane == ArcPlane::xy ? 2 : plane == ArcPlane::zx ? 1 : 0;
-  return {(third + 1) % 3, (third + 2) % 3, third};
-}
 
 }  // namespace
 

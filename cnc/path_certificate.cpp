@@ -134,12 +134,14 @@ double PathProof::State::upper_bound(const PathPiece& piece, const Place3& a,
   // outline, what is lower does not matter: then ends without gouge count as touching.
   double fa = a.gouge(), fb = b.gouge();
   ContactBound contact;
-  const bool inside = left - e >= x0 && right + e <= x1 && south - e >= y0 && north + e <= y1;
+  const bool inside = left >= x0 && right <= x1 && south >= y0 && north <= y1;
   if (inside) {
+    // Places that deviate beyond the outline have no more below them than those on it.
     double lowest = std::fmax(std::fmin(a.contact.tip_mm, rolled(a, q)),
                               std::fmin(b.contact.tip_mm, rolled(b, p)));
     if (level) lowest = -INFINITY;
-    contact = tiles.bound(left - e, right + e, south - e, north + e, lowest);
+    contact = tiles.bound(std::fmax(x0, left - e), std::fmin(x1, right + e),
+                          std::fmax(y0, south - e), std::fmin(y1, north + e), lowest);
   } else {
     // Only contacts that gouge count, and those are deeper than this.
     contact = tiles.bound(left - e, right + e, south - e, north + e, low - e);

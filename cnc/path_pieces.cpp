@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "cnc/arc_geometry.hpp"
+
 namespace maquette::cnc {
 namespace {
 
@@ -37,14 +39,24 @@ using Coordinates = std::array<double, 3>;
   return piece;
 }
 
+/// How far the spiral of a piece may be from the circle through its ends (path_pieces.hpp).
+[[nodiscard]] double circle_deviation(double radius, double radius_change, double sweep) {
+  const double pitch = radius_change / sweep;
+  return std::fmin(0.5 * radius_change,
+                   0.5 * sweep * sweep * (radius_change + 1.5 * pitch * pitch / radius));
+}
+
 void arcs(const Motion& motion, const std::function<void(const PathPiece&)>& visit) {
-  const std::size_t third = motion.plane == ArcPlane::xy ? 2 : motion.plane == ArcPlane::zx ? 1 : 0;
-  const std::size_t first = (third + 1) % 3, second = (third + 2) % 3;
+  const auto [first, second, third] = axes_of(motion.plane);
   const Coordinates a = coordinates(motion.from_mm), b = coordinates(motion.to_mm),
                     c = coordinates(motion.centre_mm);
   const double r0 = std::hypot(a[first] - c[first], a[second] - c[second]);
   const double r1 = std::hypot(b[first] - c[first], b[second] - c[second]);
-  if (a[third] != b[third] || std::abs(r1 - r0) > 2.0 * kPieceDeviation_mm) {
+  const double sweep = motion.sweep_rad, turn = std::abs(sweep);
+  const double widest = std::fmin(turn, kQuadrant);
+  const double deviation =
+      circle_deviation(std::fmin(r0, r1), std::abs(r1 - r0) * widest / turn, widest);
+  if (a[third] != b[third] || deviation > kPieceDeviation_mm) {
     for_each_chord(motion, kPieceDeviation_mm, [&](Vec3 from, Vec3 to) {
       visit({.from_mm = from, .to_mm = to, .deviation_mm = kPieceDeviation_mm});
     });
@@ -52,8 +64,7 @@ void arcs(const Motion& motion, const std::function<void(const PathPiece&)>& vis
   }
   const auto kind =
       motion.plane == ArcPlane::xy ? PathPiece::Kind::level_arc : PathPiece::Kind::vertical_arc;
-  const double begin = std::atan2(a[second] - c[second], a[first] - c[first]);
-  const double sweep = motion.sweep_rad, end = begin + sweep;
+  const double begin = std::atan2(a[second] - c[second], a[first] - c[first]), end = begin + sweep;
   const double direction = sweep > 0.0 ? 1.0 : -1.0;
   // Quadrants in the direction of the motion: phi = direction * k * 90 degrees.
   auto k = static_cast<long>(std::floor((direction * begin + kSliver_rad) / kQuadrant)) + 1;
@@ -65,14 +76,14 @@ void arcs(const Motion& motion, const std::function<void(const PathPiece&)>& vis
     if (!last) {
       const double r = r0 + (phi - begin) / sweep * (r1 - r0);
       constexpr std::array<double, 4> kCos{1.0, 0.0, -1.0, 0.0};
-      const auto turn = static_cast<std::size_t>(((k % 4) + 4) % 4);
+      const auto quarter = static_cast<std::size_t>(((k % 4) + 4) % 4);
       to = a;
-      to[first] = c[first] + r * kCos[turn];
-      to[second] = c[second] + direction * r * kCos[(turn + 3) % 4];
+      to[first] = c[first] + r * kCos[quarter];
+      to[second] = c[second] + direction * r * kCos[(quarter + 3) % 4];
     }
     if (to != from) {
       PathPiece piece = arc_piece(kind, from, to, c, first, second);
-      piece.deviation_mm = 0.5 * std::abs(r1 - r0);
+      piece.deviation_mm = deviation;
       visit(piece);
     }
     from = to;

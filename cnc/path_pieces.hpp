@@ -11,9 +11,11 @@
 /// than kPieceDeviation_mm, it becomes chords.
 ///
 /// Accuracy: every place of the motion is within `deviation_mm` of its piece, and deviation_mm is
-/// at most kPieceDeviation_mm. For pieces of at most a quadrant whose radius changes by e the
-/// circle through both ends is within e / 2: curvatures differ by at most e / r^2 (first order),
-/// over a length of at most pi r / 2.
+/// at most kPieceDeviation_mm. A piece of sweep s <= 90 degrees whose radius changes by e, the
+/// pitch p = e / s, has curvatures that differ from that of the circle through both ends by at
+/// most (e + 1.5 p^2 / r) / r^2; two curves with common ends, at most 45 degrees steep over a
+/// chord of at most s r, are then at most half of s^2 (e + 1.5 p^2 / r) apart, and never more
+/// than e / 2.
 
 #include <functional>
 

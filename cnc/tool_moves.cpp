@@ -22,12 +22,6 @@ void flat_enough(const PathPiece& piece, Visit&& visit) {
   flat_enough(part, visit);
 }
 
-template <class M>
-int number_of(const M& motion) {
-  if constexpr (requires { motion.tool; }) return motion.tool;
-  return 0;
-}
-
 }  // namespace
 
 void append_tool_moves(const Motion& motion, const Cutter& cutter, std::uint16_t cutter_index,
@@ -50,10 +44,6 @@ void append_tool_moves(const Motion& motion, const Cutter& cutter, std::uint16_t
         flat_enough(piece, push);
     });
   }
-}
-
-int tool_of(const Motion& motion) {
-  return number_of(motion);
 }
 
 double widest_mm(const Cutter& cutter) {

@@ -21,9 +21,6 @@ inline constexpr double kSolvedHeight_mm = 1e-6;
 void append_tool_moves(const Motion& motion, const Cutter& cutter, std::uint16_t cutter_index,
                        std::uint32_t motion_index, std::vector<ToolMove>& moves);
 
-/// The tool that makes the motion; 0: none was named.
-[[nodiscard]] int tool_of(const Motion& motion);
-
 /// Largest radius of cutter, shank and holder.
 [[nodiscard]] double widest_mm(const Cutter& cutter);
 

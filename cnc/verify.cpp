@@ -164,7 +164,7 @@ Result<void> Verifying::check() const {
 
 Result<std::uint16_t> Verifying::cutter_of(const Motion& motion, std::size_t program) const {
   if (options_.tools.empty()) return std::uint16_t{0};
-  const int number = tool_of(motion);
+  const int number = motion.tool;
   for (std::size_t i = 0; i < options_.tools.size(); ++i)
     if (options_.tools[i].number == number || (number == 0 && i == 0))
       return static_cast<std::uint16_t>(i);
@@ -178,7 +178,7 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
   while (begin < motions.size()) {
     MAQUETTE_TRY(const std::uint16_t cutter, cutter_of(motions[begin], program));
     std::size_t end = begin;
-    for (; end < motions.size() && tool_of(motions[end]) == tool_of(motions[begin]); ++end) {
+    for (; end < motions.size() && motions[end].tool == motions[begin].tool; ++end) {
       const Motion& m = motions[end];
       const bool rapid = m.kind == Motion::Kind::rapid;
       const double length = length_mm(m);
@@ -210,9 +210,8 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
       if (options_.with_stones != nullptr) {
         auto& stones = stone_proofs_[cutter];
         if (!stones)
-          stones = std::make_unique<PathProof>(
-              *options_.with_stones, ball,
-              PathProofOptions{.limit_mm = kStoneDepth_mm, .resolution_mm = 1e3});
+          stones = std::make_unique<PathProof>(*options_.with_stones, ball,
+                                               PathProofOptions{.limit_mm = kStoneDepth_mm});
         stones->add(some);
       }
     }

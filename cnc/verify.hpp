@@ -104,7 +104,7 @@ struct Certificate {
   /// those of the border too; max_excess_inside leaves out what is within a radius of the outline.
   double max_excess_mm = 0.0;
   double max_excess_inside_mm = 0.0, max_excess_border_mm = 0.0;
-  /// What may stand higher between the nodes that can be reached.
+  /// What may stand higher than max_excess_inside between the nodes that can be reached.
   double excess_bound_mm = 0.0;
   /// Inside: largest excess minus the scallop that the stepover states for the slope; < 0 if it
   /// is nowhere reached. NaN without a stepover.

@@ -231,6 +231,187 @@ TEST(Verify, ReachDependsOnCurvature) {
   }
 }
 
+// ---- tools, stock, stones, travel --------------------------------------------------
+
+TEST(Verify, EachToolCutsWithItsOwnShape) {
+  const ModelField design = flat_field(41, 41, 0.5, 3.0F);
+  VerifyOptions options;
+  options.tools = {{1, "flat", Cutter::flat(2.0)}, {7, "ball", Cutter::ball(1.5)}};
+  const std::string text =
+      "G0 X5.02 Y5.02 Z20\nT1 M6\nG1 Z4 F500\nX15\nG0 Z20\nT7 M6\nG0 Y12.02\nG1 Z3.5 F200\nX5\nG0 "
+      "Z20\nM2\n";
+  const auto v = verify_text({text}, design, options);
+  ASSERT_THAT(v, Succeeds());
+  const ModelField& m = v->as_milled;
+  for (std::ptrdiff_t r = 0; r < m.z_mm.rows(); ++r) {
+    const double flat = std::abs(m.y_mm(r) - 5.02), ball = std::abs(m.y_mm(r) - 12.02);
+    const double expected = flat < 2.0   ? 4.0
+                            : ball < 1.5 ? 3.5 + 1.5 - std::sqrt(2.25 - ball * ball)
+                                         : 4.0;
+    EXPECT_NEAR(m.z_mm(r, 100), std::fmin(4.0, expected), kRounding_mm) << r;
+  }
+  const Certificate& c = v->certificate;
+  ASSERT_EQ(c.tools.size(), 2U);
+  EXPECT_EQ(c.tools[1].number, 7);
+  EXPECT_NEAR(c.tools[0].cutting_length_mm, 16.0 + 9.98, 1e-9);
+  EXPECT_NEAR(c.tools[1].time_min, (16.5 + 10.0) / 200.0, 1e-9);
+  options.tools.pop_back();
+  const auto missing = verify_text({text}, design, options);
+  ASSERT_THAT(missing, FailsWith(kToolNotInTable));
+  EXPECT_THAT(missing.error().message, HasSubstr("part0.ngc:7"));
+}
+
+TEST(Verify, AFlatCutterIsProvenByWhatItLeaves) {
+  // A slope of 1 in 2, a flat end 2 mm wide along the contour, 0.3 mm clear of it.
+  ModelField design = flat_field(61, 61, 0.5, 0.0F);
+  for (std::ptrdiff_t r = 0; r < 61; ++r)
+    for (std::ptrdiff_t c = 0; c < 61; ++c)
+      design.z_mm(r, c) = static_cast<float>(0.5 * design.y_mm(r));
+  VerifyOptions options;
+  options.tools = {{1, "flat", Cutter::flat(1.0)}, {2, "ball", Cutter::ball(3.0)}};
+  std::string rough = "T1 M6\nG0 Z40\nG0 X-5 Y1\nF900\n";
+  for (int i = 0; i <= 28; ++i)
+    rough += fmt::format("G0 Y{0}\nG1 Z{1}\nX35\nG0 Z40\nX-5\n", 1.0 + i, 0.5 * (2.0 + i) + 0.3);
+  const auto v = verify_text({rough + "M2\n"}, design, options);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_EQ(v->certificate.max_gouge_mm, 0.0);
+  // A cell's diagonal times the slope is less than the allowance.
+  EXPECT_EQ(v->certificate.bound_mm, 0.0);
+  EXPECT_FALSE(v->certificate.path.has_value());
+  // Finished by a ball, what the flat end did is still known to be harmless.
+  const double along = 3.0 * (std::sqrt(1.25) - 1.0);
+  std::string finish = "T2 M6\n";
+  for (int i = 0; i <= 50; ++i)
+    finish += fmt::format("G0 Y{0:.4f}\nG1 Z{1:.5f}\nX35\nG0 Z40\nX-5\n", 2.0 + 0.5 * i,
+                          0.5 * (2.0 + 0.5 * i) + along - 0.002);
+  const auto both = verify_text({rough + finish + "M2\n"}, design, options);
+  ASSERT_THAT(both, Succeeds());
+  EXPECT_NEAR(both->certificate.max_gouge_mm, 0.002, 1e-4);
+  EXPECT_LE(both->certificate.max_gouge_mm + both->certificate.bound_mm, 0.0051);
+  // The same flat cuts 0.2 mm lower may gouge between the cells: told as a bound.
+  std::string low = rough;
+  for (std::size_t at = 0; (at = low.find("\nG1 Z", at)) != std::string::npos; ++at) {
+    const double z = std::stod(low.substr(at + 5));
+    low.replace(at + 5, low.find('\n', at + 1) - at - 5, fmt::format("{:.4f}", z - 0.29));
+  }
+  const auto near = verify_text({low + "M2\n"}, design, options);
+  ASSERT_THAT(near, Succeeds());
+  EXPECT_EQ(near->certificate.max_gouge_mm, 0.0);
+  EXPECT_NEAR(near->certificate.bound_mm, 0.5 * std::sqrt(2.0) * 0.1 - 0.06, 1e-3)
+      << "the last node under the end's rim is 0.1 mm, so 0.05 mm of height, inside it";
+}
+
+TEST(Verify, StartsFromWhatAnEarlierOperationLeft) {
+  const ModelField design = flat_field(41, 41, 0.5, 3.0F);
+  const std::string low = flat_passes(0, 20, 0, 10, 0.5, 3.0);
+  const std::string high = flat_passes(0, 20, 10, 20, 0.5, 3.0);
+  const auto first = verify_text({low}, design);
+  ASSERT_THAT(first, Succeeds());
+  VerifyOptions options;
+  options.stock = &first->as_milled;
+  const auto second = verify_text({high}, design, options);
+  const auto both = verify_text({low, high}, design);
+  ASSERT_TRUE(second && both);
+  EXPECT_EQ(second->as_milled.z_mm, both->as_milled.z_mm);
+  // A stock that does not reach everywhere: a flat top beside it.
+  ModelField half = flat_field(11, 41, 0.5, 3.25F);
+  half.z_mm(3, 3) = NAN;
+  options.stock = &half;
+  options.stock_top = Millimetres{5.0};
+  const auto third = verify_text({"G0 X10 Y18 Z20\nG1 Z4 F9\nM2\n"}, design, options);
+  ASSERT_THAT(third, Succeeds());
+  EXPECT_EQ(third->as_milled.z_mm(30, 100), 3.25F);
+  EXPECT_EQ(third->as_milled.z_mm(15, 15), 5.0F) << "a void";
+  EXPECT_EQ(third->as_milled.z_mm(100, 10), 5.0F);
+}
+
+TEST(Verify, HoldersStonesAndTravel) {
+  const ModelField design = flat_field(41, 41, 0.5, 3.0F);
+  ModelField stones = design;
+  stones.z_mm(20, 20) = 6.0F;  // at (10, 10)
+  const std::string text = "G0 X2 Y10 Z12\nG1 Z3 F100\nX18\nY12\nX2\nG0 Z12\nM2\n";
+  VerifyOptions options;
+  options.stock_top = Millimetres{9.0};
+  options.with_stones = &stones;
+  options.travel_x = Millimetres{15.0};
+  options.travel_y = Millimetres{15.0};
+  Cutter cutter = Cutter::ball(3.0);
+  cutter.holder = {{5.0, 30.0, 8.0, 8.0}};
+  options.tools = {{0, "short", cutter}};
+  const auto v = verify_text({text}, design, options);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_EQ(v->certificate.stone_collisions, 2U) << "one pass over it, one 2 mm beside";
+  EXPECT_EQ(v->certificate.holder_collisions, 5U) << "5 mm into 6 mm of stock, the retreat too";
+  ASSERT_FALSE(v->certificate.first_holder_collisions.empty());
+  EXPECT_EQ(v->certificate.first_holder_collisions[0].line, 2U);
+  EXPECT_EQ(v->certificate.beyond_travel, "x");
+  options.stock_top = Millimetres{7.5};
+  options.with_stones = nullptr;
+  const auto lower = verify_text({text}, design, options);
+  ASSERT_THAT(lower, Succeeds());
+  EXPECT_EQ(lower->certificate.holder_collisions, 0U);
+  EXPECT_EQ(lower->certificate.stone_collisions, 0U);
+}
+
+TEST(Verify, AirAndEngagement) {
+  const ModelField design = flat_field(41, 81, 0.5, 3.0F);
+  // A groove 0.5 mm deep across the stock, back in it, and above it.
+  const auto v = verify_text({"G0 X-10 Y10.03 Z20\nG1 Z3.5 F600\nX50\nX-10\nZ8\nX50\nM2\n"}, design,
+                             {.stock_top = Millimetres{4.0}});
+  ASSERT_THAT(v, Succeeds());
+  const Engagement& e = v->certificate.engagement;
+  EXPECT_NEAR(e.cutting_length_mm, 16.5 + 60 + 60 + 4.5 + 60, 1e-9);
+  EXPECT_NEAR(e.air_length_mm, e.cutting_length_mm - 60.0, 1e-9) << "all but the first pass";
+  const double half = std::sqrt(9.0 - 6.25), section = 9.0 * std::acos(2.5 / 3.0) - half * 2.5;
+  EXPECT_NEAR(e.removed_mm3, 40.0 * section, 0.01 * 40.0 * section);
+  EXPECT_NEAR(e.largest_mm2, section * 40.0 / 60.0, 0.01);
+  EXPECT_NEAR(e.largest_rate_mm3_min, 600.0 * e.largest_mm2, 1e-9);
+  EXPECT_NEAR(e.length_by_class_mm[4], 60.0, 1e-9) << "0.3 to 1 mm^2";
+}
+
+// A slope of 45 degrees along the passes: their spacing in plan is that on the surface.
+TEST(Verify, ScallopsBySlopeAndBorderApart) {
+  ModelField design = flat_field(81, 81, 0.5, 0.0F);
+  for (std::ptrdiff_t r = 0; r < 81; ++r)
+    for (std::ptrdiff_t c = 0; c < 81; ++c) design.z_mm(r, c) = static_cast<float>(design.y_mm(r));
+  const double lift = 3.0 * (std::sqrt(2.0) - 1.0);
+  std::string text = "G0 Z60\nF900\n";
+  for (int i = 0; i <= 80; ++i)  // level passes, across the slope, inside the outline alone
+    text += fmt::format("G0 X0 Y{0:.4f}\nG1 Z{1:.6f}\nX40\nG0 Z60\n", 0.5 * i, 0.5 * i + lift);
+  const auto v = verify_text({text + "M2\n"}, design, {.stepover = Millimetres{0.5}});
+  ASSERT_THAT(v, Succeeds());
+  const Certificate& c = v->certificate;
+  // The ball touches the slope 3 / sqrt 2 north of its axis; how high it stands beside there.
+  const double touch = 3.0 / std::sqrt(2.0);
+  const auto over = [&](double north) {
+    return touch - std::sqrt(9.0 - std::pow(touch + north, 2)) - north;
+  };
+  std::vector<double> at_nodes;  // of the five rows between two passes
+  for (int i = 0; i < 5; ++i) {
+    const double north = std::remainder(0.1 * i - touch, 0.5);
+    at_nodes.push_back(std::fmin(over(north), over(north + (north < 0.0 ? 0.5 : -0.5))));
+  }
+  std::sort(at_nodes.begin(), at_nodes.end());
+  const double half = 0.25 * std::sqrt(2.0);
+  const double stated = (3.0 - std::sqrt(9.0 - half * half)) * std::sqrt(2.0);
+  EXPECT_NEAR(c.max_excess_inside_mm, at_nodes[4], kRounding_mm);
+  EXPECT_NEAR(c.max_excess_over_scallop_mm, at_nodes[4] - stated, kRounding_mm);
+  // Between the rows the ridge is where both passes leave the same.
+  double ridge = 0.0;
+  for (int i = 0; i <= 1000; ++i)
+    ridge = std::fmax(ridge, std::fmin(over(0.0005 * i), over(0.0005 * i - 0.5)));
+  EXPECT_GT(c.max_excess_inside_mm + c.excess_bound_mm, ridge);
+  EXPECT_LT(c.max_excess_inside_mm + c.excess_bound_mm, 2.0 * ridge);
+  // At the lower edge the ball would have to stand outside the outline to touch.
+  EXPECT_GT(c.max_excess_border_mm, 0.5);
+  EXPECT_EQ(c.max_excess_mm, c.max_excess_border_mm);
+  ASSERT_EQ(c.scallops.size(), 1U);
+  EXPECT_EQ(c.scallops[0].from_deg, 45.0);
+  // Heights normal to the surface, in bins of 0.2 um.
+  EXPECT_NEAR(c.scallops[0].p99_mm, at_nodes[4] / std::sqrt(2.0), 0.0002);
+  EXPECT_NEAR(c.scallops[0].median_mm, at_nodes[2] / std::sqrt(2.0), 0.0002);
+}
+
 // ---- the bound -------------------------------------------------------------
 
 class VerifyBound : public testing::TestWithParam<int> {};

@@ -18,6 +18,7 @@
 
 #include "cnc/rest.hpp"
 
+#include <map>
 #include <numbers>
 #include <stop_token>
 
@@ -126,6 +127,32 @@ TEST(RestMap, NoBallFindsALowerPlace) {
   }
   // The claim for slopes up to 60 degrees.
   EXPECT_LE(worst, 0.005);
+
+  // Nor does the map: dense places around some nodes, denser around the best of them.
+  int judged = 0;
+  for (std::ptrdiff_t k = 0; k < 61 * 61 && judged < 30; k += 7) {
+    const std::ptrdiff_t r = k / 61, c = k % 61;
+    const auto mapped = static_cast<double>(map->remaining.z_mm(r, c));
+    if (mapped <= 0.03 || std::min({r, c, 60 - r, 60 - c}) < 6) continue;
+    ++judged;
+    double least = INFINITY, at_x = design.x_mm(c), at_y = design.y_mm(r);
+    for (const double step : {0.25, 0.05, 0.01, 0.002}) {
+      const double x = at_x, y = at_y;
+      for (int i = -10; i <= 10; ++i)
+        for (int j = -10; j <= 10; ++j) {
+          const double px = x + step * j, py = y + step * i;
+          const double q =
+              R * R - std::pow(px - design.x_mm(c), 2) - std::pow(py - design.y_mm(r), 2);
+          if (q < 0.0) continue;
+          const double here = cutter.drop(px, py).tip_mm + R - std::sqrt(q) -
+                              static_cast<double>(design.z_mm(r, c));
+          if (here < least) least = here, at_x = px, at_y = py;
+        }
+    }
+    EXPECT_NEAR(mapped, least, 0.005) << r << " " << c;
+    EXPECT_GE(mapped, least - 1e-4);
+  }
+  EXPECT_EQ(judged, 30);
 }
 
 TEST(RestMap, NothingStaysWhereTheBallFits) {
@@ -209,6 +236,30 @@ TEST_P(RestGround, TakesWhatTheFirstBallLeftAndNothingElse) {
         EXPECT_LE(z, h + static_cast<double>(best->remaining.z_mm(r, c)) + ridge)
             << design.x_mm(c) << " " << design.y_mm(r);
       }
+    }
+  // All of it: rows pass every node within reach of one where something stays.
+  std::map<std::int64_t, std::vector<std::pair<double, double>>> cut;  // row: from, to
+  ToolPosition at = path.start;
+  for (const PathMove& m : path.moves) {
+    if (m.kind == PathMove::Kind::line && m.to.y == at.y)
+      cut[at.y].push_back(std::minmax(mm_of_ticks(at.x), mm_of_ticks(m.to.x)));
+    at = m.to;
+  }
+  for (std::ptrdiff_t r = 0; r < design.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < design.z_mm.cols(); ++c) {
+      bool wanted = false;
+      const auto n = static_cast<std::ptrdiff_t>((small + o.overlap_mm) / design.spacing.value());
+      for (std::ptrdiff_t i = -n; i <= n; ++i)
+        for (std::ptrdiff_t j = -n; j <= n; ++j)
+          wanted =
+              wanted || (i * i + j * j <= n * n && map->remaining.z_mm.contains(r + i, c + j) &&
+                         map->remaining.z_mm(r + i, c + j) > 0.05F);
+      const auto row = cut.lower_bound(std::llround((design.y_mm(r) - 1e-6) * 1e4));
+      if (!wanted || row == cut.end() || mm_of_ticks(row->first) > design.y_mm(r) + 0.2) continue;
+      bool passed = false;
+      for (const auto& [from, to] : row->second)
+        passed = passed || (design.x_mm(c) >= from - 1e-3 && design.x_mm(c) <= to + 1e-3);
+      EXPECT_TRUE(passed) << design.x_mm(c) << " " << design.y_mm(r);
     }
   // Only there: every place is within reach of a node where something stays.
   for (const PathMove& m : path.moves) {

@@ -39,11 +39,11 @@ Json path_json(const PathCertificate& path) {
           {"gouges", gouges}};
 }
 
-Json engagement_json(const Engagement& e) {
+Json engagement_json(const EngagementFigures& e) {
   Json classes = Json::array();
-  for (std::size_t i = 0; i < Engagement::kFrom_mm2.size(); ++i)
+  for (std::size_t i = 0; i < EngagementFigures::kFrom_mm2.size(); ++i)
     classes.push_back(
-        {{"from_mm2", Engagement::kFrom_mm2[i]}, {"length_mm", e.length_by_class_mm[i]}});
+        {{"from_mm2", EngagementFigures::kFrom_mm2[i]}, {"length_mm", e.length_by_class_mm[i]}});
   return {{"air_share", e.cutting_length_mm > 0.0 ? e.air_length_mm / e.cutting_length_mm : 0.0},
           {"air_length_mm", e.air_length_mm},
           {"removed_mm3", e.removed_mm3},

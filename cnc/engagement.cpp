@@ -6,8 +6,8 @@
 
 namespace maquette::cnc {
 
-void Engagement::add(double length_mm, double removed_volume_mm3, double feed_mm_min,
-                     double cell_mm) {
+void EngagementFigures::add(double length_mm, double removed_volume_mm3, double feed_mm_min,
+                            double cell_mm) {
   cutting_length_mm += length_mm;
   removed_mm3 += removed_volume_mm3;
   if (!(removed_volume_mm3 > 0.0)) {

@@ -15,7 +15,7 @@
 
 namespace maquette::cnc {
 
-struct Engagement {
+struct EngagementFigures {
   double cutting_length_mm = 0.0;
   double air_length_mm = 0.0;
   double removed_mm3 = 0.0;  ///< rapids included

@@ -32,8 +32,8 @@
 /// What does not: it is rounded to cells. Beside a slope up to half a diagonal of a cell, sideways,
 /// stays on in addition; a slot less than a cell wider than the cutter is not entered.
 ///
-/// Cost. A cutter location a cell; each level: a few operations a cell. 2 m x 2 m, cells of 1 mm, 20
-/// levels: 40 s of one core's time, 160 MiB. Same bytes for any number of threads.
+/// Cost. A cutter location a cell; each level: a few operations a cell. 2 m x 2 m, cells of 1 mm,
+/// 20 levels: 40 s of one core's time, 160 MiB. Same bytes for any number of threads.
 
 #include <cmath>
 

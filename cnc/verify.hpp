@@ -121,7 +121,7 @@ struct Certificate {
   std::uint64_t stone_collisions = 0;   ///< moves that met a stone
   /// The first of each kind, at most 10.
   std::vector<MotionPlace> first_rapid_collisions{}, first_holder_collisions{};
-  Engagement engagement{};
+  EngagementFigures engagement{};
   std::uint64_t blocks = 0, moves = 0;
   double cutting_length_mm = 0.0, rapid_length_mm = 0.0;
   double time_min = 0.0;  ///< cutting length over feed, and dwells; rapids take no time

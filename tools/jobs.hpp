@@ -14,6 +14,7 @@
 #include "camera/render.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/roughing.hpp"
+#include "cnc/verify.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "meshing/bands.hpp"
@@ -86,11 +87,11 @@ struct MillJob {
                                          const RunContext& run);
 
 struct VerifyJob {
-  std::vector<fs::path> programs;
+  std::vector<fs::path> programs;  ///< where one is split, its first part stands for all
   fs::path design;
   std::optional<fs::path> stones, mesh;  ///< with both: gouge against the mesh is checked too
-  Millimetres ball_diameter{6.0};
-  Millimetres cell{0.1};
+  std::optional<fs::path> stock;         ///< model field: what an earlier operation left
+  cnc::VerifyOptions options;            ///< its stock and stones are read from the files above
   std::optional<Millimetres> max_gouge;  ///< unmet if exceeded, bound included
 };
 /// certificate.json, as_milled.tif, excess.png.

@@ -37,13 +37,35 @@ Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled
   return deepest;
 }
 
+/// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
+std::vector<fs::path> parts_of(const fs::path& program) {
+  std::vector<fs::path> parts{program};
+  for (int k = 2;; ++k) {
+    const fs::path next = program.parent_path() / fmt::format("{}_{}{}", program.stem().string(), k,
+                                                              program.extension().string());
+    if (!fs::exists(next)) return parts;
+    parts.push_back(next);
+  }
+}
+
 }  // namespace
 
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
-  cnc::VerifyOptions options;
-  options.ball_diameter = job.ball_diameter;
-  options.cell = job.cell;
+  cnc::VerifyOptions options = job.options;
+  heightmap::ModelField stock;
+  if (job.stock) {
+    MAQUETTE_TRY(stock, heightmap::read_model_field(*job.stock));
+    options.stock = &stock;
+  }
+  heightmap::ModelField stones_on_design;
+  if (job.stones) {
+    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
+    stones_on_design = meshing::with_stones(design, plan);
+  }
+  std::vector<fs::path> programs;
+  for (const fs::path& program : job.programs)
+    for (fs::path& part : parts_of(program)) programs.push_back(std::move(part));
   JobResult result;
   result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   // Excess (red) and gouge (blue) on the design's own nodes.
@@ -65,15 +87,13 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         excess(row / k, c) = heights[static_cast<std::size_t>(c * k)] - design.z_mm(row / k, c);
     return writer->write_row(heights);
   };
-  MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, design, options, rows, run));
+  MAQUETTE_TRY(const auto certificate, cnc::verify(programs, design, options, rows, run));
   MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
   if (job.mesh && job.stones) {
-    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
     MAQUETTE_TRY(const auto mesh, meshing::read_mesh(*job.mesh));
-    MAQUETTE_TRY(
-        figures["max_gouge_against_mesh_mm"],
-        gouge_against_mesh(mesh, result.outputs[1], design, meshing::with_stones(design, plan)));
+    MAQUETTE_TRY(figures["max_gouge_against_mesh_mm"],
+                 gouge_against_mesh(mesh, result.outputs[1], design, stones_on_design));
   }
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], figures.dump(1)));
   MAQUETTE_TRY_VOID(
@@ -86,9 +106,15 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         "gouge of up to {:.4f} mm ({:.4f} found, {:.4f} may be unseen) is "
         "above the limit of {:.4f} mm",
         gouge + certificate.bound_mm, gouge, certificate.bound_mm, job.max_gouge->value());
-  if (certificate.rapid_collisions > 0)
-    result.unmet += fmt::format("{}{} rapid moves touch material", result.unmet.empty() ? "" : "; ",
-                                certificate.rapid_collisions);
+  const auto unmet = [&](bool is, const std::string& what) {
+    if (is) result.unmet += (result.unmet.empty() ? "" : "; ") + what;
+  };
+  unmet(certificate.rapid_collisions > 0,
+        fmt::format("{} rapid moves touch material", certificate.rapid_collisions));
+  unmet(certificate.holder_collisions > 0,
+        fmt::format("holder or shank meets material in {} moves", certificate.holder_collisions));
+  unmet(!certificate.beyond_travel.empty(),
+        fmt::format("the machine cannot travel as far along {}", certificate.beyond_travel));
   result.figures_json = figures.dump();
   result.note =
       fmt::format("gouge {:.1f} um (+{:.1f} bound), excess {:.1f} um where reachable", 1e3 * gouge,

@@ -359,7 +359,7 @@ TEST(Verify, AirAndEngagement) {
   const auto v = verify_text({"G0 X-10 Y10.03 Z20\nG1 Z3.5 F600\nX50\nX-10\nZ8\nX50\nM2\n"}, design,
                              {.stock_top = Millimetres{4.0}});
   ASSERT_THAT(v, Succeeds());
-  const Engagement& e = v->certificate.engagement;
+  const EngagementFigures& e = v->certificate.engagement;
   EXPECT_NEAR(e.cutting_length_mm, 16.5 + 60 + 60 + 4.5 + 60, 1e-9);
   EXPECT_NEAR(e.air_length_mm, e.cutting_length_mm - 60.0, 1e-9) << "all but the first pass";
   const double half = std::sqrt(9.0 - 6.25), section = 9.0 * std::acos(2.5 / 3.0) - half * 2.5;

@@ -153,8 +153,8 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
 Command add_verify(CLI::App& root, const CommonOptions&) {
   struct Options {
     std::vector<fs::path> programs;
-    fs::path design, out = "verify";
-    double ball_mm = 6.0, cell_mm = 0.1, max_gouge_mm = -1.0;
+    fs::path design, out = "verify", stock;
+    double ball_mm = 6.0, cell_mm = 0.1, max_gouge_mm = -1.0, stepover_mm = NAN;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
@@ -167,16 +167,18 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
   app->add_option("--out", o->out, "folder")->capture_default_str();
   app->add_option("--ball-diameter-mm", o->ball_mm, "")->capture_default_str();
   app->add_option("--cell-mm", o->cell_mm, "grid of the simulated stock")->capture_default_str();
+  app->add_option("--stock", o->stock, "model field (.tif): what an earlier operation left");
+  app->add_option("--stepover-mm", o->stepover_mm, "to compare excess with the scallop it states");
   app->add_option("--max-gouge-mm", o->max_gouge_mm,
                   "ends with exit code 1 if exceeded, bound included");
   return {app, [o](Console& console) {
-            VerifyJob job{o->programs,
-                          o->design,
-                          std::nullopt,
-                          std::nullopt,
-                          Millimetres{o->ball_mm},
-                          Millimetres{o->cell_mm},
-                          std::nullopt};
+            VerifyJob job;
+            job.programs = o->programs;
+            job.design = o->design;
+            job.stock = given(o->stock);
+            job.options.ball_diameter = Millimetres{o->ball_mm};
+            job.options.cell = Millimetres{o->cell_mm};
+            job.options.stepover = Millimetres{o->stepover_mm};
             if (o->max_gouge_mm >= 0.0) job.max_gouge = Millimetres{o->max_gouge_mm};
             return finish(console, "verify",
                           [&](const RunContext& run) { return verify_job(job, o->out, run); });

@@ -164,14 +164,47 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   if (site.roughing) stages.push_back(std::move(rough_stage));
   stages.push_back(std::move(mill_stage));
 
+  VerifyJob cut;
+  cut.design = design;
+  const auto machine = *cnc::find_machine(site.machine);
+  cut.options.travel_x = Millimetres{machine.travel_mm.x};
+  cut.options.travel_y = Millimetres{machine.travel_mm.y};
+  cut.options.travel_z = Millimetres{machine.travel_mm.z};
+  const fs::path roughed = here / "rough" / "as_milled.tif";
+  if (site.roughing) {
+    // Tenths are left on: nodes of the design are fine enough.
+    VerifyJob rough = cut;
+    const double margin_mm = site.stock_margin_mm;
+    rough.programs = rough_programs;
+    rough.options.cell = Millimetres{std::min(site.spacing_mm, 0.25 * site.rough_cell_mm)};
+    const MillJob of_band = mill_of(site, scale);
+    rough.options.tools = {{of_band.rough_tool, "roughing", of_band.rough.cutter}};
+    std::vector<fs::path> inputs{design};
+    inputs.insert(inputs.end(), rough_programs.begin(), rough_programs.end());
+    stages.push_back(
+        single("verify_rough", inputs, {"rough.", "machine.", "stock."},
+               [=](const RunContext& run) mutable -> Result<JobResult> {
+                 MAQUETTE_TRY(const auto field, heightmap::read_model_field(design));
+                 rough.options.stock_top =
+                     Millimetres{static_cast<double>(heightmap::height_range(field.z_mm).max)} +
+                     Millimetres{margin_mm};
+                 return verify_job(rough, roughed.parent_path(), run);
+               }));
+    cut.stock = roughed;
+  }
+  cut.programs = programs;
+  cut.stones = stones;
+  cut.mesh = mesh;
+  cut.options.ball_diameter = Millimetres{site.ball_diameter_mm};
+  cut.options.cell = Millimetres{site.verify_cell_mm};
+  cut.options.stepover = Millimetres{site.stepover_mm};
+  cut.max_gouge = Millimetres{site.max_gouge_mm};
   std::vector<fs::path> verify_inputs{design, stones, mesh};
+  if (site.roughing) verify_inputs.push_back(roughed);
   verify_inputs.insert(verify_inputs.end(), programs.begin(), programs.end());
-  stages.push_back(
-      single("verify", verify_inputs, {"cutter.", "verify."}, [=, &site](const RunContext& run) {
-        return verify_job({programs, design, stones, mesh, Millimetres{site.ball_diameter_mm},
-                           Millimetres{site.verify_cell_mm}, Millimetres{site.max_gouge_mm}},
-                          here, run);
-      }));
+  stages.push_back(single("verify", verify_inputs,
+                          {"cutter.", "verify.", "mill.stepover", "machine."},
+                          [=](const RunContext& run) { return verify_job(cut, here, run); }));
 
   Stage export_stage{name + ".export", {}};
   for (const std::string& format : site.export_formats)

@@ -44,6 +44,10 @@ ReaderResult open_source(ByteSource source, const CloudReadOptions& options) {
   MAQUETTE_TRY_VOID(check_unit(path, options.unit_mm));
   const std::string extension = extension_of(path);
   if (extension == ".e57") return open_e57(std::move(source), options);
+  if (extension == ".las") return open_las(std::move(source), options);
+  if (extension == ".pcd") return open_pcd(std::move(source), options);
+  if (extension == ".pts") return open_pts(std::move(source), options);
+  if (extension == ".ptx") return open_ptx(std::move(source), options);
   if (extension == ".ply") return open_ply(std::move(source), options);
   if (extension == ".csv" || is_text(extension))
     return open_text(std::move(source), options, extension == ".csv");
@@ -63,6 +67,10 @@ Result<std::unique_ptr<CloudWriter>> create_cloud(const std::filesystem::path& p
   MAQUETTE_TRY_VOID(check_unit(path, options.unit_mm));
   const std::string extension = extension_of(path);
   if (extension == ".e57") return detail::create_e57(path, options);
+  if (extension == ".las") return detail::create_las(path, options);
+  if (extension == ".pcd") return detail::create_pcd(path, options);
+  if (extension == ".pts") return detail::create_pts(path, options);
+  if (extension == ".ptx") return detail::create_ptx(path, options);
   if (extension == ".ply") return detail::create_ply(path, options);
   if (extension == ".csv" || is_text(extension))
     return detail::create_text(path, options, extension == ".csv");

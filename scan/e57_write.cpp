@@ -161,7 +161,10 @@ class E57Writer final : public CloudWriter {
       };
       const bool positioned = b.has_position(i);
       Vec3 p = b.points_mm[i];
-      if (new_from_old_) p = positioned ? new_from_old_->point(p) : new_from_old_->direction(p);
+      if ((flags & kNoPosition) != 0)
+        p = {};
+      else if (new_from_old_)
+        p = positioned ? new_from_old_->point(p) : new_from_old_->direction(p);
       if (positioned) {
         p = {p.x / 1000.0, p.y / 1000.0, p.z / 1000.0};
         w.bounds_m.add(p);

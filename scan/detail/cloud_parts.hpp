@@ -128,6 +128,10 @@ class BasicReader : public CloudReader {
 
 using ReaderResult = Result<std::unique_ptr<CloudReader>>;
 [[nodiscard]] ReaderResult open_e57(ByteSource source, const CloudReadOptions& options);
+[[nodiscard]] ReaderResult open_las(ByteSource source, const CloudReadOptions& options);
+[[nodiscard]] ReaderResult open_pcd(ByteSource source, const CloudReadOptions& options);
+[[nodiscard]] ReaderResult open_pts(ByteSource source, const CloudReadOptions& options);
+[[nodiscard]] ReaderResult open_ptx(ByteSource source, const CloudReadOptions& options);
 [[nodiscard]] ReaderResult open_ply(ByteSource source, const CloudReadOptions& options);
 [[nodiscard]] ReaderResult open_text(ByteSource source, const CloudReadOptions& options,
                                      bool is_csv);
@@ -186,6 +190,14 @@ void check_batch(const CloudFields& fields, const PointBatch& batch);
 
 using WriterResult = Result<std::unique_ptr<CloudWriter>>;
 [[nodiscard]] WriterResult create_e57(const std::filesystem::path& path,
+                                      const CloudWriteOptions& options);
+[[nodiscard]] WriterResult create_las(const std::filesystem::path& path,
+                                      const CloudWriteOptions& options);
+[[nodiscard]] WriterResult create_pcd(const std::filesystem::path& path,
+                                      const CloudWriteOptions& options);
+[[nodiscard]] WriterResult create_pts(const std::filesystem::path& path,
+                                      const CloudWriteOptions& options);
+[[nodiscard]] WriterResult create_ptx(const std::filesystem::path& path,
                                       const CloudWriteOptions& options);
 /// @param scalar  one more float per point: name of the property; its values are `values`, in the
 ///                order of the points written

@@ -478,6 +478,12 @@ TEST(E57, HoldsWhatPointsLack) {
   const auto back = stream_in(folder / "a.e57");
   ASSERT_THAT(back, Succeeds());
   expect_same(cloud, *back, 0.0);
+  // What stands where nothing came back does not matter.
+  cloud.points[0].points_mm[2] = {1e300, NAN, 0.0};
+  CloudWriteOptions steps;
+  steps.e57_step_mm = 0.001;
+  ASSERT_THAT(stream_out(cloud, folder / "a.e57", steps), Succeeds());
+  EXPECT_EQ(stream_in(folder / "a.e57")->points[0].points_mm[2], Vec3{});
 }
 
 TEST(E57, PacksCoordinatesIntoSteps) {

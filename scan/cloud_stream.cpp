@@ -81,6 +81,7 @@ Result<CloudInfo> inspect_cloud(const std::filesystem::path& path, const CloudRe
                                 const RunContext& run) {
   MAQUETTE_TRY(const auto reader, open_cloud(path, options));
   CloudInfo info;
+  std::vector<std::uint64_t> records;
   PointBatch batch;
   while (true) {
     if (run.stopped())
@@ -88,6 +89,8 @@ Result<CloudInfo> inspect_cloud(const std::filesystem::path& path, const CloudRe
     run.progress(reader->progress());
     MAQUETTE_TRY(const bool more, reader->next(batch));
     if (!more) break;
+    records.resize(reader->stations().size());
+    records[batch.station] += batch.size();
     const RigidTransform& pose = reader->stations()[batch.station].model_from_station;
     for (std::size_t i = 0; i < batch.size(); ++i) {
       if (!batch.has_position(i)) {
@@ -100,6 +103,7 @@ Result<CloudInfo> inspect_cloud(const std::filesystem::path& path, const CloudRe
   }
   info.format = reader->format();
   info.stations = reader->stations();
+  for (std::size_t k = 0; k < records.size(); ++k) info.stations[k].points = records[k];
   info.images = reader->images();
   return info;
 }

@@ -145,7 +145,7 @@ class CloudWriter {
 /// A look at a whole file in constant memory.
 struct CloudInfo {
   std::string format;
-  std::vector<ScanStation> stations;
+  std::vector<ScanStation> stations;  ///< `points`: records met, also where the file states none
   std::vector<CloudImage> images;
   std::uint64_t points = 0;  ///< with position
   std::uint64_t without_position = 0;

@@ -310,6 +310,12 @@ TEST_F(CommandLine, InfoAndDoctorAnswer) {
   const auto info = run("info --json " + design().string());
   ASSERT_EQ(info.exit_code, 0) << info.err;
   EXPECT_EQ(json::parse(info.out)["nodes"], json({41, 41}));
+  std::ofstream(scratch / "a.pts") << "2\n1 2 3\n4 5 6\n1\n0 0 0\n";  // metres
+  const auto cloud = run("info --json " + (scratch / "a.pts").string());
+  ASSERT_EQ(cloud.exit_code, 0) << cloud.err;
+  EXPECT_EQ(json::parse(cloud.out)["points"], 3);
+  EXPECT_EQ(json::parse(cloud.out)["max_mm"], json({4000.0, 5000.0, 6000.0}));
+  EXPECT_EQ(json::parse(cloud.out)["stations"].size(), 2U);
   EXPECT_EQ(run("doctor --out " + out.string()).exit_code, 0);
 }
 

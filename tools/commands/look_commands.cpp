@@ -13,6 +13,7 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
+#include "scan/cloud_stream.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
 #include "tools/version.hpp"
@@ -20,6 +21,38 @@
 namespace maquette::tools {
 using nlohmann::json;
 namespace {
+
+bool is_cloud(const std::string& extension) {
+  for (const char* known : {".e57", ".ptx", ".pts", ".pcd", ".las", ".xyz", ".txt", ".asc", ".csv"})
+    if (extension == known) return true;
+  return false;
+}
+
+Result<void> describe_cloud(const fs::path& path, json& j) {
+  MAQUETTE_TRY(const auto info, scan::inspect_cloud(path));
+  j["kind"] = "point cloud (" + info.format + "), mm";
+  j["points"] = info.points;
+  j["without_position"] = info.without_position;
+  if (!info.bounds_mm.empty()) {
+    const Box3& box = info.bounds_mm;
+    j["min_mm"] = {box.min.x, box.min.y, box.min.z};
+    j["max_mm"] = {box.max.x, box.max.y, box.max.z};
+  }
+  j["stations"] = json::array();
+  for (const scan::ScanStation& s : info.stations) {
+    json station{{"points", s.points}};
+    if (!s.name.empty()) station["name"] = s.name;
+    if (!s.sensor_model.empty()) station["sensor"] = s.sensor_model;
+    if (s.rows > 0) station["rows_columns"] = {s.rows, s.columns};
+    if (s.position_mm)
+      station["position_mm"] = {s.position_mm->x, s.position_mm->y, s.position_mm->z};
+    station["intensity"] = s.fields.intensity;
+    station["colour"] = s.fields.colour;
+    j["stations"].push_back(std::move(station));
+  }
+  if (!info.images.empty()) j["images"] = info.images.size();
+  return {};
+}
 
 Result<json> describe(const fs::path& path) {
   MAQUETTE_TRY(const std::string digest, sha256_file(path));
@@ -37,19 +70,27 @@ Result<json> describe(const fs::path& path) {
     j["highest_mm"] = range.max;
     j["voids"] = range.voids;
   } else if (ext == ".ply" || ext == ".stl" || ext == ".obj") {
-    MAQUETTE_TRY(const auto mesh, meshing::read_mesh(path));
-    const Box3 box = mesh.bounds();
+    const auto mesh = meshing::read_mesh(path);
+    if (!mesh) {  // a PLY without faces is a scan
+      if (ext == ".ply" && describe_cloud(path, j)) return j;
+      return tl::unexpected(mesh.error());
+    }
+    const Box3 box = mesh->bounds();
     j["kind"] = "mesh, mm";
-    j["vertices"] = mesh.vertices_mm.size();
-    j["triangles"] = mesh.triangles.size();
+    j["vertices"] = mesh->vertices_mm.size();
+    j["triangles"] = mesh->triangles.size();
     j["min_mm"] = {box.min.x, box.min.y, box.min.z};
     j["max_mm"] = {box.max.x, box.max.y, box.max.z};
+  } else if (is_cloud(ext)) {
+    MAQUETTE_TRY_VOID(describe_cloud(path, j));
   } else if (ext == ".toml") {
     MAQUETTE_TRY(const auto site, read_site(path));
     j["kind"] = "site file";
     j["parameters"] = json::parse(site.schema.values_json());
   } else {
-    j["kind"] = "unknown to maquette info; known: .tif, .ply, .stl, .obj, site .toml";
+    j["kind"] =
+        "unknown to maquette info; known: .tif, .ply, .stl, .obj, .e57 and other clouds, site "
+        ".toml";
   }
   return j;
 }

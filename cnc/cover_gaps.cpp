@@ -4,7 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
 #include <numbers>
+#include <utility>
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -18,6 +21,7 @@ using heightmap::ModelField;
 constexpr double kTile_mm = 16.0;
 constexpr std::ptrdiff_t kBlocks = 8;  // of a tile, along each side, in the map of ridges
 constexpr int kDirections = 16;
+constexpr double kFarthestSeen = 2.0;  // of the distance allowed; all that is farther is alike
 
 struct Piece {
   std::uint32_t curve, place;
@@ -48,12 +52,19 @@ class Tile {
     };
     cols_ = count(right - x0);
     rows_ = count(top - y0);
-    at_ = Grid<Sample>(rows_ + 2 * margin_, cols_ + 2 * margin_);
-    for (std::ptrdiff_t r = 0; r < at_.rows(); ++r)
-      for (std::ptrdiff_t c = 0; c < at_.cols(); ++c) {
-        const Vec3 p = on_surface(tips, x(c), y(r));
-        at_(r, c) = {static_cast<float>(p.z), static_cast<float>(cap_)};
-      }
+    z_ = Grid<float>(rows_ + 2 * margin_, cols_ + 2 * margin_);
+    distance2_ = Grid<float>(z_.rows(), z_.cols(), static_cast<float>(cap_ * cap_));
+    for (std::ptrdiff_t r = 0; r < z_.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < z_.cols(); ++c)
+        z_(r, c) = static_cast<float>(on_surface(tips, x(c), y(r)).z);
+    first_row_ = node_row(0);
+    first_col_ = node_col(0);
+    hollow_ = Grid<float>(node_row(z_.rows() - 1) - first_row_ + 1,
+                          node_col(z_.cols() - 1) - first_col_ + 1);
+    for (std::ptrdiff_t r = 0; r < hollow_.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < hollow_.cols(); ++c)
+        hollow_(r, c) =
+            static_cast<float>(hollow_factor(tips, first_row_ + r, first_col_ + c, tool.radius_mm));
   }
 
   [[nodiscard]] double x(std::ptrdiff_t c) const {
@@ -85,21 +96,22 @@ class Tile {
       for (std::ptrdiff_t c = margin_; c < margin_ + cols_; ++c)
         if (too_far(r, c)) open.push_back({r, c});
     if (open.empty()) return;
-    cap_ = 1e3;  // only those that are open are looked at from here on
-    for (const auto& [r, c] : open) at_(r, c).distance = static_cast<float>(cap_);
+    // How far it is from what is too far matters now; the rest is done with.
+    cap_ = kFarthestSeen * limits_.distance_mm;
+    for (const auto& [r, c] : open) distance2_(r, c) = static_cast<float>(cap_ * cap_);
     for (const Piece& p : pieces) {
       const PlanCurve& curve = path[p.curve];
       const PlanPlace a = curve.places[p.place], b = curve.places[p.place + 1];
-      add_to(open, 1e-3 * a.x, 1e-3 * a.y, 1e-3 * b.x, 1e-3 * b.y);
+      add(1e-3 * a.x, 1e-3 * a.y, 1e-3 * b.x, 1e-3 * b.y);
     }
     while (!open.empty()) {
       std::array<std::ptrdiff_t, 2> farthest = open.front();
       for (const auto& [r, c] : open)
-        if (at_(r, c).distance > at_(farthest[0], farthest[1]).distance) farthest = {r, c};
+        if (distance2_(r, c) > distance2_(farthest[0], farthest[1])) farthest = {r, c};
       PlanCurve stroke = stroke_through(farthest);
       const PlanPlace a = stroke.places.front(), b = stroke.places.back();
-      add_to(open, 1e-3 * a.x, 1e-3 * a.y, 1e-3 * b.x, 1e-3 * b.y);
-      at_(farthest[0], farthest[1]).distance = 0.0F;  // whatever the rounding
+      add(1e-3 * a.x, 1e-3 * a.y, 1e-3 * b.x, 1e-3 * b.y);
+      distance2_(farthest[0], farthest[1]) = 0.0F;  // whatever the rounding
       std::erase_if(open, [&](const auto& p) { return !too_far(p[0], p[1]); });
       strokes.push_back(std::move(stroke));
     }
@@ -112,54 +124,63 @@ class Tile {
   /// Ridges of the tile itself.
   [[nodiscard]] std::array<Block, kBlocks * kBlocks> blocks() const {
     std::array<Block, kBlocks * kBlocks> found{};
-    for (std::ptrdiff_t r = 0; r < rows_; ++r)
+    const double half = 0.5 * limits_.sampling_mm;
+    const auto share = [](double offset) {
+      return std::min(kBlocks - 1, static_cast<std::ptrdiff_t>(offset / kTile_mm * kBlocks));
+    };
+    std::vector<std::ptrdiff_t> node(static_cast<std::size_t>(cols_)), block(node.size());
+    for (std::ptrdiff_t c = 0; c < cols_; ++c) {
+      node[static_cast<std::size_t>(c)] = node_col(c + margin_) - first_col_;
+      block[static_cast<std::size_t>(c)] = share(x(c + margin_) - x0_);
+    }
+    for (std::ptrdiff_t r = 0; r < rows_; ++r) {
+      const std::ptrdiff_t row = r + margin_;
+      const std::span<const float> hollow = hollow_.row(node_row(row) - first_row_);
+      const std::ptrdiff_t blocks = share(y(row) - y0_) * kBlocks;
       for (std::ptrdiff_t c = 0; c < cols_; ++c) {
-        const std::ptrdiff_t row = r + margin_, col = c + margin_;
-        const auto v = static_cast<double>(at_(row, col).distance) + 0.5 * limits_.sampling_mm;
-        const double ridge = std::min(tool_.radius_mm, ridge_mm(tool_, 2.0 * v) * hollow(row, col));
-        const auto share = [](double offset) {
-          return std::min(kBlocks - 1, static_cast<std::ptrdiff_t>(offset / kTile_mm * kBlocks));
-        };
-        Block& b =
-            found[static_cast<std::size_t>(share(y(row) - y0_) * kBlocks + share(x(col) - x0_))];
+        const auto at = static_cast<std::size_t>(c);
+        const double v = distance(row, c + margin_) + half;
+        const double ridge = std::min(
+            tool_.radius_mm, ridge_mm(tool_, 2.0 * v) *
+                                 static_cast<double>(hollow[static_cast<std::size_t>(node[at])]));
+        Block& b = found[static_cast<std::size_t>(blocks + block[at])];
         b.highest = std::max(b.highest, ridge);
         b.sum += ridge;
         ++b.samples;
         b.above += ridge > limits_.ridge_mm * (1.0 + 1e-9);
       }
+    }
     return found;
   }
 
  private:
-  struct Sample {
-    float z, distance;
-  };
-
+  [[nodiscard]] double distance(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return std::sqrt(static_cast<double>(distance2_(r, c)));
+  }
+  /// Node of the tips nearest to a sample.
+  [[nodiscard]] std::ptrdiff_t node_row(std::ptrdiff_t r) const {
+    return nearest_node(y(r) - tips_.y0.value(), tips_.z_mm.rows());
+  }
+  [[nodiscard]] std::ptrdiff_t node_col(std::ptrdiff_t c) const {
+    return nearest_node(x(c) - tips_.x0.value(), tips_.z_mm.cols());
+  }
+  [[nodiscard]] std::ptrdiff_t nearest_node(double mm, std::ptrdiff_t count) const {
+    return std::clamp<std::ptrdiff_t>(
+        static_cast<std::ptrdiff_t>(std::lround(mm / tips_.spacing.value())), 0, count - 1);
+  }
   [[nodiscard]] double hollow(std::ptrdiff_t r, std::ptrdiff_t c) const {
-    const auto node = [&](double mm, std::ptrdiff_t count) {
-      return std::clamp<std::ptrdiff_t>(
-          static_cast<std::ptrdiff_t>(std::lround(mm / tips_.spacing.value())), 0, count - 1);
-    };
-    return hollow_factor(tips_, node(y(r) - tips_.y0.value(), tips_.z_mm.rows()),
-                         node(x(c) - tips_.x0.value(), tips_.z_mm.cols()), tool_.radius_mm);
+    return static_cast<double>(hollow_(node_row(r) - first_row_, node_col(c) - first_col_));
   }
   [[nodiscard]] bool too_far(std::ptrdiff_t r, std::ptrdiff_t c) const {
     const double half = 0.5 * limits_.sampling_mm;
-    const double v = static_cast<double>(at_(r, c).distance) + half;
+    const double v = distance(r, c) + half;
     const double allowed = limits_.distance_mm + half;
     if (v > allowed) return true;
     if (!limits_.hollows_count || v * v * limits_.most_hollow <= allowed * allowed) return false;
     return v * v * std::min(limits_.most_hollow, hollow(r, c)) > allowed * allowed;
   }
 
-  [[nodiscard]] static double distance2(Vec3 p, Vec3 a, Vec3 b) {
-    const Vec3 u = b - a, w = p - a;
-    const double length2 = dot(u, u);
-    const double t = length2 > 0.0 ? std::clamp(dot(u, w) / length2, 0.0, 1.0) : 0.0;
-    const Vec3 off = w - t * u;
-    return dot(off, off);
-  }
-
+  /// Single precision, relative to the piece's start: within 1e-6 mm.
   void add(Vec3 a, Vec3 b) {
     const double per = 1.0 / limits_.sampling_mm;
     const auto first = [&](double low, double origin) {
@@ -171,33 +192,31 @@ class Tile {
           count - 1,
           static_cast<std::ptrdiff_t>(std::floor((high + cap_ - origin) * per)) + margin_);
     };
-    const std::ptrdiff_t r1 = last(std::max(a.y, b.y), y0_, at_.rows());
+    const std::ptrdiff_t r1 = last(std::max(a.y, b.y), y0_, z_.rows());
     const std::ptrdiff_t c0 = first(std::min(a.x, b.x), x0_);
-    const std::ptrdiff_t c1 = last(std::max(a.x, b.x), x0_, at_.cols());
-    for (std::ptrdiff_t r = first(std::min(a.y, b.y), y0_); r <= r1; ++r)
-      for (std::ptrdiff_t c = c0; c <= c1; ++c) {
-        Sample& s = at_(r, c);
-        const double d2 = distance2({x(c), y(r), static_cast<double>(s.z)}, a, b);
-        if (d2 < static_cast<double>(s.distance) * static_cast<double>(s.distance))
-          s.distance = static_cast<float>(std::sqrt(d2));
+    const std::ptrdiff_t count = last(std::max(a.x, b.x), x0_, z_.cols()) - c0 + 1;
+    if (count <= 0) return;
+    const Vec3 u = b - a;
+    const double length2 = dot(u, u);
+    const double per_length2 = length2 > 0.0 ? 1.0 / length2 : 0.0;
+    const auto ux = static_cast<float>(u.x), uy = static_cast<float>(u.y),
+               uz = static_cast<float>(u.z), scale = static_cast<float>(per_length2),
+               start = static_cast<float>(x(c0) - a.x), up = static_cast<float>(a.z),
+               step = static_cast<float>(limits_.sampling_mm);
+    for (std::ptrdiff_t r = first(std::min(a.y, b.y), y0_); r <= r1; ++r) {
+      const auto dy = static_cast<float>(y(r) - a.y);
+      const float* __restrict z = z_.row(r).data() + c0;
+      float* __restrict nearest = distance2_.row(r).data() + c0;
+      for (std::ptrdiff_t c = 0; c < count; ++c) {
+        const float dx = start + step * static_cast<float>(static_cast<std::int32_t>(c));
+        const float dz = z[c] - up;
+        float t = (ux * dx + uy * dy + uz * dz) * scale;
+        t = t < 0.0F ? 0.0F : t;
+        t = t > 1.0F ? 1.0F : t;
+        const float ox = dx - t * ux, oy = dy - t * uy, oz = dz - t * uz;
+        const float d2 = ox * ox + oy * oy + oz * oz;
+        nearest[c] = d2 < nearest[c] ? d2 : nearest[c];
       }
-  }
-
-  void add_to(const std::vector<std::array<std::ptrdiff_t, 2>>& open, double ax, double ay,
-              double bx, double by) {
-    const double longest = tips_.spacing.value();
-    const auto pieces =
-        std::max(1, static_cast<int>(std::ceil(std::hypot(bx - ax, by - ay) / longest)));
-    Vec3 from = on_surface(tips_, ax, ay);
-    for (int k = 1; k <= pieces; ++k) {
-      const double t = static_cast<double>(k) / pieces;
-      const Vec3 to = on_surface(tips_, ax + t * (bx - ax), ay + t * (by - ay));
-      for (const auto& [r, c] : open) {
-        Sample& s = at_(r, c);
-        const double d = std::sqrt(distance2({x(c), y(r), static_cast<double>(s.z)}, from, to));
-        s.distance = std::min(s.distance, static_cast<float>(d));
-      }
-      from = to;
     }
   }
 
@@ -245,7 +264,9 @@ class Tile {
   std::ptrdiff_t margin_;
   double x0_, y0_;
   std::ptrdiff_t rows_ = 0, cols_ = 0;
-  Grid<Sample> at_;
+  Grid<float> z_, distance2_;  // squares
+  std::ptrdiff_t first_row_ = 0, first_col_ = 0;
+  Grid<float> hollow_;  // at nodes of the tips
 };
 
 }  // namespace
@@ -284,7 +305,7 @@ GapReport cover_gaps(const ModelField& tips, BallNose tool, std::span<const Plan
   const std::ptrdiff_t cols = tiles(tips.x_mm(tips.z_mm.cols() - 1) - x0);
   const std::ptrdiff_t rows = tiles(tips.y_mm(tips.z_mm.rows() - 1) - y0);
   std::vector<std::vector<Piece>> pieces(static_cast<std::size_t>(rows * cols));
-  const double reach = 1.05 * limits.distance_mm + 2.0 * limits.sampling_mm;
+  const double reach = kFarthestSeen * limits.distance_mm + 2.0 * limits.sampling_mm;
   for (std::uint32_t k = 0; k < path.size(); ++k) {
     const std::vector<PlanPlace>& places = path[k].places;
     for (std::uint32_t i = 0; i + 1 < places.size(); ++i) {

@@ -19,8 +19,9 @@ using heightmap::ModelField;
 
 constexpr double kFarthest = 0.65;  // of a stepover, from the surface to the path
 constexpr double kSamplesAStepover = 12.0;
-constexpr double kMostSlow = 3.0;  // how much nearer curves come in hollows
-constexpr double kChordError_mm = 0.002;
+constexpr double kMostSlow = 3.0;    // how much nearer curves come in hollows
+constexpr double kMostHollow = 2.0;  // to strokes; what is sharper is a crease, not a hollow
+constexpr double kChordError_mm = 0.008;
 
 MillOptions raster_options(const GeodesicPassOptions& o) {
   MillOptions m;
@@ -79,7 +80,7 @@ Result<GeodesicPassReport> geodesic_passes(const ModelField& design,
   const bool constant_scallop = !std::isnan(options.scallop_limit.value());
   GapLimits limits;
   limits.hollows_count = constant_scallop;
-  limits.most_hollow = kMostSlow * kMostSlow;
+  limits.most_hollow = kMostHollow;
   double stepover = options.stepover.value();
   if (constant_scallop) {
     limits.ridge_mm = options.scallop_limit.value();

@@ -156,17 +156,18 @@ class Chain {
   }
   PlanCurve finish() {
     if (current_.turns > 1) append(way_);
-    reduce_to_chords(current_.places, tolerance_mm_);
     return std::move(current_);
   }
 
  private:
+  /// Reduced turn by turn: of a whole spiral that would take the square of its turns.
   void append(const std::vector<Vec2>& way) {
-    for (const Vec2& p : way) {
-      const PlanPlace place = rounded(p);
-      if (current_.places.empty() || !(current_.places.back() == place))
-        current_.places.push_back(place);
-    }
+    std::vector<PlanPlace> turn;
+    turn.reserve(way.size());
+    for (const Vec2& p : way) turn.push_back(rounded(p));
+    reduce_to_chords(turn, tolerance_mm_);
+    for (const PlanPlace& p : turn)
+      if (current_.places.empty() || !(current_.places.back() == p)) current_.places.push_back(p);
   }
   double reach_, tolerance_mm_;
   OnCurve at_;

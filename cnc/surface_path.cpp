@@ -18,8 +18,8 @@ namespace {
 
 using heightmap::ModelField;
 
-constexpr double kBeside = 4.0;         // of aimed lines, 0.001 mm
-constexpr std::int64_t kCoarsest = 12;  // the larger part of their steps, 0.001 mm
+constexpr double kBeside = 8.0;         // of aimed lines, 0.001 mm
+constexpr std::int64_t kCoarsest = 16;  // the larger part of their steps, 0.001 mm
 constexpr double kShort = 15.0;         // that they may end before their aim
 constexpr double kLongestLine = 20e3;   // 0.001 mm; longer ones are parted, to share the work
 constexpr double kDipShare = 0.2;       // as for raster passes

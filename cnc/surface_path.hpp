@@ -4,8 +4,8 @@
 /// @file surface_path.hpp
 /// Ways in plan -> moves of a ball nose along its exact cutter location, with bounds.
 ///
-/// Each straight piece of a way becomes lines on lattices with steps of at most 17 um that stay
-/// within some 8 um beside it, so that every sample is exactly on a line that a program
+/// Each straight piece of a way becomes lines on lattices with steps of at most 23 um that stay
+/// within 16 um beside it, so that every sample is exactly on a line that a program
 /// can write. Along it the cutter location is sampled and fitted (pass_sampler.hpp, fit_moves.hpp);
 /// pieces meet at their exact heights. Ways less than `kLongestCutLink_mm` apart are joined over
 /// the surface, others by rapids at the lowest safe height (linking.hpp).
@@ -44,8 +44,8 @@ struct PlanBox {
   std::int32_t bottom = left, top = right;
 };
 
-/// The line from `from` towards `to` that gets farthest, its step no more than 12 um in x and y,
-/// before it is 4 um beside or at its aim, and that stays in the box if both places do.
+/// The line from `from` towards `to` that gets farthest, its step no more than 16 um in x and y,
+/// before it is 8 um beside or at its aim, and that stays in the box if both places do.
 /// @pre the two differ
 struct AimedLine {
   LatticeLine line;

@@ -6,7 +6,7 @@
 //   level curves .............. circles and lines in closed form; every crossing used once;
 //                               orientation; chords within their tolerance
 //   spirals ................... rings become one way, its turns a stepover apart; islands do not
-//   aimed lines ............... random targets: within 4 um beside, steps exact and fine
+//   aimed lines ............... random targets: within 8 um beside, steps exact and fine
 //   stepover in space ......... turns of the path on a steep plane
 //   certified gouge ........... every move at fine steps against the exact cutter location
 //   ridges .................... brute-force envelope of the swept ball at random places against
@@ -218,14 +218,14 @@ TEST(AimedLines, StayBesideTheirAimOnFineSteps) {
     const double y = static_cast<double>(aimed.steps * aimed.line.dy) / kResolution;
     const double length = std::hypot(to.x - from.x, to.y - from.y);
     const double ux = (to.x - from.x) / length, uy = (to.y - from.y) / length;
-    EXPECT_LE(std::abs(ux * y - uy * x), length < 3.0 ? 1.5 : 4.0 + 1e-9);
+    EXPECT_LE(std::abs(ux * y - uy * x), length < 3.0 ? 1.5 : 8.0 + 1e-9);
     EXPECT_GE(length - (ux * x + uy * y), -1e-6);
     const std::int64_t coarse =
         std::max(std::abs(aimed.line.dx), std::abs(aimed.line.dy)) / kResolution;
-    EXPECT_LE(coarse, 12);
-    // Dirichlet: some q <= 12 has an angle below 1 / (12 q), and its step is at least q.
-    EXPECT_GE(std::hypot(x, y) + 17.0, std::min(length, 48.0));
-    gone += std::min(1.0, (std::hypot(x, y) + 17.0) / std::min(length, 500.0)) / 20000.0;
+    EXPECT_LE(coarse, 16);
+    // Dirichlet: some q <= 16 has an angle below 1 / (16 q), and its step is at least q.
+    EXPECT_GE(std::hypot(x, y) + 23.0, std::min(length, 128.0));
+    gone += std::min(1.0, (std::hypot(x, y) + 23.0) / std::min(length, 1000.0)) / 20000.0;
   }
   EXPECT_GE(gone, 0.8);
 }
@@ -458,6 +458,10 @@ TEST(GeodesicPasses, HoldTheScallopLimit) {
     EXPECT_LE(r.highest, allowed + cut.report.certified_excess_mm);
     EXPECT_GE(r.highest, 0.006);
     EXPECT_LE(cut.report.scallop.share_above_limit, 0.005);
+    // The curves themselves come nearer in the bowl; were it the strokes alone, they were 400.
+    if (!creased) {
+      EXPECT_LE(cut.report.strokes, 200U);
+    }
   }
 }
 

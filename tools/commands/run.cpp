@@ -111,22 +111,34 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   const std::string extension(cnc::post_by_name(site.post)->extension);
   Stage band_stage{name + ".bands", {}}, rough_stage{name + ".rough", {}},
       mill_stage{name + ".mill", {}};
-  std::vector<fs::path> rough_programs, programs;
+  // The block is roughed as a whole: a band's neighbour would stand in the way of its entries.
+  const fs::path rough_program = here / ("rough." + extension), stock = here / "rough.stock.tif";
+  const std::vector<fs::path> rough_programs{rough_program};
+  if (site.roughing)
+    rough_stage.units.push_back({name + ".rough",
+                                 {design},
+                                 values({"name", "rough.", "mill.", "machine.", "stock."}),
+                                 [=, &site](const RunContext& run) {
+                                   MillJob mill = mill_of(site, scale);
+                                   mill.design = design;
+                                   mill.strategy = "rough";
+                                   mill.finish.program_name += " rough";
+                                   return mill_job(mill, rough_program, run);
+                                 }});
+  std::vector<fs::path> programs;
   for (std::size_t b = 0; b < bands; ++b) {
     const std::string band = fmt::format("band_{:02}", b + 1);
     const fs::path solid = here / "bands" / (band + ".ply");
-    const fs::path rough = here / "bands" / fmt::format("{}_rough.{}", band, extension);
-    const fs::path stock = here / "bands" / (band + "_rough.stock.tif");
     const fs::path program = here / "bands" / fmt::format("{}.{}", band, extension);
     programs.push_back(program);
-    const auto job = [=, &site](const std::string& what) {
+    const auto job = [=, &site] {
       std::error_code ec;
       fs::create_directories(program.parent_path(), ec);
       MillJob mill = mill_of(site, scale);
       mill.design = design;
       mill.max_width = width;
       mill.band = b;
-      mill.finish.program_name += " " + band + what;
+      mill.finish.program_name += " " + band;
       return mill;
     };
     band_stage.units.push_back({fmt::format("{}.bands.{}", name, band),
@@ -138,24 +150,12 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                   return band_job(design, width, b,
                                                   Millimetres{site.base_thickness_mm}, solid, run);
                                 }});
-    if (site.roughing) {
-      rough_programs.push_back(rough);
-      rough_stage.units.push_back(
-          {fmt::format("{}.rough.{}", name, band),
-           {design},
-           values({"name", "bands.", "rough.", "mill.", "machine.", "stock."}),
-           [=](const RunContext& run) {
-             MillJob mill = job(" rough");
-             mill.strategy = "rough";
-             return mill_job(mill, rough, run);
-           }});
-    }
     std::vector<fs::path> inputs{design};
     if (site.roughing) inputs.push_back(stock);
     mill_stage.units.push_back({fmt::format("{}.mill.{}", name, band), std::move(inputs),
                                 values({"name", "bands.", "cutter.", "mill.", "machine."}),
                                 [=, &site](const RunContext& run) {
-                                  MillJob mill = job("");
+                                  MillJob mill = job();
                                   if (site.roughing) mill.stock = stock;
                                   return mill_job(mill, program, run);
                                 }});

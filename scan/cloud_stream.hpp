@@ -23,19 +23,22 @@
 /// Units   Batches are in millimetres. On disk:
 ///
 ///   format      unit           stations            what is held beside x y z
-///   E57         metres (said)  any, poses          everything; colour 8 or 16 bit
-///   PTX         metres         any, poses          grid (every cell), intensity 0 to 1, colour 8
-///   bit PTS         metres         any, without poses  intensity, colour 8 bit PCD millimetres
-///   one, position       all but flags and scan angle; colour 8 bit LAS         metres         one,
-///   no position    intensity 16 bit, colour 16 bit, time,
-///                                                  returns, scan angle
+///   E57         metres (said)  any, poses          everything but scan angle; colour 8 or 16 bit
+///   PTX         metres         any, poses          grid (every cell, column by column),
+///                                                  intensity 0 to 1, colour 8 bit
+///   PTS         metres         any, without poses  intensity -2048 to 2047, colour 8 bit
+///   PCD         millimetres    one, position       all but flags and scan angle; colour 8 bit;
+///                                                  read: NaN in a grid is kNoPosition
+///   LAS         metres         one, no position    intensity and colour 16 bit, time, returns,
+///                                                  scan angle
 ///   PLY         millimetres    one, position       all but flags; colour 8 or 16 bit
 ///   XYZ, CSV    millimetres    one, position       all but flags; colour 8 bit
 ///
 ///         Only E57 defines its unit. The others follow their makers' habit or, for PLY, PCD,
 ///         XYZ and CSV, which have none, this project's; `unit_mm` says otherwise.
-/// Memory  One batch and a few megabytes, but binary_compressed PCD is held as a whole
-///         (the format stores it column by column; 4 GiB at most).
+/// Memory  One batch and a few megabytes, but binary_compressed PCD is held as a whole: the
+///         format stores it field by field. It holds 4 GiB; writing takes up to three times
+///         its size.
 /// Safety  Files are taken as hostile: no count of a header decides how much memory is
 ///         taken or how long work goes on before the file's size has been compared with it.
 
@@ -137,8 +140,9 @@ class CloudWriter {
 ///   E57, PTX, PTS        2 ulp per coordinate, the two of conversion to metres and back
 ///   E57 with a step      half a step;  LAS half a step (and an ulp of its offset)
 ///   normals              unit length costs an ulp or two; float in E57 and PCD
-/// Intensity is float; where the format has fixed limits (PTX, LAS), the station's limits
-/// are mapped onto them.
+/// Intensity is float; where the format has fixed limits, the station's limits are mapped onto
+/// them: PTX to float, LAS and PTS to whole numbers. If a station's position is not the origin
+/// of its pose, E57 (where it must be) gets the points moved to it.
 [[nodiscard]] Result<std::unique_ptr<CloudWriter>> create_cloud(
     const std::filesystem::path& path, const CloudWriteOptions& options = {});
 

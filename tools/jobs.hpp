@@ -73,8 +73,9 @@ struct MillJob {
   /// What an earlier operation left (<program>.stock.tif): rapids then stay low over it, and
   /// roughing takes off only what is still there.
   std::optional<fs::path> stock;
-  Millimetres max_width{0.0};       ///< of bands, used with `band`
-  std::optional<std::size_t> band;  ///< index; none: the whole surface
+  Millimetres max_width{0.0};  ///< of bands, used with `band`
+  /// Of the finish: index; none: the whole surface. A block is roughed as a whole.
+  std::optional<std::size_t> band;
 };
 [[nodiscard]] const std::vector<std::string>& mill_strategies();
 
@@ -86,12 +87,18 @@ struct MillJob {
 [[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const fs::path& out,
                                          const RunContext& run);
 
+/// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
+[[nodiscard]] std::vector<fs::path> parts_of(const fs::path& program);
+
 struct VerifyJob {
-  std::vector<fs::path> programs;  ///< where one is split, its first part stands for all
+  std::vector<fs::path> programs;  ///< each file that is to be cut, in order
   fs::path design;
   std::optional<fs::path> stones, mesh;  ///< with both: gouge against the mesh is checked too
   std::optional<fs::path> stock;         ///< model field: what an earlier operation left
-  cnc::VerifyOptions options;            ///< its stock and stones are read from the files above
+  /// Its stock is read from the file above; without a top, the block ends `stock_margin` above
+  /// the highest point. Stones are glued on after milling: the cutter may pass where they will be.
+  cnc::VerifyOptions options;
+  Millimetres stock_margin{1.0};
   std::optional<Millimetres> max_gouge;  ///< unmet if exceeded, bound included
 };
 /// certificate.json, as_milled.tif, excess.png.

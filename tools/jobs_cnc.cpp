@@ -37,7 +37,8 @@ Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled
   return deepest;
 }
 
-/// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
+}  // namespace
+
 std::vector<fs::path> parts_of(const fs::path& program) {
   std::vector<fs::path> parts{program};
   for (int k = 2;; ++k) {
@@ -48,8 +49,6 @@ std::vector<fs::path> parts_of(const fs::path& program) {
   }
 }
 
-}  // namespace
-
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
   cnc::VerifyOptions options = job.options;
@@ -58,14 +57,9 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
     MAQUETTE_TRY(stock, heightmap::read_model_field(*job.stock));
     options.stock = &stock;
   }
-  heightmap::ModelField stones_on_design;
-  if (job.stones) {
-    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
-    stones_on_design = meshing::with_stones(design, plan);
-  }
-  std::vector<fs::path> programs;
-  for (const fs::path& program : job.programs)
-    for (fs::path& part : parts_of(program)) programs.push_back(std::move(part));
+  if (std::isnan(options.stock_top.value()))
+    options.stock_top = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).max)} +
+                        job.stock_margin;
   JobResult result;
   result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   // Excess (red) and gouge (blue) on the design's own nodes.
@@ -87,13 +81,15 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         excess(row / k, c) = heights[static_cast<std::size_t>(c * k)] - design.z_mm(row / k, c);
     return writer->write_row(heights);
   };
-  MAQUETTE_TRY(const auto certificate, cnc::verify(programs, design, options, rows, run));
+  MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, design, options, rows, run));
   MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
   if (job.mesh && job.stones) {
+    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
     MAQUETTE_TRY(const auto mesh, meshing::read_mesh(*job.mesh));
-    MAQUETTE_TRY(figures["max_gouge_against_mesh_mm"],
-                 gouge_against_mesh(mesh, result.outputs[1], design, stones_on_design));
+    MAQUETTE_TRY(
+        figures["max_gouge_against_mesh_mm"],
+        gouge_against_mesh(mesh, result.outputs[1], design, meshing::with_stones(design, plan)));
   }
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], figures.dump(1)));
   MAQUETTE_TRY_VOID(

@@ -7,6 +7,7 @@
 #include "cnc/gcode_reader.hpp"
 #include "cnc/path_certificate.hpp"
 #include "cnc/program.hpp"
+#include "cnc/stock_grid.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/bands.hpp"
@@ -83,24 +84,6 @@ json places_of(const cnc::PathCertificate& proof) {
 /// <program>.<what>.tif
 fs::path beside(const fs::path& program, const std::string& what) {
   return program.parent_path() / fmt::format("{}.{}.tif", program.stem().string(), what);
-}
-
-/// Squares of constant height (roughing's stock) as a surface that is nowhere below them: each
-/// node takes the highest of its neighbours. Where there is no stock, the surface lies at `floor`.
-heightmap::ModelField surface_over(const heightmap::ModelField& squares, float floor) {
-  heightmap::ModelField surface = squares;
-  const std::ptrdiff_t rows = squares.z_mm.rows(), cols = squares.z_mm.cols();
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      float highest = floor;
-      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - 1); i <= std::min(rows - 1, r + 1);
-           ++i)
-        for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, c - 1); k <= std::min(cols - 1, c + 1);
-             ++k)
-          if (squares.z_mm(i, k) > highest) highest = squares.z_mm(i, k);
-      surface.z_mm(r, c) = highest;
-    }
-  return surface;
 }
 
 Result<JobResult> raster_job(const MillJob& job, const heightmap::ModelField& design,
@@ -182,14 +165,16 @@ Result<void> check_travel(const cnc::Toolpath& path, const cnc::MillOptions& o) 
 }
 
 Result<JobResult> rough_job(const MillJob& job, const heightmap::ModelField& design,
-                            const cnc::MillOptions& o, Millimetres stock_top, const fs::path& out,
-                            const RunContext& run) {
+                            const fs::path& out, const RunContext& run) {
+  const cnc::MillOptions& o = job.finish;
   cnc::StockBox stock;
   stock.x0_mm = design.x0.value();
   stock.x1_mm = design.x_mm(design.z_mm.cols() - 1);
-  stock.y0_mm = std::isnan(o.first_y_mm) ? design.y0.value() : o.first_y_mm;
-  stock.y1_mm = std::isnan(o.last_y_mm) ? design.y_mm(design.z_mm.rows() - 1) : o.last_y_mm;
-  stock.top_mm = stock_top.value();
+  stock.y0_mm = design.y0.value();
+  stock.y1_mm = design.y_mm(design.z_mm.rows() - 1);
+  const Millimetres highest{static_cast<double>(heightmap::height_range(design.z_mm).max)};
+  stock.top_mm =
+      (std::isnan(job.stock_top.value()) ? highest + job.stock_margin : job.stock_top).value();
   cnc::RoughingOptions options = job.rough;
   options.feed_mm_min = o.feed.value();
   options.plunge_feed_mm_min = o.plunge_feed.value();
@@ -235,9 +220,8 @@ Result<JobResult> rough_job(const MillJob& job, const heightmap::ModelField& des
   JobResult result;
   result.outputs = written.files;
   result.outputs.push_back(beside(out, "stock"));
-  const auto lowest = heightmap::height_range(design.z_mm).min;
   MAQUETTE_TRY_VOID(
-      heightmap::write_model_field(surface_over(roughing.stock, lowest), result.outputs.back()));
+      heightmap::write_model_field(cnc::surface_over(roughing.stock), result.outputs.back()));
   result.figures_json = json{
       {"strategy", job.strategy},
       {"levels", report.levels},
@@ -268,10 +252,8 @@ const std::vector<std::string>& mill_strategies() {
 
 Result<JobResult> mill_job(const MillJob& job, const fs::path& out, const RunContext& run) {
   MAQUETTE_TRY(auto design, heightmap::read_model_field(job.design));
+  if (job.strategy == "rough") return rough_job(job, design, out, run);
   cnc::MillOptions options = job.finish;
-  const Millimetres highest{static_cast<double>(heightmap::height_range(design.z_mm).max)};
-  const Millimetres stock_top =
-      std::isnan(job.stock_top.value()) ? highest + job.stock_margin : job.stock_top;
   if (job.band) {
     MAQUETTE_TRY(const auto bands,
                  meshing::split_into_bands(design, meshing::BandAxis::y, job.max_width));
@@ -279,12 +261,9 @@ Result<JobResult> mill_job(const MillJob& job, const fs::path& out, const RunCon
     const meshing::Band& b = bands[*job.band];
     options.first_y_mm = design.y_mm(b.first);
     options.last_y_mm = design.y_mm(b.last);
-    // The cutter feels the neighbours as far as it reaches.
-    const double reach =
-        job.strategy == "rough" ? 4.0 * job.rough.cutter.radius_mm : options.ball_diameter.value();
-    design = meshing::band_field(design, b, Millimetres{reach});
+    // The cutter feels the neighbours as far as its radius reaches.
+    design = meshing::band_field(design, b, options.ball_diameter);
   }
-  if (job.strategy == "rough") return rough_job(job, design, options, stock_top, out, run);
   return raster_job(job, design, options, out, run);
 }
 

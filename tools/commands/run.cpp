@@ -113,7 +113,6 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
       mill_stage{name + ".mill", {}};
   // The block is roughed as a whole: a band's neighbour would stand in the way of its entries.
   const fs::path rough_program = here / ("rough." + extension), stock = here / "rough.stock.tif";
-  const std::vector<fs::path> rough_programs{rough_program};
   if (site.roughing)
     rough_stage.units.push_back({name + ".rough",
                                  {design},
@@ -164,6 +163,19 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   if (site.roughing) stages.push_back(std::move(rough_stage));
   stages.push_back(std::move(mill_stage));
 
+  // The first part of a split program stands for all of them.
+  const auto cut_all = [&site](VerifyJob job, const fs::path& out) {
+    const bool split = site.max_lines > 0 || site.max_bytes > 0;
+    return [=](const RunContext& run) {
+      VerifyJob whole = job;
+      if (split) {
+        whole.programs.clear();
+        for (const fs::path& program : job.programs)
+          for (fs::path& part : parts_of(program)) whole.programs.push_back(std::move(part));
+      }
+      return verify_job(whole, out, run);
+    };
+  };
   VerifyJob cut;
   cut.design = design;
   const auto machine = *cnc::find_machine(site.machine);
@@ -174,22 +186,14 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   if (site.roughing) {
     // Tenths are left on: nodes of the design are fine enough.
     VerifyJob rough = cut;
-    const double margin_mm = site.stock_margin_mm;
-    rough.programs = rough_programs;
+    rough.programs = {rough_program};
     rough.options.cell = Millimetres{std::min(site.spacing_mm, 0.25 * site.rough_cell_mm)};
-    const MillJob of_band = mill_of(site, scale);
-    rough.options.tools = {{of_band.rough_tool, "roughing", of_band.rough.cutter}};
-    std::vector<fs::path> inputs{design};
-    inputs.insert(inputs.end(), rough_programs.begin(), rough_programs.end());
-    stages.push_back(
-        single("verify_rough", inputs, {"rough.", "machine.", "stock."},
-               [=](const RunContext& run) mutable -> Result<JobResult> {
-                 MAQUETTE_TRY(const auto field, heightmap::read_model_field(design));
-                 rough.options.stock_top =
-                     Millimetres{static_cast<double>(heightmap::height_range(field.z_mm).max)} +
-                     Millimetres{margin_mm};
-                 return verify_job(rough, roughed.parent_path(), run);
-               }));
+    const MillJob planned = mill_of(site, scale);
+    rough.options.tools = {{planned.rough_tool, "roughing", planned.rough.cutter}};
+    rough.stock_margin = planned.stock_margin;
+    stages.push_back(single("verify_rough", {design, rough_program},
+                            {"rough.", "machine.", "stock."},
+                            cut_all(rough, roughed.parent_path())));
     cut.stock = roughed;
   }
   cut.programs = programs;
@@ -203,8 +207,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   if (site.roughing) verify_inputs.push_back(roughed);
   verify_inputs.insert(verify_inputs.end(), programs.begin(), programs.end());
   stages.push_back(single("verify", verify_inputs,
-                          {"cutter.", "verify.", "mill.stepover", "machine."},
-                          [=](const RunContext& run) { return verify_job(cut, here, run); }));
+                          {"cutter.", "verify.", "mill.stepover", "machine."}, cut_all(cut, here)));
 
   Stage export_stage{name + ".export", {}};
   for (const std::string& format : site.export_formats)

@@ -417,6 +417,7 @@ void Verifying::sum_up(const MoveEffects& effects) {
       c_.engagement.removed_mm3 += volume;
     else
       c_.engagement.add(length_mm(m), volume, m.feed_mm_min, cell);
+    if (options_.visit) options_.visit(m, program, volume);
     const auto note = [&](std::uint8_t bit, std::uint64_t& count, std::vector<MotionPlace>& list) {
       if ((effects.touched[i] & bit) == 0) return;
       ++count;

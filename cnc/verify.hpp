@@ -63,6 +63,9 @@ struct VerifyOptions {
   Millimetres stepover{NAN};       ///< to compare the excess with the scallop it states
   /// Of the machine, of the tip; 0: not checked.
   Millimetres travel_x{0.0}, travel_y{0.0}, travel_z{0.0};
+  /// If set: called with every motion in program order once all is cut, with the number of its
+  /// program and the volume it removed (for a backplot).
+  std::function<void(const Motion&, std::size_t program, double removed_mm3)> visit{};
 };
 
 inline constexpr double kStoneDepth_mm = 0.05;

@@ -355,10 +355,22 @@ TEST(Verify, HoldersStonesAndTravel) {
 
 TEST(Verify, AirAndEngagement) {
   const ModelField design = flat_field(41, 81, 0.5, 3.0F);
+  double visited = 0.0;
+  std::vector<std::uint64_t> lines;
+  VerifyOptions options;
+  options.stock_top = Millimetres{4.0};
+  options.visit = [&](const Motion& m, std::size_t program, double removed_mm3) {
+    EXPECT_EQ(program, lines.size() < 5 ? 0U : 1U);
+    lines.push_back(m.line);
+    visited += removed_mm3;
+  };
   // A groove 0.5 mm deep across the stock, back in it, and above it.
-  const auto v = verify_text({"G0 X-10 Y10.03 Z20\nG1 Z3.5 F600\nX50\nX-10\nZ8\nX50\nM2\n"}, design,
-                             {.stock_top = Millimetres{4.0}});
+  const auto v =
+      verify_text({"G0 X-10 Y10.03 Z20\nG1 Z3.5 F600\nX50\nX-10\nZ8\nX50\nM2\n", "G0 Z9\nM2\n"},
+                  design, options);
   ASSERT_THAT(v, Succeeds());
+  EXPECT_THAT(lines, testing::ElementsAre(2U, 3U, 4U, 5U, 6U));
+  EXPECT_EQ(visited, v->certificate.engagement.removed_mm3);
   const EngagementFigures& e = v->certificate.engagement;
   EXPECT_NEAR(e.cutting_length_mm, 16.5 + 60 + 60 + 4.5 + 60, 1e-9);
   EXPECT_NEAR(e.air_length_mm, e.cutting_length_mm - 60.0, 1e-9) << "all but the first pass";

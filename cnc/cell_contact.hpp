@@ -50,13 +50,10 @@ class CellContact {
   /// Edge from the origin along the unit vector (ex, ey); the axis stands at `along`, `beside`.
   void edge(const CellCorners& c, double along, double beside, double length, double rise,
             double ex, double ey, Touch& best) const {
-    const double h2 = beside * beside;
-    if (!(h2 <= shape_.reach2)) return;
     const double m = rise / length;
-    const Peak peak = shape_.on_line(h2, std::abs(m));
-    const double s = along + (m < 0.0 ? -peak.away_mm : peak.away_mm);
-    if (!(s > 0.0 && s < length)) return;
-    const double tip = c.z00 + m * s - peak.rise_mm;
+    double s, underside;
+    if (!find_peak(shape_, beside * beside, m, along, length, s, underside)) return;
+    const double tip = c.z00 + m * s - underside;
     if (tip > best.tip_mm) best = {tip, s * ex - c.px, s * ey - c.py};
   }
 

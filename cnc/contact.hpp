@@ -85,6 +85,18 @@ struct BullShape {
     return t > 0.0 ? rc - std::sqrt(std::max(0.0, (rc - t) * (rc + t))) : 0.0;
   }
   [[nodiscard]] Peak on_line(double h2, double m) const;
+  /// Whether the peak on a line that rises by m surely lies outside [from, to], measured along it
+  /// from its nearest point to the axis. Saves most of the quartics.
+  [[nodiscard]] bool misses(double h2, double m, double from, double to) const {
+    constexpr double kMargin = 1e-6;
+    return steeper(h2, m, from - kMargin) || !steeper(h2, m, to + kMargin);
+  }
+  /// Whether the underside climbs faster than the line at s.
+  [[nodiscard]] bool steeper(double h2, double m, double s) const {
+    if (s <= 0.0) return false;
+    const double r = std::sqrt(h2 + s * s), t = r - a;
+    return t >= rc || (t > 0.0 && t * s > m * r * std::sqrt((rc - t) * (rc + t)));
+  }
   [[nodiscard]] Peak on_plane(double g2) const {
     if (g2 == 0.0) return {0.0, 0.0};
     const double w = rc / std::sqrt(1.0 + g2);
@@ -169,6 +181,23 @@ inline void check_cutter(const Cutter& tool) {
                    p.top_radius_mm, p.height_mm);
 }
 
+/// Peak on a line of slope m that passes the axis at a distance of sqrt(h2), as place along the
+/// line; the axis' foot stands at `along`, and only peaks within (0, length) are wanted.
+template <class Shape>
+inline bool find_peak(const Shape& shape, double h2, double m, double along, double length,
+                      double& s, double& rise) {
+  if (!(h2 <= shape.reach2)) return false;
+  if constexpr (requires { shape.misses(h2, m, along, along); }) {
+    if (m >= 0.0 ? shape.misses(h2, m, -along, length - along)
+                 : shape.misses(h2, -m, along - length, along))
+      return false;
+  }
+  const Peak peak = shape.on_line(h2, std::abs(m));
+  s = along + (m < 0.0 ? -peak.away_mm : peak.away_mm);
+  rise = peak.rise_mm;
+  return s > 0.0 && s < length;
+}
+
 /// @param vx, vy  relative to the axis
 template <class Shape>
 inline void touch_vertex(const Shape& shape, double vx, double vy, double vz, Touch& best) {
@@ -185,12 +214,11 @@ inline void touch_edge(const Shape& shape, Vec3 p, Vec3 q, Touch& best) {
   const double length2 = e.x * e.x + e.y * e.y;
   if (!(length2 > 0.0)) return;  // upright: its upper end is higher
   const double aside = p.x * e.y - p.y * e.x, h2 = aside * aside / length2;
-  if (!(h2 <= shape.reach2)) return;
-  const double length = std::sqrt(length2), m = e.z / length;
-  const Peak peak = shape.on_line(h2, std::abs(m));
-  const double s = -(p.x * e.x + p.y * e.y) / length + (m < 0.0 ? -peak.away_mm : peak.away_mm);
-  if (!(s > 0.0 && s < length)) return;
-  const double u = s / length, tip = p.z + e.z * u - peak.rise_mm;
+  const double length = std::sqrt(length2);
+  double s, rise;
+  if (!find_peak(shape, h2, e.z / length, -(p.x * e.x + p.y * e.y) / length, length, s, rise))
+    return;
+  const double u = s / length, tip = p.z + e.z * u - rise;
   if (tip > best.tip_mm) best = {tip, p.x + u * e.x, p.y + u * e.y};
 }
 

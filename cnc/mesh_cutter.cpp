@@ -20,7 +20,8 @@ float float_below(double v) {
   return static_cast<double>(f) <= v ? f : std::nextafter(f, -INFINITY);
 }
 
-/// One drop: goes down the tree, highest bound first, and keeps the best contact.
+/// One drop: goes down the tree, highest bound first. The vertices met there raise what a bound
+/// must beat; the other contacts are worked out at the end, of the few triangles that still do.
 template <class Shape>
 class Descent {
  public:
@@ -46,6 +47,7 @@ class Descent {
       else
         visit(box.level - 1, box.index);
     }
+    settle();
   }
 
  private:
@@ -89,33 +91,56 @@ class Descent {
   void work_out(std::size_t group) {
     const auto triangles = tree_.group(group);
     const double base = best_.tip_mm > -INFINITY ? best_.tip_mm : 0.0;
-    std::array<std::array<Vec3, 3>, kLanes> corners;
     TriangleLanes lanes;
     for (std::size_t k = 0; k < kLanes; ++k) {
-      const auto& t = mesh_.triangles[triangles[std::min(k, triangles.size() - 1)]];
-      for (std::size_t c = 0; c < 3; ++c) {
-        const Vec3& v = mesh_.vertices_mm[t[c]];
-        corners[k][c] = {v.x - x_, v.y - y_, v.z};
-      }
-      const auto& [p, q, s] = corners[k];
+      const auto [p, q, s] = corners(triangles[std::min(k, triangles.size() - 1)]);
       lanes.p.set(k, {p.x, p.y, p.z - base});
       lanes.pq.set(k, q - p);
       lanes.ps.set(k, s - p);
       lanes.qs.set(k, s - q);
     }
-    Lanes bound = bound_(lanes);
-    // The best first; then those that still beat it.
-    for (std::size_t done = 0; done < triangles.size(); ++done) {
-      int k = 0;
-      for (int j = 1; j < static_cast<int>(triangles.size()); ++j)
-        if (!(bound[j] <= bound[k])) k = j;
-      if (static_cast<double>(bound[k]) + base <= best_.tip_mm) break;
-      const auto& [p, q, s] = corners[static_cast<std::size_t>(k)];
-      touch_triangle(shape_, p, q, s, best_);
-      bound[k] = kNoContact;
+    const Lanes bound = bound_(lanes);
+    std::size_t top = 0;
+    for (std::size_t k = 1; k < triangles.size(); ++k)
+      if (!(bound[k] <= bound[top])) top = k;
+    if (static_cast<double>(bound[top]) + base <= best_.tip_mm) return;
+    for (const Vec3& v : corners(triangles[top])) touch_vertex(shape_, v.x, v.y, v.z, best_);
+    for (std::size_t k = 0; k < triangles.size(); ++k) {
+      const double b = static_cast<double>(bound[k]) + base;
+      if (b <= best_.tip_mm) continue;
+      if (promising_ == candidates_.size()) settle();
+      candidates_[promising_++] = {b, triangles[k]};
     }
   }
 
+  void settle() {
+    while (promising_ > 0) {
+      std::size_t top = 0;
+      for (std::size_t i = 1; i < promising_; ++i)
+        if (candidates_[i].bound > candidates_[top].bound) top = i;
+      const Candidate best = candidates_[top];
+      if (best.bound <= best_.tip_mm) break;
+      candidates_[top] = candidates_[--promising_];
+      const auto [p, q, s] = corners(best.triangle);
+      touch_triangle(shape_, p, q, s, best_);
+    }
+    promising_ = 0;
+  }
+
+  /// Relative to the axis.
+  [[nodiscard]] std::array<Vec3, 3> corners(std::uint32_t triangle) const {
+    std::array<Vec3, 3> result;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const Vec3& v = mesh_.vertices_mm[mesh_.triangles[triangle][c]];
+      result[c] = {v.x - x_, v.y - y_, v.z};
+    }
+    return result;
+  }
+
+  struct Candidate {
+    double bound;
+    std::uint32_t triangle;
+  };
   const TriMesh& mesh_;
   const TriangleTree& tree_;
   const Shape& shape_;
@@ -126,6 +151,8 @@ class Descent {
   Touch& best_;
   std::array<Box, 128> stack_;  // 8 a level; 2^32 triangles have 11 levels
   std::size_t waiting_ = 0;
+  std::array<Candidate, 128> candidates_;
+  std::size_t promising_ = 0;
 };
 
 }  // namespace

@@ -28,7 +28,7 @@ struct PaddedHeights {
         y0(field.y0.value()),
         rows(field.z_mm.rows()),
         cols(field.z_mm.cols()),
-        stride(cols + 2 * margin_cols),
+        stride(cols + margin_cols),  // what is right of a row is left of the next
         z(static_cast<std::size_t>((rows + 2 * margin_rows) * stride), kNoSurface),
         first(margin_rows * stride + margin_cols) {
     for (std::ptrdiff_t r = 0; r < rows; ++r) {

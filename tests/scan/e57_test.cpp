@@ -387,6 +387,8 @@ StreamedCloud three_stations(const CloudFields& fields, int colour_bits) {
     cloud.stations.back().intensity_limits = {-0.5, 1.5};
     cloud.stations.back().start_gps_s = 1.3e9 + static_cast<double>(s);
     cloud.stations.back().description = "<made> & \x01 up";
+    Quaternion& q = cloud.stations.back().model_from_station.rotation;
+    if (s == 1) q = {-q.w, -q.x, -q.y, -q.z};  // the same rotation
     cloud.points.push_back(sample_points(fields, rows, columns, s, colour_bits));
   }
   return cloud;

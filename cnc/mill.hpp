@@ -32,6 +32,7 @@
 #include <string>
 #include <vector>
 
+#include "cnc/path_figures.hpp"
 #include "cnc/posts.hpp"
 #include "cnc/scallop.hpp"
 #include "cnc/toolpath.hpp"
@@ -47,7 +48,6 @@ inline constexpr ErrorCode kStepoverOutOfRange{"CNC_STEPOVER_OUT_OF_RANGE"};
 inline constexpr ErrorCode kToleranceOutOfRange{"CNC_TOLERANCE_OUT_OF_RANGE"};
 inline constexpr ErrorCode kFeedOutOfRange{"CNC_FEED_OUT_OF_RANGE"};
 inline constexpr ErrorCode kHeightNotFinite{"CNC_HEIGHT_NOT_FINITE"};
-inline constexpr ErrorCode kBeyondTravel{"CNC_BEYOND_TRAVEL"};
 inline constexpr ErrorCode kMillOptionOutOfRange{"CNC_MILL_OPTION_OUT_OF_RANGE"};
 
 struct MillOptions {

@@ -9,14 +9,12 @@
 #include <numbers>
 #include <optional>
 
-#include <fmt/format.h>
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include "cnc/fit_moves.hpp"
 #include "cnc/linking.hpp"
 #include "cnc/mill.hpp"
-#include "cnc/path_figures.hpp"
 #include "cnc/raster.hpp"
 #include "core/check.hpp"
 
@@ -475,17 +473,7 @@ class Milling {
     bounds_.gouge_mm = std::max(bounds_.gouge_mm, piece.bounds.gouge_mm);
     bounds_.excess_mm = std::max(bounds_.excess_mm, piece.bounds.excess_mm);
     figures_.add(piece.path);
-    const auto check = [](char axis, double length_mm, Millimetres travel) -> Result<void> {
-      if (travel.value() == 0.0 || length_mm <= travel.value()) return {};
-      return fail(kBeyondTravel,
-                  fmt::format("the program needs {:.4f} mm of travel in {}, the machine has {:.4f} "
-                              "mm; cut the part in bands",
-                              length_mm, axis, travel.value()));
-    };
-    const auto span = [](std::int64_t low, std::int64_t high) { return mm_of_ticks(high - low); };
-    MAQUETTE_TRY_VOID(check('x', span(figures_.low.x, figures_.high.x), options_.travel_x));
-    MAQUETTE_TRY_VOID(check('y', span(figures_.low.y, figures_.high.y), options_.travel_y));
-    return check('z', span(figures_.low.z, std::max(figures_.high.z, safe_z_)), options_.travel_z);
+    return check_travel(figures_, {options_.travel_x, options_.travel_y, options_.travel_z});
   }
 
   const ModelField& design_;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 
+#include <fmt/format.h>
+
 #include "cnc/arc_geometry.hpp"
 
 namespace maquette::cnc {
@@ -82,6 +84,22 @@ void PathFigures::add(const Toolpath& piece) {
     if (lines + arcs >= kWindow && in_window_ > 0.0)
       highest_rate_per_s = std::max(highest_rate_per_s, static_cast<double>(kWindow) / in_window_);
   }
+}
+
+Result<void> check_travel(const PathFigures& figures, const Travel& travel) {
+  if (figures.low.x > figures.high.x) return {};  // nothing moves
+  const auto check = [](char axis, std::int64_t low, std::int64_t high,
+                        Millimetres has) -> Result<void> {
+    const double needed = mm_of_ticks(high - low);
+    if (has.value() == 0.0 || needed <= has.value()) return {};
+    return fail(kBeyondTravel,
+                fmt::format("the program needs {:.4f} mm of travel in {}, the machine has {:.4f} "
+                            "mm; cut the part in bands",
+                            needed, axis, has.value()));
+  };
+  MAQUETTE_TRY_VOID(check('x', figures.low.x, figures.high.x, travel.x));
+  MAQUETTE_TRY_VOID(check('y', figures.low.y, figures.high.y, travel.y));
+  return check('z', figures.low.z, figures.high.z, travel.z);
 }
 
 }  // namespace maquette::cnc

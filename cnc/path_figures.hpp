@@ -2,7 +2,8 @@
 #pragma once
 
 /// @file path_figures.hpp
-/// What a path amounts to: lengths, moves, extent, and how fast its moves follow each other.
+/// What a path amounts to: lengths, moves, extent, and how fast its moves follow each other; and
+/// whether a machine can travel as far.
 
 #include <array>
 #include <cmath>
@@ -11,8 +12,12 @@
 #include <limits>
 
 #include "cnc/toolpath.hpp"
+#include "core/result.hpp"
+#include "core/units.hpp"
 
 namespace maquette::cnc {
+
+inline constexpr ErrorCode kBeyondTravel{"CNC_BEYOND_TRAVEL"};
 
 struct PathFigures {
   std::uint64_t lines = 0, arcs = 0, rapids = 0;
@@ -35,5 +40,15 @@ struct PathFigures {
   std::array<double, kWindow> seconds_{};  // of the last cuts
   double in_window_ = 0.0;
 };
+
+/// How far the tip may go along each axis from one end to the other; 0: not checked.
+struct Travel {
+  Millimetres x{0.0}, y{0.0}, z{0.0};
+};
+
+/// Rapids, and arcs' bulges, count. Where on the machine the part lies is not looked at.
+/// @return CNC_BEYOND_TRAVEL with the first axis that is too short, what the path needs and what
+///         there is
+[[nodiscard]] Result<void> check_travel(const PathFigures& figures, const Travel& travel);
 
 }  // namespace maquette::cnc

@@ -63,14 +63,30 @@ double corner_reach(double slope, double cell, const Cutter& cutter) {
   return e < cutter.corner_radius_mm ? e : INFINITY;
 }
 
+/// What the curvature of the corner's circle hides from a cell, up to `e` from the circle's axis.
+double bend_mm(double e, double cell, const Cutter& cutter) {
+  if (e <= 0.0 && cutter.corner_radius_mm < cutter.radius_mm) return 0.0;
+  const double r = cutter.corner_radius_mm, h2 = r * r - e * e;
+  return h2 > 0.0 ? 0.25 * cell * cell * r * r / (h2 * std::sqrt(h2)) : INFINITY;
+}
+
+/// Corners of cells around a place that is right below the cutter's axis, give or take half a
+/// cell's diagonal: how far from the start of the corner's circle.
+double reach_at_axis(double cell, const Cutter& cutter) {
+  const double flat = cutter.radius_mm - cutter.corner_radius_mm;
+  return std::fmax(0.0, 1.5 * std::numbers::sqrt2 * cell - flat);
+}
+
+/// Of the corner's circle at `e` from its axis: length of the normal that rises by one.
+double normal_length(double e, const Cutter& cutter) {
+  const double r = cutter.corner_radius_mm;
+  return e <= 0.0 ? 1.0 : e < r ? r / std::sqrt(r * r - e * e) : INFINITY;
+}
+
 }  // namespace
 
 double gouge_between_nodes_mm(double slope, double cell_mm, const Cutter& cutter) {
-  const double e = corner_reach(slope, cell_mm, cutter), r = cutter.corner_radius_mm;
-  if (std::isinf(e)) return INFINITY;
-  const double h2 = r * r - e * e;
-  const double curvature = r * r / (h2 * std::sqrt(h2));
-  return 0.25 * curvature * cell_mm * cell_mm;
+  return bend_mm(corner_reach(slope, cell_mm, cutter), cell_mm, cutter);
 }
 
 struct Comparison::Strip {
@@ -146,13 +162,16 @@ double Comparison::proven_quad(const MilledBand& band, std::ptrdiff_t qr, std::p
                                double slope, double quad_gouge, const Cutter& cutter) const {
   const double cell = options_.cell_mm, between = gouge_between_nodes_mm(slope, cell, cutter);
   const CutterError& error = options_.error;
+  double by_curvature = INFINITY;
   if (std::isfinite(between)) {
     // At the nodes around, the cutter may be steeper than the facet: its slope there.
-    const double r = cutter.corner_radius_mm, e = corner_reach(slope, cell, cutter);
-    const double normal_length = r / std::sqrt(r * r - e * e);
-    return quad_gouge + between + error.vertical_mm + normal_length * error.sideways_mm;
+    const double steepest = normal_length(corner_reach(slope, cell, cutter), cutter);
+    by_curvature = quad_gouge + between + error.vertical_mm + steepest * error.sideways_mm;
   }
-  // A node within a cell's diagonal of any place is gouged too, less by the rise to it.
+  // Curvature says little where the cutter is nearly vertical.
+  const double e = reach_at_axis(cell, cutter), at_axis = bend_mm(e, cell, cutter);
+  if (between <= std::fmax(at_axis, std::numbers::sqrt2 * cell * slope)) return by_curvature;
+  // Off the axis, a node within a cell's diagonal is gouged too, less by the rise to it.
   const std::ptrdiff_t k = options_.per_spacing, rings = k >= 2 ? 1 : 2;
   double around = 0.0, gouge = -INFINITY;
   for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, qr - rings);
@@ -165,8 +184,11 @@ double Comparison::proven_quad(const MilledBand& band, std::ptrdiff_t qr, std::p
     for (std::ptrdiff_t col = std::max<std::ptrdiff_t>(0, qc * k - kMargin);
          col <= std::min(divided_.cols() - 1, (qc + 1) * k + kMargin); ++col)
       gouge = std::fmax(gouge, divided_.at(row, col) - band.at(row, col));
-  return gouge + around * (std::numbers::sqrt2 * cell + error.sideways_mm) + error.vertical_mm +
-         error.sideways_mm;
+  const double off_axis = gouge + around * (std::numbers::sqrt2 * cell + error.sideways_mm) +
+                          error.vertical_mm + error.sideways_mm;
+  const double on_axis =
+      quad_gouge + at_axis + error.vertical_mm + normal_length(e, cutter) * error.sideways_mm;
+  return std::fmin(by_curvature, std::fmax(off_axis, on_axis));
 }
 
 void Comparison::add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdiff_t qc,

@@ -201,8 +201,9 @@ MotionFinding PathProof::State::examine(const Motion& motion, const Place3& from
     const double here = std::fmax(a.gouge(), b.gouge());
     const double matters = finding.found > options.limit_mm
                                ? std::fmax(found_before, finding.found) + options.resolution_mm
-                               : options.limit_mm;
-    const bool done = bound <= matters || bound <= here + 0.25 * options.resolution_mm;
+                               : options.limit_mm - kExactness_mm;
+    const bool pinned = here > options.limit_mm && bound <= here + 0.25 * options.resolution_mm;
+    const bool done = bound <= matters || pinned;
     const bool hopeless =
         norm(b.tip - a.tip) <= kShortest_mm || static_cast<double>(finding.drops) >= allowed;
     if (done || hopeless) {

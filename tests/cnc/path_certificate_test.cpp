@@ -141,6 +141,22 @@ TEST(PathCertificate, FlatGround) {
   }
 }
 
+// Where a bound happens to meet the limit, the proof's own exactness must not lift it above.
+TEST(PathCertificate, WhatIsWithinTheLimitIsProvenToBe) {
+  const ModelField field = ground(Ground::rolling, 11, 41, 0.5);
+  const auto lowest = static_cast<double>(heightmap::height_range(field.z_mm).min);
+  const auto cut = fmt::format("G0 X{} Y{}\nG1 Z{:.9f} F100\nG91 X10\nG90 G0 Z90",
+                               field.x0.value() + 4.0, field.y0.value() + 9.0, lowest);
+  const PathCertificate loose = prove(field, cut, {.limit_mm = 100.0});
+  ASSERT_LT(loose.max_gouge_mm, loose.proven_mm - 1e-6) << "a bound, not a value that is reached";
+  for (const double below : {0.0, 2.5e-10, 5e-10, 1e-9, 2e-9}) {
+    const double limit = loose.proven_mm - below;
+    const PathCertificate c = prove(field, cut, {.limit_mm = limit});
+    EXPECT_LE(c.proven_mm, limit) << below;
+    EXPECT_EQ(c.undecided, 0U);
+  }
+}
+
 // The ball rolls over a needle on an arc of its own radius: as an arc it is exact, as a chord
 // of length h it is h^2 / 8R below.
 TEST(PathCertificate, ALoneNeedle) {
@@ -246,7 +262,7 @@ TEST(PathCertificate, AMilledProgramPasses) {
     const Milled m = milled(seed, 0.004);
     ASSERT_LE(m.certified_mm, 0.005);
     const PathCertificate c = prove(m.design, m.motions);
-    EXPECT_LE(c.proven_mm, 0.005 + kExact_mm);
+    EXPECT_LE(c.proven_mm, 0.005);
     EXPECT_LE(c.max_gouge_mm, m.certified_mm) << "mill's own bound is one";
     EXPECT_GT(c.max_gouge_mm, 0.001) << "and the tolerance is used";
     EXPECT_TRUE(c.places.empty());

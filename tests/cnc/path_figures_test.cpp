@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // What is claimed in cnc/path_figures.hpp, and how it is attacked: travel is that of the tip on
-// rapids, lines and arcs' bulges, each axis by itself; closed forms of a triangle and a half circle.
+// rapids, lines and arcs' bulges, each axis by itself; closed forms of a triangle and a half
+// circle.
 
 #include "cnc/path_figures.hpp"
 

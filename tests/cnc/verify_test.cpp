@@ -494,6 +494,23 @@ TEST(VerifyBound, GrowsWithSlopeAndGivesUpAtTheRim) {
   EXPECT_TRUE(std::isinf(gouge_between_nodes_mm(3.5, 0.1, Cutter::ball(3.0))));
 }
 
+// The curvature of a small corner says nothing where the corners of a cell get near its rim.
+TEST(VerifyBound, ABullNoseNearTheRimIsBoundByTheRise) {
+  ModelField design = flat_field(41, 41, 0.5, 0.0F);
+  const double rim = 1.0 - 0.25 * std::sqrt(2.0);  // of corner 1 mm, cell 0.25 mm
+  const double slope = rim / std::sqrt(1.0 - rim * rim) - 1e-5;
+  for (std::ptrdiff_t r = 0; r < 41; ++r)
+    for (std::ptrdiff_t c = 0; c < 41; ++c)
+      design.z_mm(r, c) = static_cast<float>(slope * design.x_mm(c));
+  VerifyOptions options{.cell = Millimetres{0.25}, .stock_top = Millimetres{20.0}};
+  options.tools = {{1, "bull", Cutter::bull(3.0, 1.0)}};
+  const auto v =
+      verify_text({"T1 M6\nG0 Z30\nG0 X4 Y10\nG1 Z9 F500\nX5\nG0 Z30\nM2\n"}, design, options);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_LT(v->certificate.cell_gouge_mm + v->certificate.cell_bound_mm,
+            slope * std::sqrt(2.0) * 0.25 + 1e-3);
+}
+
 // ---- the whole room --------------------------------------------------------
 
 class MillThenVerify : public testing::TestWithParam<int> {};

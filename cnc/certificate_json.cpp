@@ -29,8 +29,11 @@ Json path_json(const PathCertificate& path) {
   Json gouges = Json::array();
   for (std::size_t i = 0; i < std::min(kGougesListed, path.places.size()); ++i) {
     const PathGouge& g = path.places[i];
-    gouges.push_back(
-        {{"x_mm", g.x_mm}, {"y_mm", g.y_mm}, {"depth_mm", g.depth_mm}, {"line", g.line}});
+    gouges.push_back({{"x_mm", g.x_mm},
+                      {"y_mm", g.y_mm},
+                      {"depth_mm", g.depth_mm},
+                      {"program", g.program},
+                      {"line", g.line}});
   }
   return {{"max_gouge_mm", path.max_gouge_mm},
           {"proven_mm", path.proven_mm},

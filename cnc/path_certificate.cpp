@@ -86,6 +86,7 @@ struct PathProof::State {
   std::ptrdiff_t place_cols, place_rows;
   std::vector<PathGouge> deepest;  // per square
   std::vector<Motion> batch;
+  std::size_t program = 0;          // the batch's
   std::vector<CutterContact> ends;  // of the batch's motions
   std::vector<MotionFinding> findings;
   PathCertificate sum;
@@ -183,7 +184,7 @@ MotionFinding PathProof::State::examine(const Motion& motion, const Place3& from
     if (!(at.gouge() > finding.found)) return;
     finding.found = at.gouge();
     finding.deepest = {at.tip.x + at.contact.dx_mm, at.tip.y + at.contact.dy_mm, at.gouge(),
-                       motion.line};
+                       program, motion.line};
   };
   const auto drop = [&](Vec3 tip) {
     ++finding.drops;
@@ -328,8 +329,10 @@ PathProof::PathProof(const heightmap::ModelField& surface, BallNose tool, PathPr
     : state_(std::make_unique<State>(surface, tool, options)) {}
 PathProof::~PathProof() = default;
 
-void PathProof::add(std::span<const Motion> motions) {
+void PathProof::add(std::span<const Motion> motions, std::size_t program) {
   State& s = *state_;
+  if (program != s.program) s.run_batch();
+  s.program = program;
   while (!motions.empty()) {
     const std::size_t n = std::min(motions.size(), kBatch - s.batch.size());
     s.batch.insert(s.batch.end(), motions.begin(),

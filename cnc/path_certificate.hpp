@@ -50,6 +50,7 @@ struct PathProofOptions {
 struct PathGouge {
   double x_mm = 0.0, y_mm = 0.0;  ///< on the surface, where the ball cuts deepest
   double depth_mm = 0.0;
+  std::size_t program = 0;
   std::uint64_t line = 0;  ///< of the program
 };
 
@@ -73,7 +74,8 @@ class PathProof {
   PathProof& operator=(const PathProof&) = delete;
   ~PathProof();
 
-  void add(std::span<const Motion> motions);
+  /// @param program  its number, where there are several
+  void add(std::span<const Motion> motions, std::size_t program = 0);
   /// Call once, after the last add.
   [[nodiscard]] PathCertificate finish();
 

@@ -206,13 +206,13 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
       if (!proof)
         proof = std::make_unique<PathProof>(
             design_, ball, PathProofOptions{.limit_mm = options_.gouge_limit.value()});
-      proof->add(some);
+      proof->add(some, program);
       if (options_.with_stones != nullptr) {
         auto& stones = stone_proofs_[cutter];
         if (!stones)
           stones = std::make_unique<PathProof>(*options_.with_stones, ball,
                                                PathProofOptions{.limit_mm = kStoneDepth_mm});
-        stones->add(some);
+        stones->add(some, program);
       }
     }
     begin = end;

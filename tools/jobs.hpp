@@ -99,7 +99,9 @@ struct VerifyJob {
   /// the highest point. Stones are glued on after milling: the cutter may pass where they will be.
   cnc::VerifyOptions options;
   Millimetres stock_margin{1.0};
-  std::optional<Millimetres> max_gouge;  ///< unmet if exceeded, bound included
+  /// Unmet if exceeded, bound included. Gouges of balls deeper than this are listed, from 1 um
+  /// on and at the latest from options.gouge_limit on.
+  std::optional<Millimetres> max_gouge;
 };
 /// certificate.json, as_milled.tif, excess.png.
 [[nodiscard]] Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder,

@@ -60,6 +60,10 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   if (std::isnan(options.stock_top.value()))
     options.stock_top = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).max)} +
                         job.stock_margin;
+  // A tighter bound than usual wants its offenders named; below 1 um that would be every move.
+  if (job.max_gouge)
+    options.gouge_limit =
+        Millimetres{std::clamp(job.max_gouge->value(), 0.001, options.gouge_limit.value())};
   JobResult result;
   result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   // Excess (red) and gouge (blue) on the design's own nodes.
@@ -102,6 +106,12 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         "gouge of up to {:.4f} mm ({:.4f} found, {:.4f} may be unseen) is "
         "above the limit of {:.4f} mm",
         gouge + certificate.bound_mm, gouge, certificate.bound_mm, job.max_gouge->value());
+  if (!result.unmet.empty() && certificate.path && !certificate.path->places.empty()) {
+    const cnc::PathGouge& worst = certificate.path->places.front();
+    result.unmet +=
+        fmt::format("; the deepest, {:.4f} mm at x {:.3f} y {:.3f}, by {}:{}", worst.depth_mm,
+                    worst.x_mm, worst.y_mm, job.programs[worst.program].string(), worst.line);
+  }
   const auto unmet = [&](bool is, const std::string& what) {
     if (is) result.unmet += (result.unmet.empty() ? "" : "; ") + what;
   };

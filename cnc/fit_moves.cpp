@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cnc/fit_lines.hpp"
 #include "core/check.hpp"
 
 namespace maquette::cnc {
@@ -316,6 +317,13 @@ class Fitter {
 FitBounds fit_moves(const std::vector<PathSample>& samples, double step_mm, const FitLimits& limits,
                     std::vector<FittedMove>& moves) {
   MAQUETTE_CHECK(samples.size() >= 2, "{} samples", samples.size());
+  if (!limits.arcs) {
+    const SampledLine line{samples, step_mm};
+    std::vector<std::vector<FittedMove>> of_line;
+    const FitBounds bounds = fit_lines({&line, 1}, limits, of_line);
+    moves.swap(of_line.front());
+    return bounds;
+  }
   return Fitter(samples, step_mm, limits).run(moves);
 }
 

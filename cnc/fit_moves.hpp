@@ -4,6 +4,7 @@
 /// @file fit_moves.hpp
 /// Samples of the exact cutter location along a straight line -> few lines and circular arcs in
 /// the vertical plane of that line, inside a tolerance that is narrower below than above.
+/// Without arcs: fit_lines.hpp.
 ///
 /// Method. In the plane (t along the line, z up) relative to where a move starts, every line and
 /// every circle through the start is
@@ -39,6 +40,12 @@ struct FitLimits {
   bool arcs = true;           ///< the line runs along x or y and the control has G18 and G19
   double least_radius_mm = 0.1, greatest_radius_mm = 200.0;
 };
+
+/// Of the tolerance, what samples may miss above the path: beyond, a sample more costs less than
+/// a move. Lines gain from a wider tube, arcs hardly.
+[[nodiscard]] constexpr double dip_share(bool arcs) {
+  return arcs ? 0.2 : 0.1;
+}
 
 /// Ends at `place` of the line, at height z.
 struct FittedMove {

@@ -24,8 +24,6 @@ namespace {
 using heightmap::ModelField;
 
 constexpr std::size_t kPassesAtATime = 64;
-/// Of the tolerance, between samples above the path; beyond, a sample more costs less than a move.
-constexpr double kDipShare = 0.2;
 constexpr double kAddedOverlap_mm = 1.0;  ///< added passes reach this far beyond where they must
 constexpr int kMostHalvings = 3;
 constexpr double kApproach_mm = 1.0;
@@ -189,14 +187,15 @@ class Milling {
     Piece piece;
     piece.cut = cut;
     piece.across = across;
-    const auto [low, high] = std::minmax({cut.from, cut.to});
-    sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
-                {shares_.sampling_mm, kDipShare * options_.tolerance.value()}, samples);
     FitLimits limits;
     limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
     limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
     limits.arcs = options_.arcs && (cut.line.dx == 0 || cut.line.dy == 0) &&
                   std::abs(cut.line.dx + cut.line.dy) == kResolution;
+    const auto [low, high] = std::minmax({cut.from, cut.to});
+    sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
+                {shares_.sampling_mm, dip_share(limits.arcs) * options_.tolerance.value()},
+                samples);
     piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
     piece.sampled = samples.size();
     if (cut.from > cut.to) reverse_moves(piece.moves);

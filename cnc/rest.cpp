@@ -24,7 +24,6 @@ namespace {
 using heightmap::ModelField;
 
 constexpr std::size_t kPassesAtATime = 256;
-constexpr double kDipShare = 0.2;  // of the tolerance: between samples, above
 /// What the first ball may leave above the map between its passes and by its own tolerance.
 constexpr double kRidges_mm = 0.1;
 
@@ -196,8 +195,8 @@ class Rest {
   void fit(const Line& cut, std::vector<FittedMove>& moves, Pass& pass) {
     std::vector<PathSample> samples;
     sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, std::min(cut.from, cut.to),
-                std::max(cut.from, cut.to), {shares_.sampling_mm, kDipShare * o_.tolerance_mm},
-                samples);
+                std::max(cut.from, cut.to),
+                {shares_.sampling_mm, dip_share(o_.arcs) * o_.tolerance_mm}, samples);
     FitLimits limits;
     limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
     limits.excess_mm = shares_.excess_mm - shares_.blending_mm;

@@ -22,7 +22,6 @@ constexpr double kBeside = 8.0;         // of aimed lines, 0.001 mm
 constexpr std::int64_t kCoarsest = 16;  // the larger part of their steps, 0.001 mm
 constexpr double kShort = 15.0;         // that they may end before their aim
 constexpr double kLongestLine = 20e3;   // 0.001 mm; longer ones are parted, to share the work
-constexpr double kDipShare = 0.2;       // as for raster passes
 constexpr double kApproach_mm = 1.0;
 constexpr std::size_t kLinesAtATime = 16384, kLinesATask = 64;
 
@@ -169,8 +168,8 @@ class Cutting {
 
   void plan(const Cut& cut, std::vector<PathSample>& samples, Planned& out) {
     sample_line(cutters_.local(), tiles_, design_, options_.tool, cut.aimed.line, 0,
-                cut.aimed.steps, {shares_.sampling_mm, kDipShare * options_.tolerance.value()},
-                samples);
+                cut.aimed.steps,
+                {shares_.sampling_mm, dip_share(false) * options_.tolerance.value()}, samples);
     FitLimits limits;
     limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
     limits.excess_mm = shares_.excess_mm - shares_.blending_mm;

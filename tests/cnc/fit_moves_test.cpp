@@ -80,20 +80,29 @@ struct Curve {
 struct Worst {
   double below = 0.0, above = 0.0;
 };
+/// At ninths of the intervals between samples, and where moves end between samples.
 Worst worst_of(const Curve& run, const std::vector<FittedMove>& moves) {
   Worst w;
   std::size_t m = 1;
   for (std::size_t k = 0; k + 1 < run.samples.size(); ++k) {
-    while (moves[m].place <= run.samples[k].place) ++m;
-    for (int i = 0; i <= 8; ++i)
+    const double from = along_mm(run.samples[k].place),
+                 length = along_mm(run.samples[k + 1].place) - from;
+    std::vector<double> shares;
+    for (int i = 0; i <= 8; ++i) shares.push_back(i / 8.0);
+    for (std::size_t v = m; v < moves.size() && moves[v].place < run.samples[k + 1].place; ++v)
+      shares.push_back(std::max(0.0, (along_mm(moves[v].place) - from) / length));
+    std::sort(shares.begin(), shares.end());
+    for (const double q : shares) {
+      const double t = from + q * length;
+      while (q > 0.0 ? along_mm(moves[m].place) < t - 1e-12
+                     : moves[m].place <= run.samples[k].place)
+        ++m;
       for (const double share : {0.0, 0.5, 1.0}) {
-        const double q = i / 8.0;
-        const double t = along_mm(run.samples[k].place) +
-                         q * along_mm(run.samples[k + 1].place - run.samples[k].place);
         const double path = height(moves[m - 1], moves[m], t, share);
         w.below = std::max(w.below, run.highest(k, q) - path);
         w.above = std::max(w.above, path - run.lowest(k, q));
       }
+    }
   }
   return w;
 }

@@ -93,6 +93,8 @@ struct Comparison::Strip {
   double sum = 0.0, sum_of_squares = 0.0;
   double max_gouge = 0.0, max_excess = 0.0, proven = 0.0;
   std::uint64_t gouged = 0;
+  double max_over_scallop = -INFINITY;  // where there is room
+  std::uint64_t tight = 0, unreached = 0;
   std::vector<Gouge> gouges;                       // the deepest of each block
   std::vector<std::uint64_t> bins;                 // kClasses x kBins
   std::array<std::vector<float>, kReaches> reach;  // per block
@@ -107,6 +109,10 @@ Comparison::Comparison(const heightmap::ModelField& design, ComparisonOptions op
       block_rows_((design.z_mm.rows() - 2 + quads_) / quads_),
       block_cols_((design.z_mm.cols() - 2 + quads_) / quads_),
       border_nodes_(static_cast<std::ptrdiff_t>(std::ceil(options_.border_mm / options_.cell_mm))),
+      // Not a divisor, so that all places within a cell of the design have their turn.
+      sampling_(options_.per_spacing % 3 != 0   ? 3
+                : options_.per_spacing % 5 != 0 ? 5
+                                                : 7),
       strips_(static_cast<std::size_t>(block_rows_) + 1),
       reach_(design, options_.per_spacing, options_.reach_radius_mm) {
   strips_.back().bins.assign(kClasses * kBins, 0);  // the sum of all
@@ -248,6 +254,32 @@ void Comparison::add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdif
           excess_inside - stated_scallop(options_.reach_radius_mm, options_.stepover_mm, slope));
 }
 
+void Comparison::add_over_scallop(const MilledBand& band, std::ptrdiff_t block_row,
+                                  Strip& strip) const {
+  const auto sampled_from = [this](std::ptrdiff_t node) {
+    return (node + sampling_ - 1) / sampling_ * sampling_;
+  };
+  const std::ptrdiff_t k = options_.per_spacing, cols = divided_.cols() - border_nodes_;
+  const std::ptrdiff_t end =
+      std::min((block_row + 1) * block_nodes_, divided_.rows() - border_nodes_);
+  const double room = 0.5 * options_.stepover_mm;
+  for (std::ptrdiff_t row = sampled_from(std::max(block_row * block_nodes_, border_nodes_));
+       row < end; row += sampling_)
+    for (std::ptrdiff_t col = sampled_from(border_nodes_); col < cols; col += sampling_) {
+      const double slope = slope_of(std::min(row / k, design_.z_mm.rows() - 2),
+                                    std::min(col / k, design_.z_mm.cols() - 2));
+      const double excess = band.at(row, col) - divided_.at(row, col);
+      const double over = value(over_scallop, row, col, excess, slope);
+      const bool counts = over > kOverScallop_mm;
+      if (!counts && over <= strip.max_over_scallop) continue;
+      const BallReach reach = reach_.at(row, col, room);
+      if (reach == BallReach::roomy)
+        strip.max_over_scallop = std::fmax(strip.max_over_scallop, over);
+      else if (counts)
+        ++(reach == BallReach::tight ? strip.tight : strip.unreached);
+    }
+}
+
 Result<void> Comparison::add(const MilledBand& band, std::ptrdiff_t first_block_row,
                              std::ptrdiff_t end_block_row, const RunContext& run) {
   const std::ptrdiff_t quad_rows = design_.z_mm.rows() - 1, quad_cols = design_.z_mm.cols() - 1;
@@ -268,6 +300,7 @@ Result<void> Comparison::add(const MilledBand& band, std::ptrdiff_t first_block_
       for (std::size_t i = 0; i < kReaches; ++i)
         strip.reach[i][static_cast<std::size_t>(bc)] = reach[i];
     }
+    if (!std::isnan(options_.stepover_mm)) add_over_scallop(band, br, strip);
   });
   if (run.stopped()) return fail(kCancelled, "comparing the cut with the design was stopped");
 
@@ -336,6 +369,9 @@ void Comparison::finish(Certificate& c) {
     all.max_excess = std::fmax(all.max_excess, strip.max_excess);
     all.proven = std::fmax(all.proven, strip.proven);
     all.gouged += strip.gouged;
+    all.max_over_scallop = std::fmax(all.max_over_scallop, strip.max_over_scallop);
+    all.tight += strip.tight;
+    all.unreached += strip.unreached;
     gouges.insert(gouges.end(), strip.gouges.begin(), strip.gouges.end());
   }
   const double cell = options_.cell_mm;
@@ -347,7 +383,13 @@ void Comparison::finish(Certificate& c) {
   c.max_excess_border_mm = best_[border];
   c.max_excess_mm = std::fmax(best_[inside], best_[border]);
   c.excess_bound_mm = std::fmax(0.0, best_[with_bound] - c.max_excess_inside_mm);
-  c.max_excess_over_scallop_mm = std::isnan(options_.stepover_mm) ? NAN : best_[over_scallop];
+  if (!std::isnan(options_.stepover_mm)) {
+    const double sample = std::pow(static_cast<double>(sampling_) * cell, 2);
+    c.max_excess_over_scallop_mm = all.max_over_scallop;
+    c.max_tight_over_scallop_mm = best_[over_scallop];
+    c.tight_area_mm2 = static_cast<double>(all.tight) * sample;
+    c.unreached_area_mm2 = static_cast<double>(all.unreached) * sample;
+  }
   c.mean_excess_mm = all.sum / nodes;
   c.rms_excess_mm = std::sqrt(all.sum_of_squares / nodes);
   c.gouged_area_mm2 = static_cast<double>(all.gouged) * cell * cell;

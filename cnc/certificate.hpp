@@ -29,6 +29,14 @@ inline constexpr double kGougeListed_mm = 0.001;
 /// A node counts as within the ball's reach if a ball that touches it has to rise by at most
 /// this to cut nothing elsewhere.
 inline constexpr double kReachTolerance_mm = 0.005;
+/// It has room there if it may slide on over the facet's plane by half a stepover in eight
+/// directions around and has to rise by at most this to cut nothing. Passes a stepover apart come
+/// as near then, and leave what the stepover states. Without room (beside a crease that the ball
+/// touches on both sides, down a pit) they may rest on the other side and leave several times as
+/// much.
+inline constexpr double kRoomTolerance_mm = 0.003;
+/// Area that stands more than this above the stated scallop is counted by what keeps it there.
+inline constexpr double kOverScallop_mm = 0.010;
 
 /// The design at the nodes of a grid that divides each of its cells `per_spacing` times.
 class DividedDesign {
@@ -75,6 +83,8 @@ struct ReachBlock {
   std::ptrdiff_t r0 = 0, r1 = 0, c0 = 0, c1 = 0;
 };
 
+enum class BallReach : std::uint8_t { none, tight, roomy };
+
 /// Looks for the largest of some figure among the nodes that the ball can reach: those where it
 /// touches a facet that holds the node, along the facet's normal, and has to rise by at most
 /// kReachTolerance_mm to cut nothing elsewhere (exact cutter location). Blocks and nodes in the
@@ -91,6 +101,9 @@ class ReachSearch {
       std::vector<ReachBlock> blocks,
       const std::function<double(std::ptrdiff_t, std::ptrdiff_t)>& value, double best,
       const RunContext& run = {});
+
+  /// How the ball reaches a node, with `room_mm` around or less. Thread-safe.
+  [[nodiscard]] BallReach at(std::ptrdiff_t row, std::ptrdiff_t col, double room_mm) const;
 
  private:
   struct State;
@@ -155,6 +168,8 @@ class Comparison {
   [[nodiscard]] double proven_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdiff_t qc,
                                    double slope, double quad_gouge, const Cutter& cutter) const;
   [[nodiscard]] double slope_of(std::ptrdiff_t qr, std::ptrdiff_t qc) const;
+  /// How nodes above the stated scallop are reached, sampled every sampling_ nodes.
+  void add_over_scallop(const MilledBand& band, std::ptrdiff_t block_row, Strip& strip) const;
   [[nodiscard]] bool is_border(std::ptrdiff_t row, std::ptrdiff_t col) const;
   /// What counts for a kind of reach at a node; -INFINITY: nothing.
   [[nodiscard]] double value(Reach kind, std::ptrdiff_t row, std::ptrdiff_t col, double excess,
@@ -164,7 +179,7 @@ class Comparison {
   const heightmap::ModelField& design_;
   ComparisonOptions options_;
   DividedDesign divided_;
-  std::ptrdiff_t quads_, block_nodes_, block_rows_, block_cols_, border_nodes_;
+  std::ptrdiff_t quads_, block_nodes_, block_rows_, block_cols_, border_nodes_, sampling_;
   std::vector<Strip> strips_;
   std::array<double, kReaches> best_{};
   ReachSearch reach_;

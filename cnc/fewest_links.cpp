@@ -35,8 +35,8 @@ class Links {
     // No link need be steeper than the tube anywhere; a box of that size keeps clipping exact.
     double lowest = s[0].low, highest = s[0].high;
     for (std::size_t k = 1; k < s.size(); ++k) {
-      const double rise = std::max(std::abs(s[k].high - s[k - 1].low),
-                                   std::abs(s[k - 1].high - s[k].low));
+      const double rise =
+          std::max(std::abs(s[k].high - s[k - 1].low), std::abs(s[k - 1].high - s[k].low));
       steepest_ = std::max(steepest_, 2.0 * rise / (s[k].t - s[k - 1].t));
       lowest = std::min(lowest, s[k].low);
       highest = std::max(highest, s[k].high);
@@ -46,7 +46,7 @@ class Links {
 
   std::vector<TubePoint> run() {
     Window window = Window::upright;
-    std::size_t at = 0, past = 1;  // the window's first station, the first beyond it
+    std::size_t at = 0, past = 1;               // the window's first station, the first beyond it
     double low = s_[0].low, high = s_[0].high;  // upright: its ends; else the other end, at end_t
     double end_t = s_[0].t;
     std::size_t emptied_by = 0;

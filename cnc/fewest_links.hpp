@@ -17,9 +17,9 @@
 /// it is empty; its corner that comes nearest to the station that emptied it is the next window's
 /// line. Links lie on the windows' lines, so vertices are where two of them cross (S. Suri, "A
 /// linear time algorithm for minimum link paths inside a simple polygon", Comput. Vision Graph.
-/// Image Process. 35, 1986, doi:10.1016/0734-189X(86)90127-1; H. Imai, M. Iri, "An optimal algorithm
-/// for approximating a piecewise linear function", J. Inf. Process. 9, 1986). At a corner the window
-/// is upright.
+/// Image Process. 35, 1986, doi:10.1016/0734-189X(86)90127-1; H. Imai, M. Iri, "An optimal
+/// algorithm for approximating a piecewise linear function", J. Inf. Process. 9, 1986). At a corner
+/// the window is upright.
 ///
 /// Accuracy. No polyline through the tube has fewer links. Every station is passed within its
 /// bounds up to rounding (1e-8 mm).

@@ -158,8 +158,7 @@ class Row {
     at_ = v;
     return true;
   }
-  static void emit(std::size_t line, const Vertex& v,
-                   std::vector<std::vector<FittedMove>>& moves) {
+  static void emit(std::size_t line, const Vertex& v, std::vector<std::vector<FittedMove>>& moves) {
     moves[line].push_back({v.place, v.z * kResolution, FittedMove::Shape::line, 0, 0});
   }
 

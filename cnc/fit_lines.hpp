@@ -6,9 +6,9 @@
 /// -> nearly as few straight moves as the tolerance allows.
 ///
 /// Method. Around the samples the tolerance leaves a tube, above narrower by what the path between
-/// samples may dip, below by what it may gouge. Its path of fewest links (fewest_links.hpp; a vertex
-/// wherever the plan turns) has vertices at any height and place; these are put, one after the
-/// other, on the nearest place that can be written from which the link before them and the link
+/// samples may dip, below by what it may gouge. Its path of fewest links (fewest_links.hpp; a
+/// vertex wherever the plan turns) has vertices at any height and place; these are put, one after
+/// the other, on the nearest place that can be written from which the link before them and the link
 /// after them stay inside. The tube is narrower than the tolerance by half a unit of writing for
 /// that; where it does not help, a vertex is added at a sample.
 ///

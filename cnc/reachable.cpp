@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Whether the ball can touch the design at a node: it is put there along the normal of a facet
-// that holds the node, and the exact cutter location says how far it would have to rise.
+// that holds the node, and the exact cutter location says how far it would have to rise. Whether it
+// has room: the same around, on the facet's plane.
 
 #include <algorithm>
 #include <array>
@@ -17,6 +18,16 @@ namespace maquette::cnc {
 namespace {
 
 constexpr std::size_t kBlocksAtOnce = 16;  // fixed, so that the result is the same for any threads
+
+constexpr double kHalf = 0.70710678118654752;
+constexpr std::array<std::array<double, 2>, 8> kAround{{{1.0, 0.0},
+                                                        {kHalf, kHalf},
+                                                        {0.0, 1.0},
+                                                        {-kHalf, kHalf},
+                                                        {-1.0, 0.0},
+                                                        {-kHalf, -kHalf},
+                                                        {0.0, -1.0},
+                                                        {kHalf, -kHalf}}};
 
 struct Candidate {
   double value;
@@ -63,17 +74,28 @@ struct ReachSearch::State {
     return false;
   }
 
-  [[nodiscard]] bool reachable(std::ptrdiff_t row, std::ptrdiff_t col, DropCutter& cutter) const {
+  /// @param room_mm  0: whether there is room does not matter
+  [[nodiscard]] BallReach reach(std::ptrdiff_t row, std::ptrdiff_t col, double room_mm,
+                                DropCutter& cutter) const {
     const Grid<float>& z = design.z_mm;
     const double d = design.spacing.value(), step = d / static_cast<double>(k);
     const double x = design.x0.value() + step * static_cast<double>(col);
     const double y = design.y0.value() + step * static_cast<double>(row);
+    BallReach best = BallReach::none;
     const auto touches = [&](double height, double gx, double gy) {
       const double steep = std::sqrt(1.0 + gx * gx + gy * gy);
       const double tip = height + R / steep - R;
       const double px = x - R * gx / steep, py = y - R * gy / steep;
-      if (vertex_above(px, py, tip + kReachTolerance_mm)) return false;
-      return cutter.drop(px, py).tip_mm <= tip + kReachTolerance_mm;
+      if (vertex_above(px, py, tip + kReachTolerance_mm)) return;
+      if (cutter.drop(px, py).tip_mm > tip + kReachTolerance_mm) return;
+      best = BallReach::tight;
+      for (const auto& [ux, uy] : kAround) {
+        if (room_mm == 0.0) break;
+        const double dx = room_mm * ux, dy = room_mm * uy;
+        const double slid = tip + gx * dx + gy * dy + kRoomTolerance_mm;
+        if (cutter.drop(px + dx, py + dy).tip_mm > slid) return;
+      }
+      best = BallReach::roomy;
     };
     for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, (row + k - 1) / k - 1);
          r <= std::min(z.rows() - 2, row / k); ++r)
@@ -83,14 +105,14 @@ struct ReachSearch::State {
         const double v = static_cast<double>(i) / static_cast<double>(k);
         const double u = static_cast<double>(j) / static_cast<double>(k);
         const double z00 = z(r, c), z10 = z(r, c + 1), z01 = z(r + 1, c), z11 = z(r + 1, c + 1);
-        if (j >= i &&
-            touches(z00 + u * (z10 - z00) + v * (z11 - z10), (z10 - z00) / d, (z11 - z10) / d))
-          return true;
-        if (i >= j &&
-            touches(z00 + v * (z01 - z00) + u * (z11 - z01), (z11 - z01) / d, (z01 - z00) / d))
-          return true;
+        if (j >= i)
+          touches(z00 + u * (z10 - z00) + v * (z11 - z10), (z10 - z00) / d, (z11 - z10) / d);
+        if (best == BallReach::roomy) return best;
+        if (i >= j)
+          touches(z00 + v * (z01 - z00) + u * (z11 - z01), (z11 - z01) / d, (z01 - z00) / d);
+        if (best == BallReach::roomy) return best;
       }
-    return false;
+    return best;
   }
 };
 
@@ -103,6 +125,10 @@ ReachSearch::ReachSearch(const heightmap::ModelField& design, std::ptrdiff_t per
                                                DropCutter(design, Cutter::ball(ball_radius_mm)))});
 }
 ReachSearch::~ReachSearch() = default;
+
+BallReach ReachSearch::at(std::ptrdiff_t row, std::ptrdiff_t col, double room_mm) const {
+  return state_ ? state_->reach(row, col, room_mm, state_->cutters.local()) : BallReach::roomy;
+}
 
 Result<double> ReachSearch::raise(
     std::vector<ReachBlock> blocks,
@@ -123,7 +149,7 @@ Result<double> ReachSearch::raise(
       return p.row != q.row ? p.row < q.row : p.col < q.col;
     });
     for (const Candidate& p : candidates)
-      if (!state_ || state_->reachable(p.row, p.col, state_->cutters.local())) return p.value;
+      if (at(p.row, p.col, 0.0) != BallReach::none) return p.value;
     return best;
   };
   for (std::size_t begin = 0; begin < blocks.size(); begin += kBlocksAtOnce) {

@@ -111,8 +111,14 @@ struct Certificate {
   /// What may stand higher than max_excess_inside between the nodes that can be reached.
   double excess_bound_mm = 0.0;
   /// Inside: largest excess minus the scallop that the stepover states for the slope; < 0 if it
-  /// is nowhere reached. NaN without a stepover.
+  /// is nowhere reached. NaN without a stepover. Where the ball reaches with half a stepover of
+  /// room around (certificate.hpp), sampled at every third node along each axis:
   double max_excess_over_scallop_mm = NAN;
+  /// And wherever it reaches, beside creases and in pits too, at all nodes.
+  double max_tight_over_scallop_mm = NAN;
+  /// Area, in plan, that stands more than kOverScallop_mm above the stated scallop because the ball
+  /// has no room, and because it does not reach at all (map_rest() in rest.hpp shows where).
+  double tight_area_mm2 = 0.0, unreached_area_mm2 = 0.0;
   double max_excess_anywhere_mm = 0.0;  ///< also where it cannot (concave below the radius)
   /// Of as-milled minus design, gouges negative, over all nodes.
   double mean_excess_mm = 0.0, rms_excess_mm = 0.0;

@@ -108,9 +108,8 @@ int links_by_search(const std::vector<TubeStation>& tube) {
     }
   std::vector<Place> last;
   for (int l = 0; l < kLevels; ++l)
-    last.push_back(
-        {tube.back().t,
-         tube.back().low + (tube.back().high - tube.back().low) * l / (kLevels - 1.0)});
+    last.push_back({tube.back().t,
+                    tube.back().low + (tube.back().high - tube.back().low) * l / (kLevels - 1.0)});
   columns.push_back(last);
   std::vector<std::vector<int>> links(columns.size(), std::vector<int>(kLevels, 1 << 20));
   std::fill(links[0].begin(), links[0].end(), 0);
@@ -256,8 +255,7 @@ TEST(FitLines, SeveralLinesStayInsideTheBoundsThatAreReportedAndMeet) {
           const double za = mm_of_ticks(m[v - 1].z), zb = mm_of_ticks(m[v].z);
           const double path = za + (place - a) / (b - a) * (zb - za);
           const double q = (place - from) / (to - from);
-          const double chord =
-              samples[k].tip_mm + q * (samples[k + 1].tip_mm - samples[k].tip_mm);
+          const double chord = samples[k].tip_mm + q * (samples[k + 1].tip_mm - samples[k].tip_mm);
           below = std::max(below, chord + samples[k].gouge_mm - path);
           above = std::max(above, path - chord + samples[k].dip_mm);
         }

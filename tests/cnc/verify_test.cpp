@@ -231,6 +231,55 @@ TEST(Verify, ReachDependsOnCurvature) {
   }
 }
 
+// A furrow of two planes of 45 degrees, its crease 0.1 mm beside one pass and 0.4 mm beside the
+// other: there the ball rests on the far wall, and the near one gets what the pass 0.4 mm off
+// leaves.
+TEST(Verify, BesideACreaseTheBallHasNoRoom) {
+  ModelField design = flat_field(51, 51, 0.4, 0.0F);
+  const double crease = design.y_mm(26), lift = 3.0 * (std::sqrt(2.0) - 1.0);
+  for (std::ptrdiff_t r = 0; r < 51; ++r)
+    for (std::ptrdiff_t c = 0; c < 51; ++c)
+      design.z_mm(r, c) = static_cast<float>(std::abs(design.y_mm(r) - crease));
+  std::string text = "G0 Z60\nF900\n";
+  for (int i = 0; i <= 40; ++i)
+    text += fmt::format("G0 X0 Y{0:.4f}\nG1 Z{1:.6f}\nX20\nG0 Z60\n", 0.5 * i,
+                        std::abs(0.5 * i - crease) + lift);
+  const auto v = verify_text({text + "M2\n"}, design,
+                             {.cell = Millimetres{0.02}, .stepover = Millimetres{0.5}});
+  ASSERT_THAT(v, Succeeds());
+  const Certificate& c = v->certificate;
+  const double touch = 3.0 / std::sqrt(2.0), half = 0.25 * std::sqrt(2.0);
+  const double stated = (3.0 - std::sqrt(9.0 - half * half)) * std::sqrt(2.0);
+  // What is left at a place `off` from the crease.
+  const auto excess = [&](double off) {
+    double left = INFINITY;
+    for (int i = 0; i <= 40; ++i) {
+      const double at = 0.5 * i - crease, d2 = 9.0 - (off - at) * (off - at);
+      if (d2 > 0.0) left = std::fmin(left, std::abs(at) + lift + 3.0 - std::sqrt(d2));
+    }
+    return left - std::abs(off);
+  };
+  double room = -INFINITY, tight = -INFINITY, tight_mm = 0.0, unreached_mm = 0.0;
+  for (double off = -5.0; off < 5.0; off += 0.0005) {
+    const double over = excess(off) - stated, from_touch = std::abs(off) - touch;
+    // Half a stepover of room, less what 3 um let the ball slide up: it rises 2 for 1.
+    if (from_touch > 0.25 - 0.5 * kRoomTolerance_mm) room = std::fmax(room, over);
+    const bool reached = from_touch > -0.5 * kReachTolerance_mm;
+    if (reached) tight = std::fmax(tight, over);
+    if (over > kOverScallop_mm) (reached ? tight_mm : unreached_mm) += 0.0005;
+  }
+  EXPECT_GT(tight, 0.03) << "twice the stated scallop";
+  EXPECT_NEAR(c.max_tight_over_scallop_mm, tight, 0.006);  // the last node may be 0.02 mm off
+  EXPECT_LT(room, 0.001);
+  EXPECT_NEAR(c.max_excess_over_scallop_mm, room, 0.003);
+  // Sampled every 0.06 mm, at most one row too many or too few on each side of a strip.
+  const double length = 20.0 - 2.0 * 3.0;
+  EXPECT_GT(tight_mm, 0.09);
+  EXPECT_NEAR(c.tight_area_mm2, tight_mm * length, 0.07 * length);
+  EXPECT_GT(unreached_mm, 4.0);
+  EXPECT_NEAR(c.unreached_area_mm2, unreached_mm * length, 0.13 * length);
+}
+
 // ---- tools, stock, stones, travel --------------------------------------------------
 
 TEST(Verify, EachToolCutsWithItsOwnShape) {
@@ -408,6 +457,9 @@ TEST(Verify, ScallopsBySlopeAndBorderApart) {
   const double stated = (3.0 - std::sqrt(9.0 - half * half)) * std::sqrt(2.0);
   EXPECT_NEAR(c.max_excess_inside_mm, at_nodes[4], kRounding_mm);
   EXPECT_NEAR(c.max_excess_over_scallop_mm, at_nodes[4] - stated, kRounding_mm);
+  EXPECT_NEAR(c.max_tight_over_scallop_mm, at_nodes[4] - stated, kRounding_mm);
+  EXPECT_EQ(c.tight_area_mm2, 0.0);
+  EXPECT_EQ(c.unreached_area_mm2, 0.0);
   // Between the rows the ridge is where both passes leave the same.
   double ridge = 0.0;
   for (int i = 0; i <= 1000; ++i)

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // A certificate is worth what it says of a program that is wrong. Programs of ours are spoilt in
-// their files, as a slip of hand or a worn probe would do it, and `maquette verify` has to find out:
+// their files, as a slip of hand or a worn probe would do it, and `maquette verify` has to find
+// out:
 //
 //   the program as it is ............... accepted (nothing below would mean anything otherwise)
 //   one pass 30 um too deep ............ exit code 1; depth, place, and a line of that pass
@@ -94,9 +95,9 @@ class Contradiction : public testing::Test {
     mill("0.01");
   }
   void mill(const std::string& tolerance) {
-    const Outcome o = run_program(
-        scratch.path(), fmt::format("--quiet mill {} --tolerance-mm {} --out {}", design.string(),
-                                    tolerance, program.string()));
+    const Outcome o =
+        run_program(scratch.path(), fmt::format("--quiet mill {} --tolerance-mm {} --out {}",
+                                                design.string(), tolerance, program.string()));
     ASSERT_EQ(o.exit_code, 0) << o.err;
   }
   fs::path write(const std::string& name, const std::string& text) {

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "scan/deviate.hpp"
+#include "scan/register.hpp"
 
 namespace maquette::scan {
 namespace {

@@ -90,10 +90,10 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(input->design));
   scan::Cloud all;
   json registrations = json::array();
-  std::optional<scan::Alignment> first;
+  std::optional<scan::Registration> first;
   for (const CaseScan& entry : input->scans) {
     MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points));
-    auto alignment = scan::align(cloud, design, run);
+    auto alignment = scan::register_scan(cloud, design, {}, run);
     if (!alignment)
       return tl::unexpected(std::move(alignment.error()).within(entry.points.string()));
     registrations.push_back({{"points", entry.points.filename().string()},

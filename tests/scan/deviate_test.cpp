@@ -227,8 +227,7 @@ TEST(DeviateReport, JsonHasTheKeys) {
   s.mean_mm = 0.5;
   s.sigma_mm = NAN;
   s.points = 7;
-  Alignment a;
-  a.converged = true;
+  Registration a;
   a.iterations = 5;
   a.free_directions = {"rotation z"};
   a.model_from_scan.translation_mm = {1.0, 2.0, 3.0};

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// Registration and deviation at full size, and how true the stated covariance is.
+//
+//   scan_bench full [NODES POINTS]   4001 nodes a side of 0.5 mm, 5 M points, 0.3 mm noise, 20 mm
+//                                    and 2 degrees off: CPU seconds and error of the true pose;
+//                                    then signed distances of all points
+//   scan_bench poses [RUNS]          200 parts and poses: within 3 sigma, share of the spacing
+//   scan_bench peer [POINTS]         the same scan by CloudCompare's ICP and cloud to mesh
+//                                    distance, where cloudcompare is installed
+
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+
+#include <fmt/format.h>
+#include <Eigen/Dense>
+
+#include "scan/deviate.hpp"
+#include "scan/register.hpp"
+#include "support/scan_terrain.hpp"
+
+namespace maquette::scan {
+namespace {
+
+using heightmap::ModelField;
+using namespace testing_support;
+
+constexpr double kDegree = 0.017453292519943295;
+
+double cpu_s() {
+  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
+}
+
+/// Waves down to a few nodes, in parallel; the pose is drawn about the middle.
+void full(std::ptrdiff_t nodes, std::size_t points) {
+  const ModelField part = rough_part(1, nodes, nodes, 0.5);
+  const double half = 0.25 * static_cast<double>(nodes - 1);
+  const Cloud truth = points_on(part, points, 2, 0.3);
+  const RigidTransform pose = random_pose(3, {half, half, 10.0}, 2.0 * kDegree, 20.0);
+  const Cloud seen = seen_from(truth, pose);
+  double before = cpu_s();
+  const auto found = register_scan(seen, part);
+  fmt::print("register_scan: {:.2f} CPU s\n", cpu_s() - before);
+  if (!found) {
+    fmt::print("{}: {}\n", found.error().code.name, found.error().message);
+    return;
+  }
+  double square = 0.0;
+  for (std::size_t i = 0; i < truth.points_mm.size(); i += 97) {
+    const Vec3 e = found->model_from_scan.point(seen.points_mm[i]) - truth.points_mm[i];
+    square += dot(e, e);
+  }
+  fmt::print(
+      "rms distance from the true pose: {:.6f} mm; {} iterations, noise {:.4f} mm, sigma {:.6f} "
+      "mm, effective points {:.0f}\n",
+      std::sqrt(square * 97.0 / static_cast<double>(truth.points_mm.size())), found->iterations,
+      found->noise_mm, found->sigma_translation_mm, found->effective_points);
+  before = cpu_s();
+  RegisterOptions far;
+  far.model_from_scan = random_pose(5, {half, half, 10.0}, 2.5, 3000.0);
+  const auto anywhere = register_scan(seen, part, far);
+  fmt::print("from anywhere: {:.2f} CPU s, {}\n", cpu_s() - before,
+             anywhere ? fmt::format("{:.6f} mm from the first",
+                                    norm(anywhere->model_from_scan.translation_mm -
+                                         found->model_from_scan.translation_mm))
+                      : anywhere.error().message);
+  before = cpu_s();
+  const auto d = deviate(seen, found->model_from_scan, part);
+  fmt::print("deviate: {:.2f} CPU s, rms {:.4f} mm over {} points\n", cpu_s() - before,
+             d->statistics.rms_mm, d->statistics.points);
+}
+
+void poses(int runs) {
+  int within = 0, failed = 0, worst_run = 0;
+  double worst = 0.0, chi2 = 0.0;
+  for (int k = 0; k < runs; ++k) {
+    const auto seed = static_cast<std::uint64_t>(1000 + k);
+    const ModelField part = rough_part(seed, 401, 401, 1.0);
+    const Cloud truth = points_on(part, 160'000, seed, 0.05);  // a point per mm^2
+    const RigidTransform pose = random_pose(seed, {200.0, 200.0, 10.0}, 5.0 * kDegree, 20.0);
+    const auto found = register_scan(seen_from(truth, pose), part);
+    if (!found) {
+      ++failed;
+      continue;
+    }
+    const RigidTransform error = found->model_from_scan * pose;
+    const Vec3 shift = error.point(found->centre_mm) - found->centre_mm;
+    Eigen::Matrix<double, 6, 1> e;
+    e << shift.x, shift.y, shift.z, 2.0 * error.rotation.x, 2.0 * error.rotation.y,
+        2.0 * error.rotation.z;
+    const Eigen::Matrix<double, 6, 6> c =
+        Eigen::Map<const Eigen::Matrix<double, 6, 6>>(found->covariance.data());
+    const double square = e.dot(c.ldlt().solve(e));
+    chi2 += square;
+    // The 99.73 % of three standard deviations, for six unknowns.
+    if (square <= 20.06) ++within;
+    double rms = 0.0;
+    for (std::size_t i = 0; i < truth.points_mm.size(); i += 101) {
+      const Vec3 off = error.point(truth.points_mm[i]) - truth.points_mm[i];
+      rms += dot(off, off) * 101.0 / static_cast<double>(truth.points_mm.size());
+    }
+    if (std::sqrt(rms) > worst) worst = std::sqrt(rms), worst_run = k;
+  }
+  fmt::print(
+      "{} runs: {} refused, {} within 3 sigma (chi2 of 6 below 20.06), mean chi2 {:.2f} "
+      "(6 expected), worst pose error {:.5f} of the point spacing (run {})\n",
+      runs, failed, within, chi2 / std::max(1, runs - failed), worst, worst_run);
+}
+
+}  // namespace
+}  // namespace maquette::scan
+
+int main(int argc, char** argv) {
+  const auto number = [&](int at, long otherwise) {
+    return argc > at ? std::strtol(argv[at], nullptr, 10) : otherwise;
+  };
+  const std::string what = argc > 1 ? argv[1] : "";
+  if (what == "full")
+    maquette::scan::full(number(2, 4001), static_cast<std::size_t>(number(3, 5'000'000)));
+  else if (what == "poses")
+    maquette::scan::poses(static_cast<int>(number(2, 200)));
+  else {
+    fmt::print("scan_bench full | poses\n");
+    return 2;
+  }
+  return 0;
+}

@@ -88,6 +88,10 @@ std::optional<BlockFault> GcodeMachine::home(const BlockWords& words, Motion& mo
 std::optional<BlockFault> GcodeMachine::probe(const BlockWords& words, Motion& motion,
                                               bool& moved) {
   if (!has_axis(words)) return syntax(1, "found a probing move without X, Y or Z, expected one");
+  mode_ = Mode::none;
+  // Onwards by some way from where a probe touched: no more is known than before.
+  for (std::size_t i = 0; i < 3; ++i)
+    if (incremental_ && words.has(kAxes[i]) && !known_[i]) return std::nullopt;
   mode_ = Mode::line;
   auto fault = move(words, motion, moved);
   mode_ = Mode::none;

@@ -34,10 +34,10 @@
 /// Start state: G21 G17 G90 G91.1 G94, no motion mode, no feed, position unknown. An axis
 /// stays unknown until a move gives it an absolute value; a G53 move makes it
 /// unknown again, for only the machine knows where the two frames lie; so do G28 and G30 (by
-/// way of the place given), a probing move (it ends where it touches) and G10 L2. G10 L20 makes
-/// it known: the model frame is what the program calls so from there on. A rapid with an
-/// unknown axis at either end gives no motion; a cut towards an unknown coordinate is an
-/// error, and a cut from an unknown place starts where it ends.
+/// way of the place given), a probing move (it ends where it touches; one by G91 from there gives
+/// no motion) and G10 L2. G10 L20 makes it known: the model frame is what the program calls so from
+/// there on. A rapid with an unknown axis at either end gives no motion; a cut towards an unknown
+/// coordinate is an error, and a cut from an unknown place starts where it ends.
 ///
 /// Lines that begin with '/' are skipped, as with the machine's block delete switch on;
 /// the summary counts them. A value that follows '(' .. ')' or blanks inside a number is

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "cnc/toolpath.hpp"
 #include "core/files.hpp"
 #include "core/nearest_name.hpp"
 
@@ -70,6 +71,23 @@ Result<void> check_tool_length(const Machine& machine, const Tool& tool, double 
               fmt::format("tool {} ({}) is {:.4f} mm long, but {} leaves {:.4f} mm between spindle "
                           "nose and work with z at its top; take a shorter tool or a lower stock",
                           tool.number, tool.name, gauge_length_mm, machine.name, room));
+}
+
+Result<void> check_travel(const Machine& machine, const Box3& tip_mm) {
+  if (tip_mm.empty()) return {};
+  const Vec3 span = tip_mm.max - tip_mm.min;
+  const auto check = [&](char axis, double length_mm, double travel_mm) -> Result<void> {
+    // Rounding of coordinates is not travel.
+    if (length_mm <= travel_mm + kTick_mm) return {};
+    return fail(
+        kBeyondTravel,
+        fmt::format("the program needs {:.4f} mm of travel in {}, {} has {:.4f} mm; cut the "
+                    "part in bands, or take another machine",
+                    length_mm, axis, machine.name, travel_mm));
+  };
+  MAQUETTE_TRY_VOID(check('x', span.x, machine.travel_mm.x));
+  MAQUETTE_TRY_VOID(check('y', span.y, machine.travel_mm.y));
+  return check('z', span.z, machine.travel_mm.z);
 }
 
 }  // namespace maquette::cnc

@@ -20,6 +20,7 @@ namespace maquette::cnc {
 
 inline constexpr ErrorCode kUnknownMachine{"CNC_UNKNOWN_MACHINE"};
 inline constexpr ErrorCode kToolTooLong{"CNC_TOOL_TOO_LONG"};
+inline constexpr ErrorCode kBeyondTravel{"CNC_BEYOND_TRAVEL"};
 
 /// Axes x, y, z. All > 0 unless said.
 struct Machine {
@@ -56,5 +57,9 @@ struct Machine {
 /// @return CNC_TOOL_TOO_LONG with both lengths
 [[nodiscard]] Result<void> check_tool_length(const Machine& machine, const Tool& tool,
                                              double gauge_length_mm, double stock_top_mm);
+
+/// Whether the machine can go as far as the tip goes, along each axis.
+/// @return CNC_BEYOND_TRAVEL with the axis and both lengths
+[[nodiscard]] Result<void> check_travel(const Machine& machine, const Box3& tip_mm);
 
 }  // namespace maquette::cnc

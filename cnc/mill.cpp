@@ -141,18 +141,9 @@ Result<MillReport> mill(const ModelField& design, const MillOptions& options,
   tool.name = fmt::format("ball nose {} mm", options.ball_diameter.value());
   tool.cutter = Cutter::ball(0.5 * options.ball_diameter.value());
   writer.tool(tool, options.spindle_rpm);
-  bool started = false;
-  const auto sink = [&](const Toolpath& piece) -> Result<void> {
-    if (!started) {
-      PathMove above;
-      above.kind = PathMove::Kind::rapid;
-      above.to = piece.start;
-      MAQUETTE_TRY_VOID(writer.add({&above, 1}));
-      started = true;
-    }
-    return writer.add(piece.moves);
-  };
-  MAQUETTE_TRY(auto report, mill_passes(design, options, sink, run));
+  MAQUETTE_TRY(auto report,
+               mill_passes(
+                   design, options, [&](const Toolpath& piece) { return writer.add(piece); }, run));
   writer.comment(fmt::format("cut {:.1f} mm in {:.1f} min, tip z {:.4f} .. {:.4f} mm",
                              report.path_length_mm, report.cutting_time_min, report.lowest_tip_mm,
                              report.highest_tip_mm));

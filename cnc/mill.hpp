@@ -75,8 +75,6 @@ struct MillOptions {
   int work_offset = 54;         ///< see program.hpp
   std::uint64_t max_lines = 0;  ///< of one file of the program; 0: any number
   std::uint64_t max_bytes = 0;
-  /// Travel of the machine, 0: not checked.
-  Millimetres travel_x{0.0}, travel_y{0.0}, travel_z{0.0};
   /// Only passes with y in [first_y, last_y]; NaN: the whole field. A band passes its
   /// own range and a field widened by the cutter's radius.
   double first_y_mm = NAN, last_y_mm = NAN;
@@ -130,8 +128,7 @@ using ToolpathSink = std::function<Result<void>(const Toolpath& piece)>;
 /// first_y <= last_y, both on the field. Memory: 64 passes beside the surface and its copies.
 /// @pre the design has at least 2 x 2 nodes; the stock, if given, too
 /// @return figures, but for those of the program; or one of the codes above with option, value and
-///         range; CNC_BEYOND_TRAVEL with the axis and both lengths; the sink's error;
-///         CORE_CANCELLED
+///         range; the sink's error; CORE_CANCELLED
 [[nodiscard]] Result<MillReport> mill_passes(const heightmap::ModelField& design,
                                              const MillOptions& options, const ToolpathSink& sink,
                                              const RunContext& run = {});

@@ -151,7 +151,7 @@ class Milling {
                   [&](std::size_t i) { assemble(pieces[i], last && i + 1 == pieces.size()); });
       if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
       for (Piece& piece : pieces) {
-        MAQUETTE_TRY_VOID(count(piece));
+        count(piece);
         MAQUETTE_TRY_VOID(sink(piece.path));
       }
       pieces.clear();
@@ -461,7 +461,7 @@ class Milling {
     }
   }
 
-  Result<void> count(const Piece& piece) {
+  void count(const Piece& piece) {
     report_.points_sampled += piece.sampled;
     if (piece.before.x != ToolPosition::kUnknown) {
       if (piece.by_air)
@@ -472,7 +472,6 @@ class Milling {
     bounds_.gouge_mm = std::max(bounds_.gouge_mm, piece.bounds.gouge_mm);
     bounds_.excess_mm = std::max(bounds_.excess_mm, piece.bounds.excess_mm);
     figures_.add(piece.path);
-    return check_travel(figures_, {options_.travel_x, options_.travel_y, options_.travel_z});
   }
 
   const ModelField& design_;

@@ -202,7 +202,8 @@ MotionFinding PathProof::State::examine(const Motion& motion, const Place3& from
     const double here = std::fmax(a.gouge(), b.gouge());
     const double matters = finding.found > options.limit_mm
                                ? std::fmax(found_before, finding.found) + options.resolution_mm
-                               : options.limit_mm - kExactness_mm;
+                               // What had to be left open before: less does not count any more.
+                               : std::fmax(options.limit_mm - kExactness_mm, finding.proven);
     const bool pinned = here > options.limit_mm && bound <= here + 0.25 * options.resolution_mm;
     const bool done = bound <= matters || pinned;
     const bool hopeless =

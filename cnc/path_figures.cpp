@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <array>
 
-#include <fmt/format.h>
-
 #include "cnc/arc_geometry.hpp"
 
 namespace maquette::cnc {
@@ -86,20 +84,12 @@ void PathFigures::add(const Toolpath& piece) {
   }
 }
 
-Result<void> check_travel(const PathFigures& figures, const Travel& travel) {
-  if (figures.low.x > figures.high.x) return {};  // nothing moves
-  const auto check = [](char axis, std::int64_t low, std::int64_t high,
-                        Millimetres has) -> Result<void> {
-    const double needed = mm_of_ticks(high - low);
-    if (has.value() == 0.0 || needed <= has.value()) return {};
-    return fail(kBeyondTravel,
-                fmt::format("the program needs {:.4f} mm of travel in {}, the machine has {:.4f} "
-                            "mm; cut the part in bands",
-                            needed, axis, has.value()));
-  };
-  MAQUETTE_TRY_VOID(check('x', figures.low.x, figures.high.x, travel.x));
-  MAQUETTE_TRY_VOID(check('y', figures.low.y, figures.high.y, travel.y));
-  return check('z', figures.low.z, figures.high.z, travel.z);
+Box3 PathFigures::extent_mm() const {
+  Box3 box;
+  if (low.x > high.x) return box;  // nothing moves
+  for (const ToolPosition& p : {low, high})
+    box.add({mm_of_ticks(p.x), mm_of_ticks(p.y), mm_of_ticks(p.z)});
+  return box;
 }
 
 }  // namespace maquette::cnc

@@ -12,12 +12,9 @@
 #include <limits>
 
 #include "cnc/toolpath.hpp"
-#include "core/result.hpp"
-#include "core/units.hpp"
+#include "core/vec.hpp"
 
 namespace maquette::cnc {
-
-inline constexpr ErrorCode kBeyondTravel{"CNC_BEYOND_TRAVEL"};
 
 struct PathFigures {
   std::uint64_t lines = 0, arcs = 0, rapids = 0;
@@ -32,6 +29,8 @@ struct PathFigures {
 
   /// The next piece of the path. @pre start and all ends known
   void add(const Toolpath& piece);
+  /// Of the tip on all moves; empty if nothing moves.
+  [[nodiscard]] Box3 extent_mm() const;
 
   static constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
   static constexpr std::size_t kWindow = 32;
@@ -40,15 +39,5 @@ struct PathFigures {
   std::array<double, kWindow> seconds_{};  // of the last cuts
   double in_window_ = 0.0;
 };
-
-/// How far the tip may go along each axis from one end to the other; 0: not checked.
-struct Travel {
-  Millimetres x{0.0}, y{0.0}, z{0.0};
-};
-
-/// Rapids, and arcs' bulges, count. Where on the machine the part lies is not looked at.
-/// @return CNC_BEYOND_TRAVEL with the first axis that is too short, what the path needs and what
-///         there is
-[[nodiscard]] Result<void> check_travel(const PathFigures& figures, const Travel& travel);
 
 }  // namespace maquette::cnc

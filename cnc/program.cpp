@@ -114,7 +114,7 @@ struct ProgramWriter::State {
     text.comment(fmt::format("T{} {}", tool.number, tool.name));
     template_lines(change);
     if (!post.length_with_z) template_lines(post.length);
-    template_lines(post.spindle_on);
+    if (words.rpm > 0.0) template_lines(post.spindle_on);
     if (options.coolant) template_lines(post.coolant_on);
     template_lines(options.blending.value() > 0.0 ? post.blend : post.exact);
     text.forget();
@@ -312,7 +312,7 @@ Result<ProgramWriter> ProgramWriter::create(const std::filesystem::path& path,
 void ProgramWriter::tool(const Tool& tool, double spindle_rpm) {
   State& s = *state_;
   MAQUETTE_CHECK(tool.number >= 1 && tool.number <= 99999, "tool {}", tool.number);
-  MAQUETTE_CHECK(spindle_rpm > 0.0 && spindle_rpm <= 1e6, "{} 1/min", spindle_rpm);
+  MAQUETTE_CHECK(spindle_rpm >= 0.0 && spindle_rpm <= 1e6, "{} 1/min", spindle_rpm);
   if (s.error) return;
   if (s.started) s.make_room(kToolLines);
   if (s.started) s.tool_end();
@@ -359,6 +359,16 @@ Result<void> ProgramWriter::add(std::span<const PathMove> moves) {
     s.add(move);
   }
   return {};
+}
+
+Result<void> ProgramWriter::add(const Toolpath& path) {
+  if (!(state_->text.exact() == path.start)) {
+    PathMove above;
+    above.kind = PathMove::Kind::rapid;
+    above.to = path.start;
+    MAQUETTE_TRY_VOID(add({&above, 1}));
+  }
+  return add(path.moves);
 }
 
 Result<ProgramReport> ProgramWriter::commit() {

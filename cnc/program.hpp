@@ -87,7 +87,7 @@ class ProgramWriter {
   ~ProgramWriter();  ///< without commit() nothing is left
 
   /// The first one is the start of the program.
-  /// @pre 1 <= number <= 99999; 0 < spindle_rpm <= 10^6
+  /// @pre 1 <= number <= 99999; 0 <= spindle_rpm <= 10^6; 0: it stands still, for a probe
   void tool(const Tool& tool, double spindle_rpm);
   void comment(std::string_view text);  ///< @pre a tool
   /// Verbatim blocks of the post's control, such as a probing cycle; they may move but must
@@ -101,6 +101,8 @@ class ProgramWriter {
   /// @return what kept the next file of a split program from being opened, or
   ///         CNC_PROGRAM_OPTION_OUT_OF_RANGE where its limits do not hold even the head
   [[nodiscard]] Result<void> add(std::span<const PathMove> moves);
+  /// The same, by a rapid to the path's start where it does not stand there.
+  [[nodiscard]] Result<void> add(const Toolpath& path);
 
   /// Ends the program and puts all files in place.
   /// @return CORE_DISK_FULL or CORE_FILE_NOT_WRITABLE if a write failed, or add()'s errors; then

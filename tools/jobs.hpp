@@ -12,8 +12,6 @@
 #include <vector>
 
 #include "camera/render.hpp"
-#include "cnc/mill.hpp"
-#include "cnc/roughing.hpp"
 #include "cnc/verify.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
@@ -58,37 +56,6 @@ namespace fs = std::filesystem;
 [[nodiscard]] Result<JobResult> band_job(const fs::path& design, Millimetres max_width,
                                          std::size_t band, Millimetres base_thickness,
                                          const fs::path& out, const RunContext& run);
-
-/// A program, and what it may be judged by before anybody runs it.
-struct MillJob {
-  fs::path design;
-  std::string strategy = "raster";  ///< one of mill_strategies()
-  /// Of the finishing passes; every strategy takes diameter, feeds, spindle, clearance, control,
-  /// work offset, splitting and travel from here.
-  cnc::MillOptions finish;
-  cnc::RoughingOptions rough;
-  int rough_tool = 2;          ///< T word of the roughing cutter
-  Millimetres stock_top{NAN};  ///< of the block; NaN: `stock_margin` above the highest point
-  Millimetres stock_margin{1.0};
-  /// What an earlier operation left (<program>.stock.tif): rapids then stay low over it, and
-  /// roughing takes off only what is still there.
-  std::optional<fs::path> stock;
-  Millimetres max_width{0.0};  ///< of bands, used with `band`
-  /// Of the finish: index; none: the whole surface. A block is roughed as a whole.
-  std::optional<std::size_t> band;
-};
-[[nodiscard]] const std::vector<std::string>& mill_strategies();
-
-/// Writes the program, or its parts where it is split. Roughing writes what it leaves beside it,
-/// as <program>.stock.tif; finishing the predicted height of ridges, <program>.scallop.tif. A
-/// finishing program gets its name only
-/// after every block of it, read back, was proven against the design: one that gouges deeper than
-/// the tolerance is left as <name>.rejected, and is a bound that is not met.
-[[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const fs::path& out,
-                                         const RunContext& run);
-
-/// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
-[[nodiscard]] std::vector<fs::path> parts_of(const fs::path& program);
 
 struct VerifyJob {
   std::vector<fs::path> programs;  ///< each file that is to be cut, in order

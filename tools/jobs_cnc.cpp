@@ -39,16 +39,6 @@ Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled
 
 }  // namespace
 
-std::vector<fs::path> parts_of(const fs::path& program) {
-  std::vector<fs::path> parts{program};
-  for (int k = 2;; ++k) {
-    const fs::path next = program.parent_path() / fmt::format("{}_{}{}", program.stem().string(), k,
-                                                              program.extension().string());
-    if (!fs::exists(next)) return parts;
-    parts.push_back(next);
-  }
-}
-
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
   cnc::VerifyOptions options = job.options;

@@ -561,9 +561,9 @@ TEST(GeodesicPassErrors, OneCaseEach) {
   EXPECT_THAT(geodesic_passes(flat, o, sink), FailsWith(meshing::kGeodesicSource));
   o = {};
   const ToolpathSink full = [](const Toolpath&) -> Result<void> {
-    return fail(kBeyondTravel, "no more");
+    return fail(kMillOptionOutOfRange, "no more");
   };
-  EXPECT_THAT(geodesic_passes(flat, o, full), FailsWith(kBeyondTravel));
+  EXPECT_THAT(geodesic_passes(flat, o, full), FailsWith(kMillOptionOutOfRange));
   std::stop_source stop;
   stop.request_stop();
   RunContext run;

@@ -7,6 +7,7 @@
 //   any other by its path ....... written, read, compared
 //   every mistake is named ...... file, line, key, what is allowed, the nearest key; all at once
 //   a tool stands free .......... just short enough, just too long
+//   travel ...................... each axis, just within and just beyond
 
 #include "cnc/machine.hpp"
 
@@ -139,6 +140,21 @@ TEST(Machine, AToolStandsFreeOrIsRefused) {
   ASSERT_THAT(no, FailsWith(kToolTooLong));
   EXPECT_THAT(no.error().message, AllOf(HasSubstr("400.0010 mm"), HasSubstr("400.0000 mm"),
                                         HasSubstr("ball nose 6 mm")));
+}
+
+TEST(Machine, TravelIsCheckedInEachAxis) {
+  Machine m = *find_machine("portal_mill_2500");
+  m.travel_mm = {5.0, 4.0, 3.0};
+  EXPECT_THAT(check_travel(m, {}), Succeeds()) << "nothing moves";
+  const Vec3 from{-10.0, 20.0, 7.0};
+  EXPECT_THAT(check_travel(m, {from, from + Vec3{5.0, 4.0, 3.0}}), Succeeds());
+  for (const auto& [axis, beyond] : {std::pair{"in x", Vec3{5.01, 4.0, 3.0}},
+                                     {"in y", {5.0, 4.01, 3.0}},
+                                     {"in z", {5.0, 4.0, 3.01}}}) {
+    const auto no = check_travel(m, {from, from + beyond});
+    ASSERT_THAT(no, FailsWith(kBeyondTravel)) << axis;
+    EXPECT_THAT(no.error().message, AllOf(HasSubstr(axis), HasSubstr("portal_mill_2500")));
+  }
 }
 
 }  // namespace

@@ -805,25 +805,6 @@ TEST_F(MillErrors, PostIsUnknownAndTheKnownOnesAreNamed) {
   EXPECT_THAT(r, FailsWith(kUnknownPost));
   EXPECT_THAT(r.error().message, HasSubstr("linuxcnc, grbl"));
 }
-TEST_F(MillErrors, TravelIsCheckedInEachAxis) {
-  const auto fresh = [&] {
-    o = bare();
-    return &o;
-  };
-  fresh()->travel_x = Millimetres{4.99};
-  EXPECT_THAT(result(), FailsWith(kBeyondTravel));
-  fresh()->travel_y = Millimetres{3.99};
-  EXPECT_THAT(result(), FailsWith(kBeyondTravel));
-  fresh()->travel_z = Millimetres{4.99};
-  EXPECT_THAT(result(), FailsWith(kBeyondTravel));
-  fresh()->travel_x = Millimetres{5.0};
-  o.travel_y = Millimetres{4.0};
-  o.travel_z = Millimetres{5.0};
-  EXPECT_THAT(result(), testing_support::Succeeds());
-  std::filesystem::remove(folder / "part.ngc");
-  o.lead_radius = Millimetres{1.0};  // leads travel beside the part
-  EXPECT_THAT(result(), FailsWith(kBeyondTravel));
-}
 TEST_F(MillErrors, TheSinksErrorEndsTheWork) {
   int pieces = 0;
   const auto r = mill_passes(field, o, [&](const Toolpath&) -> Result<void> {

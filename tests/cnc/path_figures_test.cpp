@@ -46,22 +46,11 @@ TEST(Travel, IsThatOfRapidsAndOfArcsBulges) {
   const PathFigures figures = half_circle();
   ASSERT_EQ(figures.low.z, mm(1));  // clockwise towards +x in G18 goes below
   ASSERT_EQ(figures.high.z, mm(9));
-  EXPECT_THAT(check_travel(figures, {}), Succeeds());
-  EXPECT_THAT(check_travel(figures, {Millimetres{8.0}, Millimetres{3.0}, Millimetres{8.0}}),
-              Succeeds());
-  for (const auto& [travel, axis] :
-       {std::pair{Travel{Millimetres{7.9999}, {}, {}}, "in x, the machine has 7.9999"},
-        std::pair{Travel{{}, Millimetres{2.9999}, {}}, "in y, the machine has 2.9999"},
-        std::pair{Travel{{}, {}, Millimetres{7.9999}}, "in z, the machine has 7.9999"}}) {
-    const auto r = check_travel(figures, travel);
-    EXPECT_THAT(r, FailsWith(kBeyondTravel));
-    EXPECT_THAT(r.error().message, HasSubstr(axis));
-  }
-}
-
-TEST(Travel, OfNothingIsNothing) {
-  EXPECT_THAT(check_travel(PathFigures{}, {Millimetres{1.0}, Millimetres{1.0}, Millimetres{1.0}}),
-              Succeeds());
+  const Box3 box = figures.extent_mm();
+  EXPECT_NEAR(box.max.x - box.min.x, 8.0, 1e-9);
+  EXPECT_NEAR(box.max.y - box.min.y, 3.0, 1e-9);
+  EXPECT_NEAR(box.max.z - box.min.z, 8.0, 1e-9);
+  EXPECT_TRUE(PathFigures{}.extent_mm().empty());
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 
 #include "assets/synthetic_products.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "support/program.hpp"
 
@@ -157,13 +158,86 @@ TEST_F(CommandLine, PlanetRasterAsADesign) {
 TEST_F(CommandLine, OptionsOutOfRange) {
   const auto d = design().string();
   expect_refused(run("mill " + d + " --stepover-mm 0 --out x.ngc"), HasSubstr("stepover"));
-  expect_refused(run("mill " + d + " --ball-diameter-mm -6 --out x.ngc"), HasSubstr("diameter"));
+  expect_refused(run("mill " + d + " --diameter-mm -6 --out x.ngc"), HasSubstr("diameter"));
   expect_refused(run("mill " + d + " --post fanucc --out x.ngc"), HasSubstr("fanucc"));
   expect_refused(run("mill " + d + " --machine nonesuch --out x.ngc"), HasSubstr("nonesuch"));
   expect_refused(run("export " + d + " --format stll --out " + out.string()), HasSubstr("stll"));
   expect_refused(run("run x.toml --shard 4/3"), HasSubstr("4/3"));
   expect_refused(run("nonesuch"), HasSubstr("--help"));
   expect_refused(run("mill " + d + " --nonesuch"), HasSubstr("nonesuch"));
+}
+
+/// Every strategy is reached, and what it writes is a program that cuts nothing it must not.
+TEST_F(CommandLine, EveryStrategyMills) {
+  // A bowl with a groove narrower than the ball, and a stone beside it.
+  heightmap::ModelField field{Grid<float>(61, 61), Millimetres{0.5}, {}, {}};
+  for (std::ptrdiff_t r = 0; r < 61; ++r)
+    for (std::ptrdiff_t c = 0; c < 61; ++c) {
+      const double x = 0.5 * static_cast<double>(c) - 15.0, y = 0.5 * static_cast<double>(r) - 15.0;
+      double z = 0.02 * (x * x + y * y) - (std::fabs(x) < 1.0 ? 1.5 : 0.0);
+      if (std::hypot(x - 6.0, y) < 3.0) z += 4.0;  // a knob with steep sides
+      field.z_mm(r, c) = static_cast<float>(z);
+    }
+  const fs::path bowl = scratch / "bowl.tif";
+  ASSERT_TRUE(heightmap::write_model_field(field, bowl));
+  meshing::PlacedStone stone;
+  stone.number = 1;
+  stone.scale_mm = 4.0;
+  stone.model_from_stone.translation_mm = {5.0, 8.0, 2.5};
+  ASSERT_TRUE(meshing::write_stone_plan(std::vector{stone}, scratch / "stones.json"));
+  const auto mill = [&](const std::string& strategy, const std::string& more = "") {
+    const fs::path program = scratch / (strategy + ".ngc");
+    const auto o =
+        run(fmt::format("mill {} --json --quiet --strategy {} --machine portal_mill_2500 "
+                        "--out {} {}",
+                        bowl.string(), strategy, program.string(), more));
+    EXPECT_EQ(o.exit_code, 0) << strategy << ": " << o.err;
+    EXPECT_TRUE(fs::exists(program)) << strategy;
+    const json figures = o.exit_code == 0 ? json::parse(o.out) : json::object();
+    if (figures.contains("proven_gouge_mm")) {
+      EXPECT_LE(figures["proven_gouge_mm"].get<double>(), 0.0101) << strategy;
+    }
+    return figures;
+  };
+  EXPECT_GT(mill("rough").value("removed_cm3", 0.0), 0.1);
+  const std::string roughed = "--stock " + (scratch / "rough.stock.tif").string();
+  EXPECT_GT(mill("semi-finish", roughed).value("passes", 0), 10);
+  const std::string semi = "--stock " + (scratch / "semi-finish.stock.tif").string();
+  EXPECT_EQ(mill("raster", semi).value("passes", 0), 61);
+  EXPECT_GT(mill("waterline", semi).value("levels", 0), 3);
+  EXPECT_GT(mill("geodesic", semi).value("curves", 0), 20);
+  EXPECT_GT(mill("rest").value("area_mm2", 0.0), 20.0);
+  const std::string stones = "--stones " + (scratch / "stones.json").string();
+  EXPECT_GT(mill("seats", stones).value("volume_mm3", 0.0), 5.0);
+  EXPECT_EQ(mill("outlines", stones + " --mark-depth-mm 0.005").value("passes", 0), 1);
+  mill("probe", "--work-offset 55");
+  const std::string touches = slurp(scratch / "probe.ngc");
+  EXPECT_THAT(touches, AllOf(HasSubstr("G38.2"), HasSubstr("G10 L2 P2"), HasSubstr("G55")));
+  EXPECT_THAT(touches, Not(HasSubstr("M3\n"))) << "the probe must not turn";
+}
+
+TEST_F(CommandLine, StrategiesSayWhatTheyLack) {
+  const auto d = design().string();
+  const std::string to = " --out " + (scratch / "x.ngc").string();
+  expect_refused(run("mill " + d + " --strategy seats" + to), HasSubstr("stones.json"));
+  expect_refused(run("mill " + d + " --strategy rest --diameter-mm 6" + to), HasSubstr("smaller"));
+  expect_refused(run("mill " + d + " --strategy raster --corner-mm 1" + to), HasSubstr("ball"));
+  expect_refused(run("mill " + d + " --strategy probe --post fanuc" + to), HasSubstr("G38.2"));
+  expect_refused(run("mill " + d + " --strategy spiral" + to), HasSubstr("geodesic"));
+  for (const auto& e : fs::directory_iterator(scratch.path()))
+    EXPECT_EQ(e.path().filename(), "design.tif") << "is left";
+}
+
+TEST_F(CommandLine, WorkBeyondTheMachinesTravel) {
+  std::string small = slurp(fs::path(MAQUETTE_SOURCE) / "assets/machines/portal_mill_2500.toml");
+  small.replace(small.find("[2500.0, 2500.0"), 15, "[2500.0, 15.0");  // the hill has 20
+  const auto machine = file("small.toml", small).string();
+  for (const char* strategy : {"raster", "rough", "semi-finish", "geodesic", "probe"})
+    expect_refused(run(fmt::format("mill {} --strategy {} --machine {} --out {}", design().string(),
+                                   strategy, machine, (scratch / "x.ngc").string())),
+                   AllOf(HasSubstr("travel in y"), HasSubstr("15.0000 mm")));
+  EXPECT_FALSE(fs::exists(scratch / "x.ngc"));
+  EXPECT_FALSE(fs::exists(scratch / "x.ngc.rejected"));
 }
 
 TEST_F(CommandLine, GcodeWithAnError) {

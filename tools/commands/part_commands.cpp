@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// mill, verify, export, render, compare, scan, deviate
+// verify, export, render, compare, scan, deviate
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 
 #include "assets/devices.hpp"
-#include "cnc/machine.hpp"
-#include "cnc/posts.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
@@ -33,122 +31,6 @@ Result<Preset> preset(const std::vector<Preset>& presets, const std::string& kin
 }
 
 }  // namespace
-
-Command add_mill(CLI::App& root, const CommonOptions&) {
-  struct Options {
-    fs::path design, out = "part.ngc", stock;
-    double ball_mm = 6.0, stepover_mm = 0.5, tolerance_mm = 0.01, feed = 3000.0, plunge = 600.0,
-           spindle = 18000.0, clearance_mm = 5.0, direction_deg = 0.0, scallop_limit_mm = 0.011,
-           lead_mm = 1.0, allowance_mm = 0.5;
-    double rough_mm = 12.0, corner_mm = 1.0, rough_stepover_mm = 6.0, step_down_mm = 5.0,
-           cell_mm = 1.0, ramp_deg = 3.0, stock_top_mm = NAN;
-    std::string strategy = "raster", post = "linuxcnc", machine, name = "maquette";
-    bool one_way = false, conventional = false, constant_scallop = false, no_arcs = false;
-    int work_offset = 54, tool = 0;
-    std::uint64_t max_lines = 0, max_bytes = 0;
-  };
-  auto o = std::make_shared<Options>();
-  auto* app = root.add_subcommand(
-      "mill",
-      "G-code with a proof: a finishing pass that would cut deeper than its tolerance keeps the "
-      "name <out>.rejected.\n"
-      "Example: maquette mill design.tif --out part.ngc --stepover-mm 0.5\n"
-      "Example: maquette mill design.tif --strategy rough --rough-diameter-mm 12 --out rough.ngc");
-  app->add_option("design", o->design, "model field (.tif, mm)")->required();
-  app->add_option("--out", o->out, "program; parts of a split one are numbered")
-      ->capture_default_str();
-  app->add_option("--strategy", o->strategy,
-                  "raster: parallel finishing passes of a ball; rough: level by level")
-      ->capture_default_str()
-      ->check(CLI::IsMember(mill_strategies()));
-  app->add_option("--ball-diameter-mm", o->ball_mm, "")->capture_default_str();
-  app->add_option("--stepover-mm", o->stepover_mm, "in plan")->capture_default_str();
-  app->add_option("--tolerance-mm", o->tolerance_mm, "of the written path, all causes together")
-      ->capture_default_str();
-  app->add_option("--direction-deg", o->direction_deg, "of the passes, counter-clockwise from +x")
-      ->capture_default_str();
-  app->add_flag("--one-way", o->one_way, "all passes in one direction instead of zig-zag");
-  app->add_flag("--conventional", o->conventional, "one way: conventional instead of climb");
-  app->add_flag("--constant-scallop", o->constant_scallop,
-                "more passes where it is steep, so that ridges stay below --scallop-limit-mm");
-  app->add_option("--scallop-limit-mm", o->scallop_limit_mm, "normal to the surface")
-      ->capture_default_str();
-  app->add_flag("--no-arcs", o->no_arcs, "lines only");
-  app->add_option("--lead-radius-mm", o->lead_mm, "of quarter circles in and out; 0: none")
-      ->capture_default_str();
-  app->add_option("--stock", o->stock,
-                  "model field (.tif): what an earlier operation left, such as <rough>.stock.tif");
-  app->add_option("--allowance-mm", o->allowance_mm, "rough: what it leaves")
-      ->capture_default_str();
-  app->add_option("--rough-diameter-mm", o->rough_mm, "of the roughing cutter")
-      ->capture_default_str();
-  app->add_option("--rough-corner-mm", o->corner_mm, "its corner radius; 0: flat")
-      ->capture_default_str();
-  app->add_option("--rough-stepover-mm", o->rough_stepover_mm, "")->capture_default_str();
-  app->add_option("--step-down-mm", o->step_down_mm, "rough: between levels")
-      ->capture_default_str();
-  app->add_option("--ramp-deg", o->ramp_deg, "rough: steepest way down in material")
-      ->capture_default_str();
-  app->add_option("--rough-cell-mm", o->cell_mm, "rough: grid it is planned on")
-      ->capture_default_str();
-  app->add_option("--stock-top-mm", o->stock_top_mm,
-                  "rough: top of the block (default: 1 mm above the highest point)");
-  app->add_option("--feed-mm-per-min", o->feed, "")->capture_default_str();
-  app->add_option("--plunge-feed-mm-per-min", o->plunge, "")->capture_default_str();
-  app->add_option("--spindle-rpm", o->spindle, "")->capture_default_str();
-  app->add_option("--clearance-mm", o->clearance_mm, "of rapid moves above what they fly over")
-      ->capture_default_str();
-  app->add_option("--post", o->post, "dialect: " + cnc::post_names())->capture_default_str();
-  app->add_option("--work-offset", o->work_offset, "54 to 59; 591 to 593 for G59.1 to G59.3")
-      ->capture_default_str();
-  app->add_option("--max-lines", o->max_lines, "of one file; longer programs are split; 0: any")
-      ->capture_default_str();
-  app->add_option("--max-bytes", o->max_bytes, "the same in bytes")->capture_default_str();
-  app->add_option("--machine", o->machine,
-                  "name or .toml file; its travel is checked; none: not checked");
-  app->add_option("--name", o->name, "in the program's header")->capture_default_str();
-  return {app, [o](Console& console) -> Result<int> {
-            MillJob job;
-            job.design = o->design;
-            job.strategy = o->strategy;
-            cnc::MillOptions& m = job.finish;
-            m.ball_diameter = Millimetres{o->ball_mm};
-            m.stepover = Millimetres{o->stepover_mm};
-            m.tolerance = Millimetres{o->tolerance_mm};
-            m.direction = degrees(o->direction_deg);
-            m.zigzag = !o->one_way;
-            m.climb = !o->conventional;
-            m.constant_scallop = o->constant_scallop;
-            m.scallop_limit = Millimetres{o->scallop_limit_mm};
-            m.arcs = !o->no_arcs;
-            m.lead_radius = Millimetres{o->lead_mm};
-            m.feed = FeedRate{o->feed};
-            m.plunge_feed = FeedRate{o->plunge};
-            m.spindle_rpm = o->spindle;
-            m.clearance = Millimetres{o->clearance_mm};
-            m.post = o->post;
-            m.program_name = o->name;
-            m.work_offset = o->work_offset;
-            m.max_lines = o->max_lines;
-            m.max_bytes = o->max_bytes;
-            job.rough.cutter = cnc::Cutter::bull(0.5 * o->rough_mm, o->corner_mm);
-            job.rough.allowance_mm = o->allowance_mm;
-            job.stock = given(o->stock);
-            job.rough.stepover_mm = o->rough_stepover_mm;
-            job.rough.step_down_mm = o->step_down_mm;
-            job.rough.cell_mm = o->cell_mm;
-            job.rough.ramp_angle_deg = o->ramp_deg;
-            job.stock_top = Millimetres{o->stock_top_mm};
-            if (!o->machine.empty()) {
-              MAQUETTE_TRY(const auto machine, cnc::find_machine(o->machine));
-              m.travel_x = Millimetres{machine.travel_mm.x};
-              m.travel_y = Millimetres{machine.travel_mm.y};
-              m.travel_z = Millimetres{machine.travel_mm.z};
-            }
-            return finish(console, "mill",
-                          [&](const RunContext& run) { return mill_job(job, o->out, run); });
-          }};
-}
 
 Command add_verify(CLI::App& root, const CommonOptions&) {
   struct Options {

@@ -7,13 +7,13 @@
 #include <nlohmann/json.hpp>
 
 #include "assets/devices.hpp"
-#include "cnc/machine.hpp"
 #include "cnc/posts.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "heightmap/source_files.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/milling.hpp"
 #include "tools/report.hpp"
 
 namespace maquette::tools {
@@ -26,42 +26,37 @@ struct RunOptions {
   bool merge = false;
 };
 
-cnc::MillOptions mill_options(const Site& site, double scale) {
-  const auto machine = *cnc::find_machine(site.machine);
-  cnc::MillOptions o;
-  o.ball_diameter = Millimetres{site.ball_diameter_mm};
-  o.stepover = Millimetres{site.stepover_mm};
-  o.tolerance = Millimetres{site.tolerance_mm};
-  o.direction = degrees(site.direction_deg);
-  o.zigzag = site.zigzag;
-  o.climb = site.climb;
-  o.arcs = site.arcs;
-  o.constant_scallop = site.constant_scallop;
-  o.scallop_limit = Millimetres{site.scallop_limit_mm};
-  o.max_lines = static_cast<std::uint64_t>(site.max_lines);
-  o.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
-  o.feed = FeedRate{site.feed_mm_per_min};
-  o.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
-  o.spindle_rpm = site.spindle_rpm;
-  o.clearance = Millimetres{site.clearance_mm};
-  o.post = site.post;
-  o.program_name = fmt::format("{} 1:{:g}", site.name, scale);
-  o.travel_x = Millimetres{machine.travel_mm.x};
-  o.travel_y = Millimetres{machine.travel_mm.y};
-  o.travel_z = Millimetres{machine.travel_mm.z};
-  return o;
-}
-
-MillJob mill_of(const Site& site, double scale) {
-  MillJob job;
-  job.finish = mill_options(site, scale);
-  job.rough.cutter = cnc::Cutter::bull(0.5 * site.rough_diameter_mm, site.rough_corner_radius_mm);
-  job.rough.stepover_mm = site.rough_stepover_mm;
-  job.rough.step_down_mm = site.rough_step_down_mm;
-  job.rough.allowance_mm = site.rough_allowance_mm;
-  job.rough.ramp_angle_deg = site.rough_ramp_deg;
-  job.rough.cell_mm = site.rough_cell_mm;
+/// One operation of the site, with the defaults of its strategy where no key says otherwise.
+MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
+  MillJob job = default_job(strategy);
+  job.machine = *cnc::find_machine(site.machine);
+  job.tolerance = Millimetres{site.tolerance_mm};
+  job.direction = degrees(site.direction_deg);
+  job.zigzag = site.zigzag;
+  job.climb = site.climb;
+  job.arcs = site.arcs;
+  job.constant_scallop = site.constant_scallop;
+  job.scallop_limit = Millimetres{site.scallop_limit_mm};
+  job.feed = FeedRate{site.feed_mm_per_min};
+  job.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
+  job.spindle_rpm = site.spindle_rpm;
+  job.clearance = Millimetres{site.clearance_mm};
+  job.program.post = site.post;
+  job.program.name = fmt::format("{} 1:{:g}", site.name, scale);
+  job.program.max_lines = static_cast<std::uint64_t>(site.max_lines);
+  job.program.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
   job.stock_margin = Millimetres{site.stock_margin_mm};
+  if (strategy == "rough") {
+    job.tool.cutter = cnc::Cutter::bull(0.5 * site.rough_diameter_mm, site.rough_corner_radius_mm);
+    job.stepover_mm = site.rough_stepover_mm;
+    job.step_down_mm = site.rough_step_down_mm;
+    job.allowance_mm = site.rough_allowance_mm;
+    job.ramp_deg = site.rough_ramp_deg;
+    job.cell_mm = site.rough_cell_mm;
+  } else {
+    job.tool.cutter = cnc::Cutter::ball(0.5 * site.ball_diameter_mm);
+    job.stepover_mm = site.stepover_mm;
+  }
   return job;
 }
 
@@ -118,10 +113,9 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                  {design},
                                  values({"name", "rough.", "mill.", "machine.", "stock."}),
                                  [=, &site](const RunContext& run) {
-                                   MillJob mill = mill_of(site, scale);
+                                   MillJob mill = mill_of(site, scale, "rough");
                                    mill.design = design;
-                                   mill.strategy = "rough";
-                                   mill.finish.program_name += " rough";
+                                   mill.program.name += " rough";
                                    return mill_job(mill, rough_program, run);
                                  }});
   std::vector<fs::path> programs;
@@ -133,11 +127,11 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     const auto job = [=, &site] {
       std::error_code ec;
       fs::create_directories(program.parent_path(), ec);
-      MillJob mill = mill_of(site, scale);
+      MillJob mill = mill_of(site, scale, "raster");
       mill.design = design;
       mill.max_width = width;
       mill.band = b;
-      mill.finish.program_name += " " + band;
+      mill.program.name += " " + band;
       return mill;
     };
     band_stage.units.push_back({fmt::format("{}.bands.{}", name, band),
@@ -188,8 +182,8 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     VerifyJob rough = cut;
     rough.programs = {rough_program};
     rough.options.cell = Millimetres{std::min(site.spacing_mm, 0.25 * site.rough_cell_mm)};
-    const MillJob planned = mill_of(site, scale);
-    rough.options.tools = {{planned.rough_tool, "roughing", planned.rough.cutter}};
+    const MillJob planned = mill_of(site, scale, "rough");
+    rough.options.tools = {planned.tool};
     rough.stock_margin = planned.stock_margin;
     stages.push_back(single("verify_rough", {design, rough_program},
                             {"rough.", "machine.", "stock."},

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+
+#include "cnc/mill.hpp"
+#include "cnc/posts.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/milling.hpp"
+
+namespace maquette::tools {
+namespace fs = std::filesystem;
+namespace {
+
+struct Options {
+  fs::path design, out = "part.ngc", stock, stones;
+  std::string strategy = "raster", machine = "unlimited";
+  // NaN: as the strategy has it
+  double diameter_mm = NAN, corner_mm = NAN, stepover_mm = NAN, step_down_mm = NAN,
+         allowance_mm = NAN;
+  double direction_deg = 0.0;
+  bool one_way = false, conventional = false, no_arcs = false;
+  int tool = 0;
+  MillJob job = default_job("raster");  // defaults of all strategies
+  double tolerance_mm = job.tolerance.value(), feed = job.feed.value(),
+         plunge = job.plunge_feed.value(), clearance_mm = job.clearance.value(),
+         scallop_limit_mm = job.scallop_limit.value(), lead_mm = job.lead_radius.value(),
+         stock_top_mm = NAN;
+};
+
+std::vector<std::string> names() {
+  std::vector<std::string> all;
+  for (const Strategy& s : strategies()) all.emplace_back(s.name);
+  return all;
+}
+
+std::string table() {
+  std::string text = "what to mill:";
+  for (const Strategy& s : strategies()) text += fmt::format("\n  {:<12} {}", s.name, s.does);
+  return text;
+}
+
+/// "raster 0.5, rough 6": what the strategies take where nothing is given.
+std::string defaults(double Strategy::*of) {
+  std::string text;
+  for (const Strategy& s : strategies())
+    if (!std::isnan(s.*of))
+      text += fmt::format("{}{} {:g}", text.empty() ? "" : ", ", s.name, s.*of);
+  return " (default: " + text + ")";
+}
+std::string default_diameters() {
+  std::string text;
+  for (const Strategy& s : strategies())
+    text += fmt::format("{}{} {:g}", text.empty() ? "" : ", ", s.name, 2.0 * s.cutter.radius_mm);
+  return " (default: " + text + ")";
+}
+
+Result<MillJob> job_of(const Options& o) {
+  MillJob job = o.job;
+  const MillJob preset = default_job(o.strategy);
+  job.strategy = o.strategy;
+  job.design = o.design;
+  if (!o.stock.empty()) job.stock = o.stock;
+  if (!o.stones.empty()) job.stones = o.stones;
+  job.tool = preset.tool;
+  if (o.tool > 0) job.tool.number = o.tool;
+  cnc::Cutter& cutter = job.tool.cutter;
+  const bool ball = cutter.is_ball();
+  if (!std::isnan(o.diameter_mm)) cutter.radius_mm = 0.5 * o.diameter_mm;
+  if (ball) cutter.corner_radius_mm = cutter.radius_mm;
+  if (!std::isnan(o.corner_mm)) {
+    if (ball)
+      return fail(kUsage, fmt::format("--corner-mm: {} is milled with a ball; only roughing takes "
+                                      "another cutter",
+                                      o.strategy));
+    cutter.corner_radius_mm = o.corner_mm;
+  }
+  if (!(cutter.radius_mm > 0.0))
+    return fail(cnc::kToolNotPositive,
+                fmt::format("the cutter's diameter is {} mm; it must be greater than 0",
+                            2.0 * cutter.radius_mm));
+  const auto pick = [](double given, double otherwise) {
+    return std::isnan(given) ? otherwise : given;
+  };
+  job.stepover_mm = pick(o.stepover_mm, preset.stepover_mm);
+  job.step_down_mm = pick(o.step_down_mm, preset.step_down_mm);
+  job.allowance_mm = pick(o.allowance_mm, preset.allowance_mm);
+  job.tolerance = Millimetres{o.tolerance_mm};
+  job.direction = degrees(o.direction_deg);
+  job.zigzag = !o.one_way;
+  job.climb = !o.conventional;
+  job.arcs = !o.no_arcs;
+  job.scallop_limit = Millimetres{o.scallop_limit_mm};
+  job.lead_radius = Millimetres{o.lead_mm};
+  job.feed = FeedRate{o.feed};
+  job.plunge_feed = FeedRate{o.plunge};
+  job.clearance = Millimetres{o.clearance_mm};
+  job.stock_top = Millimetres{o.stock_top_mm};
+  MAQUETTE_TRY(job.machine, cnc::find_machine(o.machine));
+  return job;
+}
+
+}  // namespace
+
+Command add_mill(CLI::App& root, const CommonOptions&) {
+  auto o = std::make_shared<Options>();
+  MillJob& job = o->job;
+  auto* app = root.add_subcommand(
+      "mill",
+      "G-code with a proof: a program that would cut deeper than its tolerance keeps the name "
+      "<out>.rejected.\n"
+      "Example: maquette mill design.tif --out part.ngc --stepover-mm 0.5\n"
+      "Example: maquette mill design.tif --strategy rough --diameter-mm 12 --out rough.ngc\n"
+      "Example: maquette mill design.tif --strategy seats --stones stones.json --out seats.ngc");
+  app->add_option("design", o->design, "model field (.tif, mm)")->required();
+  app->add_option("--out", o->out, "program; parts of a split one are numbered")
+      ->capture_default_str();
+  app->add_option("--strategy", o->strategy, table())
+      ->capture_default_str()
+      ->check(CLI::IsMember(names()));
+  app->add_option("--diameter-mm", o->diameter_mm, "of the cutter" + default_diameters());
+  app->add_option("--corner-mm", o->corner_mm, "rough: the cutter's corner radius; 0: flat");
+  app->add_option("--tool", o->tool, "T word (default: one for each kind of cutter)");
+  app->add_option("--stepover-mm", o->stepover_mm,
+                  "between passes, in plan" + defaults(&Strategy::stepover_mm));
+  app->add_option("--step-down-mm", o->step_down_mm,
+                  "between levels; rest and seats: in one go" + defaults(&Strategy::step_down_mm));
+  app->add_option("--allowance-mm", o->allowance_mm,
+                  "what rough and semi-finish leave; else what stands above the design at most" +
+                      defaults(&Strategy::allowance_mm));
+  app->add_option("--tolerance-mm", o->tolerance_mm, "of the written path, all causes together")
+      ->capture_default_str();
+  app->add_option("--stock", o->stock,
+                  "model field (.tif): what an earlier operation left, such as <rough>.stock.tif");
+  app->add_option("--stones", o->stones, "seats, outlines: stones.json of `maquette stones`");
+  app->add_option("--direction-deg", o->direction_deg, "of the passes, counter-clockwise from +x")
+      ->capture_default_str();
+  app->add_flag("--one-way", o->one_way, "all passes in one direction instead of zig-zag");
+  app->add_flag("--conventional", o->conventional, "one way: conventional instead of climb");
+  app->add_flag("--constant-scallop", job.constant_scallop,
+                "passes where ridges would exceed --scallop-limit-mm, wherever it is steep");
+  app->add_option("--scallop-limit-mm", o->scallop_limit_mm, "normal to the surface")
+      ->capture_default_str();
+  app->add_flag("--no-arcs", o->no_arcs, "lines only");
+  app->add_option("--lead-radius-mm", o->lead_mm, "of quarter circles in and out; 0: none")
+      ->capture_default_str();
+  app->add_option("--least-slope-deg", job.least_slope_deg, "waterline: where it is steeper")
+      ->capture_default_str();
+  app->add_option("--ball-before-mm", job.ball_before_diameter_mm,
+                  "rest: diameter of the ball whose rest is taken")
+      ->capture_default_str();
+  app->add_option("--gap-mm", job.gap_mm, "seats: room around a stone")->capture_default_str();
+  app->add_option("--bed-mm", job.bed_mm, "seats: room under a stone")->capture_default_str();
+  app->add_option("--mark-depth-mm", job.mark_depth_mm, "outlines")->capture_default_str();
+  app->add_option("--ramp-deg", job.ramp_deg, "rough: steepest way down in material")
+      ->capture_default_str();
+  app->add_option("--cell-mm", job.cell_mm, "rough: grid it is planned on")->capture_default_str();
+  app->add_option("--stock-top-mm", o->stock_top_mm,
+                  "rough, probe: top of the block (default: 1 mm above the highest point)");
+  app->add_option("--feed-mm-per-min", o->feed, "")->capture_default_str();
+  app->add_option("--plunge-feed-mm-per-min", o->plunge, "")->capture_default_str();
+  app->add_option("--spindle-rpm", job.spindle_rpm, "")->capture_default_str();
+  app->add_option("--clearance-mm", o->clearance_mm, "of rapid moves above what they fly over")
+      ->capture_default_str();
+  app->add_option("--machine", o->machine,
+                  fmt::format("its limits and its time: {}, or a .toml file",
+                              fmt::join(cnc::machine_names(), ", ")))
+      ->capture_default_str();
+  app->add_option("--post", job.program.post, "dialect: " + cnc::post_names())
+      ->capture_default_str();
+  app->add_option("--work-offset", job.program.work_offset,
+                  "54 to 59; 591 to 593 for G59.1 to G59.3")
+      ->capture_default_str();
+  app->add_option("--max-lines", job.program.max_lines,
+                  "of one file; longer programs are split; 0: any")
+      ->capture_default_str();
+  app->add_option("--max-bytes", job.program.max_bytes, "the same in bytes")->capture_default_str();
+  app->add_option("--name", job.program.name, "in the program's header")->capture_default_str();
+  return {app, [o](Console& console) -> Result<int> {
+            MAQUETTE_TRY(const MillJob whole, job_of(*o));
+            return finish(console, "mill",
+                          [&](const RunContext& run) { return mill_job(whole, o->out, run); });
+          }};
+}
+
+}  // namespace maquette::tools

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file milling.hpp
+/// Design -> program, by one of the strategies of the room cnc. One table says what there is
+/// (strategies.cpp); the command `mill` and the stages of `run` take their defaults from it.
+///
+/// Every program is written beside its place first, read back as the machine will read it, timed,
+/// and checked against the machine's travel; balls are proven against what they must not cut. An
+/// error leaves nothing behind. A program whose proof exceeds its tolerance is left as
+/// <name>.rejected, and is a bound that is not met.
+
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "cnc/machine.hpp"
+#include "cnc/program.hpp"
+#include "cnc/tool.hpp"
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "core/units.hpp"
+#include "tools/pipeline.hpp"
+
+namespace maquette::tools {
+
+struct MillJob {
+  std::string strategy;
+  std::filesystem::path design;
+  /// What an earlier operation left (<program>.stock.tif, as_milled.tif): rapids then stay low
+  /// over it, and roughing takes off only what is still there.
+  std::optional<std::filesystem::path> stock;
+  std::optional<std::filesystem::path> stones;  ///< seats and outlines are theirs
+
+  cnc::Tool tool;             ///< of a probe: the ball's radius
+  double stepover_mm = 0.5;   ///< between passes, in plan
+  double step_down_mm = 5.0;  ///< rough: between levels; waterline too; rest, seats: in one go
+  /// What rough and semi-finish leave; elsewhere: what stands above the design at most, where no
+  /// stock says it (NaN: not known).
+  double allowance_mm = NAN;
+  Millimetres tolerance{0.01};  ///< of finishing paths, all causes together
+  FeedRate feed{3000.0}, plunge_feed{600.0};
+  double spindle_rpm = 18000.0;
+  Millimetres clearance{5.0};
+  cnc::ProgramOptions program{};  ///< post, name, work offset, splitting; the rest is set here
+  cnc::Machine machine = *cnc::find_machine("unlimited");
+
+  // raster and semi-finish, mill.hpp; arcs also rest; the limit also geodesic
+  Radians direction{0.0};
+  bool zigzag = true, climb = true, arcs = true, constant_scallop = false;
+  Millimetres scallop_limit{0.011}, lead_radius{1.0};
+
+  // rough
+  double cell_mm = 1.0, ramp_deg = 3.0;
+  Millimetres stock_top{NAN};  ///< of the block; NaN: `stock_margin` above the highest point
+  Millimetres stock_margin{1.0};
+
+  double least_slope_deg = 55.0;       ///< waterline
+  double ball_before_diameter_mm = 6;  ///< rest: of the ball whose rest it takes
+  double gap_mm = 1.5, bed_mm = 0.2;   ///< seats: around a stone, and under it
+  double mark_depth_mm = 0.3;          ///< outlines
+
+  std::size_t band = 0;                  ///< index, of as many as `max_width` makes
+  std::optional<Millimetres> max_width;  ///< of bands; none: the whole surface
+};
+
+struct Strategy {
+  std::string_view name;
+  std::string_view does;  ///< for a person, one line
+  bool in_bands;          ///< can mill one band beside others that still stand
+  int tool;               ///< T, unless another is asked for
+  cnc::Cutter cutter;
+  double stepover_mm, step_down_mm, allowance_mm;  ///< NaN: not used, or not known
+  /// Makes the program; the job's strategy is this one.
+  Result<JobResult> (*make)(const MillJob&, const std::filesystem::path& out, const RunContext&);
+};
+[[nodiscard]] std::span<const Strategy> strategies();
+/// @pre one of strategies()
+[[nodiscard]] const Strategy& strategy_of(std::string_view name);
+[[nodiscard]] MillJob default_job(std::string_view strategy);
+
+/// The program, or its parts where it is split. Beside it, where a next operation wants it,
+/// <program>.stock.tif: what this one leaves; of passes <program>.scallop.tif: the predicted height
+/// of ridges. @return errors of the strategy; CNC_BEYOND_TRAVEL
+[[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
+                                         const RunContext& run);
+
+/// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
+[[nodiscard]] std::vector<std::filesystem::path> parts_of(const std::filesystem::path& program);
+
+}  // namespace maquette::tools

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file mill_program.hpp
+/// What all strategies share: from pieces of path to a program in its place, read back, timed,
+/// and proven where it has a proof. Used by the strategies in this folder only.
+
+#include <nlohmann/json.hpp>
+
+#include "cnc/path_figures.hpp"
+#include "cnc/program.hpp"
+#include "heightmap/height_field.hpp"
+#include "tools/milling.hpp"
+
+namespace maquette::tools {
+
+/// What a ball's path is measured against: `lowered_mm` below the program, it cuts no deeper than
+/// `limit_mm` below the surface (path_certificate.hpp).
+struct Proof {
+  const heightmap::ModelField& surface;
+  double ball_radius_mm = 3.0;
+  double limit_mm = 0.005;
+  double lowered_mm = 0.0;
+};
+
+/// Where a program waits until it may have its name. What is left in it when it goes is nobody's.
+class Waiting {
+ public:
+  static Result<Waiting> beside(const std::filesystem::path& out);
+  Waiting(Waiting&& other) noexcept : folder_(std::exchange(other.folder_, {})) {}
+  Waiting& operator=(Waiting&&) = delete;
+  ~Waiting();
+  [[nodiscard]] std::filesystem::path file(const std::filesystem::path& out) const {
+    return folder_ / out.filename();
+  }
+
+ private:
+  Waiting() = default;
+  std::filesystem::path folder_;
+};
+
+class MillProgram {
+ public:
+  /// @param top_mm    of all that stands; rapids between operations clear it
+  /// @param blending  that the control may add to the path's deviation
+  static Result<MillProgram> begin(const MillJob& job, const std::filesystem::path& out,
+                                   double top_mm, Millimetres blending,
+                                   std::vector<std::string> comments);
+
+  /// The next piece of the path.
+  Result<void> add(const cnc::Toolpath& piece);
+  [[nodiscard]] cnc::ProgramWriter& writer() { return writer_; }
+  [[nodiscard]] const cnc::PathFigures& figures() const { return figures_; }
+
+  /// @param figures  of the strategy; those of the program are added
+  Result<JobResult> finish(const std::optional<Proof>& proof, nlohmann::json figures,
+                           const RunContext& run);
+  /// Of a program whose way depends on what only the machine knows: a probe's.
+  Result<JobResult> finish_unread(nlohmann::json figures);
+
+ private:
+  MillProgram(const MillJob& job, std::filesystem::path out, Waiting waiting,
+              cnc::ProgramWriter writer, double blending_mm)
+      : job_(job),
+        out_(std::move(out)),
+        waiting_(std::move(waiting)),
+        writer_(std::move(writer)),
+        blending_mm_(blending_mm) {}
+
+  const MillJob& job_;
+  std::filesystem::path out_;
+  Waiting waiting_;
+  cnc::ProgramWriter writer_;
+  double blending_mm_;
+  cnc::PathFigures figures_;
+};
+
+/// <program>.<what>.tif
+[[nodiscard]] std::filesystem::path beside(const std::filesystem::path& program,
+                                           const std::string& what);
+
+/// What a strategy mills: a surface, of a band with what the cutter feels beside it.
+struct Piece {
+  heightmap::ModelField design;
+  std::optional<heightmap::ModelField> stock;
+  double first_y_mm = NAN, last_y_mm = NAN;  ///< of a band's passes; NaN: the whole surface
+  double top_mm = 0.0;                       ///< of design and stock
+};
+/// @param margin_mm  beside the band
+[[nodiscard]] Result<Piece> piece_of(const MillJob& job, double margin_mm);
+
+// The strategies, mill_finish.cpp, mill_rough.cpp, mill_rest.cpp, mill_probe.cpp.
+Result<JobResult> raster_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> semi_finish_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> waterline_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> geodesic_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> rough_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> rest_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> seats_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> outlines_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> probe_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+
+}  // namespace maquette::tools

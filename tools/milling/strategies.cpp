@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "core/check.hpp"
+#include "tools/milling/mill_program.hpp"
+
+namespace maquette::tools {
+namespace {
+
+const double kNone = NAN;
+
+const Strategy kStrategies[] = {
+    {"raster", "parallel finishing passes of a ball", true, 1, cnc::Cutter::ball(3.0), 0.5, kNone,
+     kNone, raster_job},
+    {"rough", "level by level with a flat or bull-nose cutter, where stock remains", false, 2,
+     cnc::Cutter::bull(6.0, 1.0), 6.0, 5.0, 0.5, rough_job},
+    {"semi-finish", "parallel passes of a ball that take the steps of roughing off", true, 1,
+     cnc::Cutter::ball(3.0), 1.0, kNone, 0.2, semi_finish_job},
+    {"rest", "a smaller ball, only where the one before did not fit", true, 3,
+     cnc::Cutter::ball(1.5), 0.2, 2.0, kNone, rest_job},
+    {"waterline", "passes at constant height where it is steep", false, 1, cnc::Cutter::ball(3.0),
+     kNone, 0.5, kNone, waterline_job},
+    {"geodesic", "passes at equal distance on the surface, whatever the slope", false, 1,
+     cnc::Cutter::ball(3.0), 0.5, kNone, kNone, geodesic_job},
+    {"seats", "pockets with level floors for the stones of --stones", true, 3,
+     cnc::Cutter::ball(1.5), 0.2, 2.0, kNone, seats_job},
+    {"outlines", "marks along the borders of the stones' seats", true, 4, cnc::Cutter::ball(0.5),
+     kNone, kNone, kNone, outlines_job},
+    {"probe", "touches the block's corner and sets the work offset there (G38.2)", true, 10,
+     cnc::Cutter::ball(1.0), kNone, kNone, kNone, probe_job},
+};
+
+}  // namespace
+
+std::span<const Strategy> strategies() {
+  return kStrategies;
+}
+
+const Strategy& strategy_of(std::string_view name) {
+  const auto* found = std::find_if(std::begin(kStrategies), std::end(kStrategies),
+                                   [&](const Strategy& s) { return s.name == name; });
+  MAQUETTE_CHECK(found != std::end(kStrategies), "strategy {}", name);
+  return *found;
+}
+
+MillJob default_job(std::string_view strategy) {
+  const Strategy& s = strategy_of(strategy);
+  MillJob job;
+  job.strategy = s.name;
+  job.tool.number = s.tool;
+  job.tool.name = "";  // as its shape says
+  job.tool.cutter = s.cutter;
+  job.stepover_mm = s.stepover_mm;
+  job.step_down_mm = s.step_down_mm;
+  job.allowance_mm = s.allowance_mm;
+  return job;
+}
+
+Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
+                           const RunContext& run) {
+  return strategy_of(job.strategy).make(job, out, run);
+}
+
+}  // namespace maquette::tools

@@ -6,6 +6,8 @@
 //
 //   the post's programs .................... random paths of all kinds of moves; tool changes,
 //                                            parts, offsets, blending, line numbers, comments
+//   what mill writes ....................... a finishing program of real passes, arcs and all
+//   a whole program of yours ............... MAQUETTE_PROGRAMS=a.ngc:b.ngc, every block of them
 //   words, arcs, expressions, O words ...... small programs in which the two could differ
 //   programs of others ..................... ../shared/data/gcode or MAQUETTE_DATA, if there
 
@@ -17,11 +19,13 @@
 #include <gtest/gtest.h>
 
 #include "cnc/gcode_reader.hpp"
+#include "cnc/mill.hpp"
 #include "cnc/program.hpp"
 #include "core/files.hpp"
 #include "random_path.hpp"
 #include "rs274_peer.hpp"
 #include "support/matchers.hpp"
+#include "support/terrain.hpp"
 
 namespace maquette::cnc {
 namespace {
@@ -153,6 +157,27 @@ TEST_F(Rs274, ReadsAWholeBand) {
   ASSERT_THAT(writer->add(path.moves), Succeeds());
   ASSERT_THAT(writer->commit(), Succeeds());
   expect_same(folder_ / "band.ngc", 1e-4);
+}
+
+TEST_F(Rs274, ReadsWhatMillWrites) {
+  const auto design =
+      maquette::testing_support::ground(maquette::testing_support::Ground::rolling, 2, 121, 0.5);
+  for (const bool zigzag : {true, false}) {
+    MillOptions options;
+    options.zigzag = zigzag;
+    ASSERT_THAT(mill(design, options, folder_ / "part.ngc"), Succeeds());
+    expect_same(folder_ / "part.ngc", 1e-4);
+  }
+}
+
+TEST_F(Rs274, ReadsTheProgramsGiven) {
+  const char* given = std::getenv("MAQUETTE_PROGRAMS");
+  if (given == nullptr) GTEST_SKIP() << "MAQUETTE_PROGRAMS names none (a.ngc:b.ngc)";
+  std::istringstream list(given);
+  for (std::string program; std::getline(list, program, ':');) {
+    ASSERT_TRUE(std::filesystem::exists(program)) << program;
+    expect_same(program, 1e-4);
+  }
 }
 
 TEST_F(Rs274, UnderstandsWhatWeUnderstand) {

@@ -663,26 +663,5 @@ TEST(VerifyErrors, WarnsAboutWhatItCannotKnow) {
                                                       HasSubstr("1 blocks begin with '/'")));
 }
 
-// A relief milled by others, with their stated 2 mm ball: it cuts, and without collisions.
-TEST(VerifyReal, Cameo) {
-  const char* data = std::getenv("MAQUETTE_DATA");
-  const std::filesystem::path root =
-      data != nullptr ? std::filesystem::path(data)
-                      : std::filesystem::path(__FILE__).parent_path() / "../../../shared/data";
-  const std::filesystem::path program = root / "gcode/cameo.nc";
-  if (!std::filesystem::exists(program)) GTEST_SKIP() << program << " is not here";
-  ModelField design = flat_field(421, 331, 0.5, -6.0F);
-  design.x0 = Millimetres{-82.5};
-  design.y0 = Millimetres{-105.0};
-  const auto v = verify(std::span(&program, 1), design,
-                        {.ball_diameter = Millimetres{2.0},
-                         .cell = Millimetres{0.25},
-                         .stock_top = Millimetres{0.0}});
-  ASSERT_THAT(v, Succeeds());
-  EXPECT_EQ(v->certificate.rapid_collisions, 0U);
-  EXPECT_EQ(heightmap::height_range(v->as_milled.z_mm).min, -6.0F) << "its roughing depth";
-  EXPECT_NEAR(v->certificate.max_gouge_mm, 0.0, kRounding_mm);
-}
-
 }  // namespace
 }  // namespace maquette::cnc

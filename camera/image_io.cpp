@@ -4,9 +4,11 @@
 #include <cmath>
 #include <set>
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
+#include "core/check.hpp"
 #include "core/files.hpp"
 
 namespace maquette::camera {
@@ -104,6 +106,22 @@ Result<void> write_png(const Grid<std::uint8_t>& grey, const fs::path& path,
 
 Result<void> write_png(const Grid<Rgb8>& colour, const fs::path& path, const Metadata& metadata) {
   return write_png_grid(colour, path, metadata);
+}
+
+std::string encode_png(const Grid<Rgb8>& colour) {
+  OIIO::ImageSpec spec(static_cast<int>(colour.cols()), static_cast<int>(colour.rows()), 3,
+                       OIIO::TypeDesc::UINT8);
+  spec.attribute("DateTime", "1970:01:01 00:00:00");
+  OIIO::Filesystem::IOVecOutput memory;
+  const auto out = OIIO::ImageOutput::create("png");
+  MAQUETTE_CHECK(out != nullptr, "OpenImageIO writes no PNG: {}", OIIO::geterror());
+  out->set_ioproxy(&memory);
+  const bool written = out->open("png", spec) &&
+                       out->write_image(OIIO::TypeDesc::UINT8, colour.cells().data()) &&
+                       out->close();
+  MAQUETTE_CHECK(written, "{} x {} pixels: {}", colour.cols(), colour.rows(), out->geterror());
+  const auto& bytes = memory.buffer();
+  return {bytes.begin(), bytes.end()};
 }
 
 std::uint8_t srgb8(double linear) {

@@ -36,6 +36,9 @@ using Metadata = std::vector<std::pair<std::string, std::string>>;
 [[nodiscard]] Result<void> write_png(const Grid<Rgb8>& colour, const std::filesystem::path& path,
                                      const Metadata& metadata = {});
 
+/// The bytes of such a file, for a page. @pre at least one pixel
+[[nodiscard]] std::string encode_png(const Grid<Rgb8>& colour);
+
 /// Linear value 0..1 -> sRGB 0..255 (IEC 61966-2-1), clamped.
 [[nodiscard]] std::uint8_t srgb8(double linear);
 

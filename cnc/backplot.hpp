@@ -2,21 +2,20 @@
 #pragma once
 
 /// @file backplot.hpp
-/// A program seen from above, coloured by feed or by engagement; and a thinned set of its paths for
-/// drawings and for a view in three dimensions.
+/// A program seen from above, as a picture: what it feeds, how much it takes off, how high it goes.
 ///
-/// Takes   motions in program order with the volume that each removed (VerifyOptions::visit)
-/// Gives   picture (RGB, row 0 is the upper row), SVG with frame and scale, polylines
+/// Takes   motions in program order, with the volume each removed where that is known
+///         (VerifyOptions::visit)
+/// Gives   colours (row 0 is the upper row), their scale, where cuts begin
 ///
-/// Method. Each motion is walked in steps of half a pixel; a pixel adds up length, length times
-/// feed and removed volume, so its colour is the mean over all of its path: millions of moves
-/// are one picture. The polylines keep of the path what comes through cells nothing came
-/// through before: neighbouring passes thin out to the cell, single cuts stay.
-/// Cost    about 30 ns a step; memory goes with the pixels and cells, not with the program.
+/// Method. Each motion is walked in steps of half a pixel, arcs as chords that stay within a
+/// thousandth of one; a pixel adds up length, and length times feed, height and removed volume, so
+/// its colour is the mean over all path in it: millions of moves are one picture.
+/// Cost    about 30 ns a step; 20 bytes a pixel, whatever the length of the program.
+/// What the path is like between pixels, and where the rapids are: path_sketch.hpp.
 
 #include <array>
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "cnc/gcode_reader.hpp"
@@ -24,57 +23,68 @@
 
 namespace maquette::cnc {
 
-enum class BackplotColour : std::uint8_t { feed, engagement };
+/// Engagement is removed volume per length of path, mm^3/mm = mm^2.
+enum class BackplotColour : std::uint8_t { feed, engagement, height };
+using Rgb = std::array<std::uint8_t, 3>;
+
+/// From dark blue (0) over green to red (1); lightness rises but for the last fifth.
+[[nodiscard]] Rgb backplot_colour(double share);
+inline constexpr Rgb kRapidColour{236, 200, 228}, kPaperColour{255, 255, 255};
+/// Cuts that remove less are drawn as if they removed this.
+inline constexpr double kLeastEngagement_mm2 = 1e-4;
+
+/// Values that the two ends of the colours stand for. Feed and height are linear between them,
+/// engagement logarithmic.
+struct BackplotScale {
+  double low = 0.0, high = 1.0;
+  bool logarithmic = false;
+  bool constant = false;  ///< there is but one value: `high`
+
+  /// 0 at low, 1 at high, not clamped.
+  [[nodiscard]] double share(double value) const;
+};
 
 struct BackplotOptions {
   double x_min_mm = 0.0, x_max_mm = 1.0, y_min_mm = 0.0, y_max_mm = 1.0;  ///< what is shown
-  int longest_px = 1600;
-  int longest_cells = 400;  ///< of the thinning
-};
-
-/// Part of the path; rapids and cuts apart.
-struct BackplotRun {
-  bool rapid = false;
-  double feed_mm_min = 0.0;     ///< mean
-  double engagement_mm2 = 0.0;  ///< mean
-  std::vector<Vec3> points_mm{};
+  int longest_px = 1400;
 };
 
 class Backplot {
  public:
-  /// @pre max > min, sizes >= 1
+  /// @pre max > min, longest_px >= 1
   explicit Backplot(const BackplotOptions& options);
 
-  void add(const Motion& motion, double removed_mm3);
+  void add(const Motion& motion, double removed_mm3 = 0.0);
 
-  /// Scale of the colours over the cuts so far: the 2nd and 98th percentile of the pixels. Feed
-  /// is linear, engagement logarithmic.
-  struct Scale {
-    double low = 0.0, high = 1.0;
-  };
-  [[nodiscard]] Scale scale(BackplotColour colour) const;
-  /// White where nothing goes, grey where only rapids do.
-  [[nodiscard]] Grid<std::array<std::uint8_t, 3>> picture(BackplotColour colour) const;
-  /// Frame in millimetres, the thinned paths, rapids dashed, a bar with the scale.
-  [[nodiscard]] std::string svg(BackplotColour colour, const std::string& title) const;
-  [[nodiscard]] const std::vector<BackplotRun>& runs() const { return runs_; }
+  /// The 2nd and 98th percentile of the pixels so far.
+  [[nodiscard]] BackplotScale scale(BackplotColour colour) const;
+  /// White where nothing goes, pink where only rapids do. Where cuts fill less than half of it,
+  /// they are drawn three pixels wide.
+  [[nodiscard]] Grid<Rgb> picture(BackplotColour colour, const BackplotScale& scale) const;
+  /// First and last place of the cutting.
+  [[nodiscard]] Vec3 begins_mm() const { return begins_; }
+  [[nodiscard]] Vec3 ends_mm() const { return ends_; }
+  /// Where cuts follow rapids, one in each square of 8 x 8 pixels.
+  [[nodiscard]] const std::vector<Vec3>& entries_mm() const { return entries_; }
+  [[nodiscard]] double pixel_mm() const { return px_mm_; }
+  [[nodiscard]] const BackplotOptions& options() const { return o_; }
+  [[nodiscard]] bool empty() const { return !any_cut_; }
 
  private:
   struct Pixel {
-    float length = 0.0F, feed_length = 0.0F, volume = 0.0F;
+    float length = 0.0F, feed_length = 0.0F, height_length = 0.0F, volume = 0.0F;
     bool rapid = false;
   };
-  void thin(const Motion& motion, Vec3 at, double engagement);
-  [[nodiscard]] double value(const Pixel& pixel, BackplotColour colour) const;
-  [[nodiscard]] std::array<std::uint8_t, 3> shade(double value, BackplotColour colour,
-                                                  const Scale& scale) const;
+  [[nodiscard]] static double value(const Pixel& pixel, BackplotColour colour);
+  void enter(Vec3 at);
 
   BackplotOptions o_;
-  double px_mm_, cell_mm_;
+  double px_mm_;
   Grid<Pixel> pixels_;  // row 0: north
-  Grid<std::uint8_t> cut_cells_, rapid_cells_;
-  std::vector<BackplotRun> runs_;
-  bool open_ = false;  // the last run goes on
+  Grid<std::uint8_t> entered_;
+  std::vector<Vec3> entries_;
+  Vec3 begins_{}, ends_{};
+  bool any_cut_ = false, cutting_ = false;
 };
 
 }  // namespace maquette::cnc

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "camera/render.hpp"
+#include "cnc/backplot.hpp"
 #include "cnc/verify.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
@@ -70,9 +71,23 @@ struct VerifyJob {
   /// on and at the latest from options.gouge_limit on.
   std::optional<Millimetres> max_gouge;
 };
-/// certificate.json, as_milled.tif, excess.png.
+/// certificate.json, as_milled.tif, excess.png; backplot/paths.json for the page, and
+/// backplot/<program>.feed.svg, .png, .engagement.svg, .png of each program.
 [[nodiscard]] Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder,
                                            const RunContext& run);
+
+struct BackplotJob {
+  std::vector<fs::path> programs;
+  cnc::BackplotColour colour = cnc::BackplotColour::feed;
+  /// With it the programs are cut in simulation: engagement is known, and the view has a ground.
+  std::optional<fs::path> design;
+  std::optional<fs::path> stock;
+  Millimetres ball_diameter{6.0};
+};
+/// What a program looks like, by the ending of `out`: .svg, .png from above, each program of
+/// several beside the others with its name added; .html all of them in three dimensions.
+[[nodiscard]] Result<JobResult> backplot_job(const BackplotJob& job, const fs::path& out,
+                                             const RunContext& run);
 
 struct ExportOptions {
   double scale_denominator = 1000.0;

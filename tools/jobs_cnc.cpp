@@ -13,6 +13,7 @@
 #include "meshing/stones.hpp"
 #include "tools/jobs.hpp"
 #include "tools/pictures.hpp"
+#include "tools/program_pictures.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
@@ -54,6 +55,17 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   if (job.max_gouge)
     options.gouge_limit =
         Millimetres{std::clamp(job.max_gouge->value(), 0.001, options.gouge_limit.value())};
+  ProgramPicturesOptions drawn;
+  drawn.design = &design;
+  drawn.engagement = true;
+  drawn.colours = {cnc::BackplotColour::feed, cnc::BackplotColour::engagement};
+  std::vector<fs::path> pictures;
+  MAQUETTE_TRY(auto drawing, ProgramPictures::plan(job.programs, drawn,
+                                                   picture_files(folder / "backplot", pictures)));
+  options.visit = [&](const cnc::Motion& motion, std::size_t program, double removed_mm3) {
+    drawing.add(motion, program, removed_mm3);
+  };
+
   JobResult result;
   result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   // Excess (red) and gouge (blue) on the design's own nodes.
@@ -86,6 +98,10 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         gouge_against_mesh(mesh, result.outputs[1], design, meshing::with_stones(design, plan)));
   }
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], figures.dump(1)));
+  MAQUETTE_TRY_VOID(drawing.finish());
+  pictures.push_back(folder / "backplot" / "paths.json");
+  MAQUETTE_TRY_VOID(write_file(pictures.back(), drawing.scene_json()));
+  result.outputs.insert(result.outputs.end(), pictures.begin(), pictures.end());
   MAQUETTE_TRY_VOID(
       camera::write_png(signed_picture(excess, colour_limit(excess, 0.01)), result.outputs[2]));
 

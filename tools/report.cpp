@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "tools/path_view.hpp"
 #include "tools/pictures.hpp"
 #include "tools/version.hpp"
 
@@ -16,7 +17,7 @@ using nlohmann::json;
 namespace {
 
 constexpr const char* kPageStart = R"(<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
 <style>
 :root {{ color-scheme: light dark; }}
@@ -29,6 +30,7 @@ figure {{ margin: 1em 0; display: inline-block; vertical-align: top; max-width: 
 figcaption {{ font-size: .85em; opacity: .8; }}
 img {{ max-width: 100%; height: auto; image-rendering: auto; }}
 svg text {{ fill: currentColor; }}
+.wide {{ overflow-x: auto; }}
 .warn {{ color: #b2182b; font-weight: 600; }}
 </style></head><body><h1>{title}</h1>
 )";
@@ -53,6 +55,10 @@ std::string escape(const std::string& text) {
         out += c;
     }
   return out;
+}
+
+std::string head(const std::string& title) {
+  return fmt::format(fmt::runtime(kPageStart), fmt::arg("title", escape(title)));
 }
 
 std::string picture(const fs::path& png, const std::string& caption, int width) {
@@ -95,6 +101,59 @@ std::string deviation_rows(const json& s) {
                           {"max_mm", "highest, mm"}});
 }
 
+/// The table of the units' `machining_time` of one scale; nothing where none has it.
+std::string machining_time(std::span<const UnitRecord> records, const std::string& scale) {
+  std::string rows;
+  double cutting = 0.0, rapid = 0.0, total = 0.0, length = 0.0;
+  for (const UnitRecord& r : records) {
+    if (!r.name.starts_with(scale + ".")) continue;
+    const json figures = json::parse(r.figures_json);
+    for (const json& t : figures.value("machining_time", json::array())) {
+      rows += fmt::format(
+          "<tr><td>{}</td><td>{}</td><td>{}</td><td class='n'>{:.1f}</td><td class='n'>{:.1f}</td>"
+          "<td class='n'>{:.1f}</td><td class='n'>{:.1f}</td></tr>",
+          number(t.value("program", json(""))), number(t.value("tool", json(""))),
+          number(t.value("band", json(""))), t.value("cutting_min", 0.0), t.value("rapid_min", 0.0),
+          t.value("total_min", 0.0), t.value("length_m", 0.0));
+      cutting += t.value("cutting_min", 0.0);
+      rapid += t.value("rapid_min", 0.0);
+      total += t.value("total_min", 0.0);
+      length += t.value("length_m", 0.0);
+    }
+  }
+  if (rows.empty()) return "";
+  return fmt::format(
+      "<h3>Machining time</h3>\n<div class='wide'><table><tr><th>program</th><th>tool</th>"
+      "<th>band</th><th>cutting, min</th><th>rapids, min</th><th>all, min</th><th>path, m</th></tr>"
+      "{}<tr><th>all</th><td></td><td></td><td class='n'>{:.1f}</td><td class='n'>{:.1f}</td><td "
+      "class='n'>{:.1f}</td><td class='n'>{:.1f}</td></tr></table></div>\n",
+      rows, cutting, rapid, total, length);
+}
+
+/// What the simulated cut has drawn of its programs: the view, and where the pictures lie.
+std::string paths(const fs::path& folder, const fs::path& page_folder, const std::string& title) {
+  const auto scene = read_file(folder / "backplot" / "paths.json");
+  if (!scene) return "";
+  std::string html = fmt::format("<h3>{}</h3>\n{}", title, path_view_html(*scene));
+  html += "<div class='wide'><table><tr><th>from above</th><th>feed</th><th>engagement</th></tr>";
+  const json parsed = json::parse(*scene);
+  for (const json& program : parsed["programs"]) {
+    const auto name = program["name"].get<std::string>();
+    html += fmt::format("<tr><td>{}</td>", escape(name));
+    for (const char* colour : {"feed", "engagement"}) {
+      html += "<td>";
+      for (const char* format : {"svg", "png"}) {
+        const fs::path file = folder / "backplot" / fmt::format("{}.{}.{}", name, colour, format);
+        html += fmt::format("<a href='{}'>{}</a> ",
+                            escape(file.lexically_relative(page_folder).generic_string()), format);
+      }
+      html += "</td>";
+    }
+    html += "</tr>";
+  }
+  return html + "</table></div>\n";
+}
+
 constexpr const char* kRegistrationRemark =
     "<p>Each scan was brought onto the design by best fit before this comparison. A best fit "
     "absorbs what looks like a shift or a tilt of the whole part, an even coat of paint for "
@@ -106,11 +165,14 @@ std::string scale_folder(double scale) {
   return fmt::format("s{:g}", scale);
 }
 
+std::string page(const std::string& title, const std::string& body) {
+  return head(title) + body + kPageEnd;
+}
+
 Result<void> write_deviation_page(const scan::Deviation& deviation, const std::string& summary_json,
                                   double limit_mm, const fs::path& map_png, const fs::path& out) {
   const json summary = json::parse(summary_json);
-  std::string html =
-      fmt::format(fmt::runtime(kPageStart), fmt::arg("title", "Scan against design"));
+  std::string html = head("Scan against design");
   html += deviation_rows(summary) + kRegistrationRemark;
   html +=
       "<table><tr><th>scan</th><th>iterations</th><th>RMS before, mm</th><th>RMS after, "
@@ -138,8 +200,7 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
       if (r.name == unit) return json::parse(r.figures_json);
     return json::object();
   };
-  std::string html =
-      fmt::format(fmt::runtime(kPageStart), fmt::arg("title", "maquette: " + escape(site.name)));
+  std::string html = head("maquette: " + site.name) + path_view_head();
   html += fmt::format(
       "<p>{}, {:.4f}&deg; latitude, {:.4f}&deg; longitude; {} mm x {} mm at {} mm; "
       "maquette {}.</p>\n",
@@ -184,7 +245,8 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
                           {"rms_vertical_error_mm", "RMS vertical error against the design, mm"},
                           {"max_vertical_error_mm", "largest, mm"}});
     html +=
-        "<h3>Toolpath</h3>\n<table><tr><th>program</th><th>passes</th><th>blocks</th><th>bytes"
+        "<h3>Toolpath</h3>\n<div "
+        "class='wide'><table><tr><th>program</th><th>passes</th><th>blocks</th><th>bytes"
         "</th><th>path, m</th><th>time at feed, min</th><th>certified gouge, mm</th></tr>";
     for (const UnitRecord& r : records) {
       if (!r.name.starts_with(name + ".mill.")) continue;
@@ -196,7 +258,9 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
           number(f["bytes"]), f.value("path_length_mm", 0.0) / 1000.0,
           f.value("cutting_time_min", 0.0), f.value("certified_gouge_mm", 0.0));
     }
-    html += "</table>\n<h3>Simulated cut</h3>\n" +
+    html += "</table></div>\n" + machining_time(records, name) +
+            paths(here / "rough", folder, "Roughing path") + paths(here, folder, "Finishing path");
+    html += "<h3>Simulated cut</h3>\n" +
             figure_table(figures_of(name + ".verify"),
                          {{"max_gouge_mm", "deepest gouge, mm"},
                           {"bound_mm", "that may be unseen between cells, mm"},

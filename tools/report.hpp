@@ -16,14 +16,18 @@
 
 namespace maquette::tools {
 
+/// A whole page round a body.
+[[nodiscard]] std::string page(const std::string& title, const std::string& body);
+
 /// The deviation report of one case.
 [[nodiscard]] Result<void> write_deviation_page(const scan::Deviation& deviation,
                                                 const std::string& summary_json, double limit_mm,
                                                 const std::filesystem::path& map_png,
                                                 const std::filesystem::path& out);
 
-/// report.html of a run: for each scale hillshade, mesh and toolpath figures, picture,
-/// deviation map and histogram. `folder` is the run's, with one folder a scale.
+/// report.html of a run: for each scale hillshade, mesh and toolpath figures, the paths in three
+/// dimensions, machining time, picture, deviation map and histogram. `folder` is the run's, with
+/// one folder a scale.
 [[nodiscard]] Result<void> write_run_page(const Site& site, std::span<const UnitRecord> records,
                                           const std::filesystem::path& folder,
                                           const std::filesystem::path& out);

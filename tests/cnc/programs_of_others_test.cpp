@@ -65,17 +65,17 @@ class ProgramsOfOthers : public testing::Test {
     return o;
   }
 };
-#define PROGRAM_OR_SKIP(name)                               \
-  const auto found = program(name);                         \
-  if (!found) GTEST_SKIP() << name << " is not here";       \
+#define PROGRAM_OR_SKIP(name)                         \
+  const auto found = program(name);                   \
+  if (!found) GTEST_SKIP() << name << " is not here"; \
   const std::filesystem::path& file = *found;
 
 constexpr double kRounding_mm = 2e-5;
 
 TEST_F(ProgramsOfOthers, ReliefOfACameo) {
   PROGRAM_OR_SKIP("cameo.nc");
-  const auto v = verify(std::span(&file, 1), block(-82.5, 82.5, -105, 105, -6),
-                        options(2.0, 0.0, 0.25));
+  const auto v =
+      verify(std::span(&file, 1), block(-82.5, 82.5, -105, 105, -6), options(2.0, 0.0, 0.25));
   ASSERT_THAT(v, Succeeds());
   EXPECT_EQ(v->certificate.rapid_collisions, 0U);
   EXPECT_EQ(heightmap::height_range(v->as_milled.z_mm).min, -6.0F) << "its roughing depth";
@@ -98,7 +98,8 @@ TEST_F(ProgramsOfOthers, ReliefWithParameters) {
 TEST_F(ProgramsOfOthers, SpiralOfArcsByRadius) {
   PROGRAM_OR_SKIP("arcspiral.ngc");
   // z -0.1 inch all the way; radii of 0 to 2 inches about the origin.
-  const auto v = verify(std::span(&file, 1), block(-60, 60, -60, 60, -2.54), options(3.0, 0.0, 0.25));
+  const auto v =
+      verify(std::span(&file, 1), block(-60, 60, -60, 60, -2.54), options(3.0, 0.0, 0.25));
   ASSERT_THAT(v, Succeeds());
   EXPECT_NEAR(v->certificate.max_gouge_mm, 0.0, kRounding_mm);
   EXPECT_NEAR(v->certificate.travel.min.z, -2.54, 1e-9);
@@ -133,8 +134,8 @@ TEST_F(ProgramsOfOthers, DamagedOnesGiveAResultOrAPlace) {
     for (int i = 0; i < 60; ++i) {
       ASSERT_THAT(write_file(folder / "damaged.ngc", damage(text)), Succeeds());
       const std::filesystem::path damaged = folder / "damaged.ngc";
-      const auto v = verify(std::span(&damaged, 1), block(-60, 60, -60, 60, -6),
-                            options(4.0, 0.0, 0.5));
+      const auto v =
+          verify(std::span(&damaged, 1), block(-60, 60, -60, 60, -6), options(4.0, 0.0, 0.5));
       if (v) continue;
       ++refused;
       EXPECT_THAT(v.error().message,

@@ -332,6 +332,28 @@ TEST_F(CommandLine, AToleranceThatIsNotMetIsExitCodeOne) {
   EXPECT_TRUE(fs::exists(out / "certificate.json")) << "the figures are wanted all the same";
 }
 
+TEST_F(CommandLine, BackplotOfAnyProgram) {
+  const auto program = file("part.ngc", "G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F100\nX20 Y9\nG0 Z5\nM2\n");
+  const std::string backplot = "backplot " + program.string() + " --out ";
+  for (const char* name : {"a.svg", "a.png", "a.html"}) {
+    const auto o = run(backplot + (scratch / name).string());
+    EXPECT_EQ(o.exit_code, 0) << o.err;
+    EXPECT_GT(slurp(scratch / name).size(), 2000U) << name;
+  }
+  EXPECT_THAT(slurp(scratch / "a.svg"), HasSubstr("feed, mm/min"));
+  const auto cut = run(backplot + (scratch / "b.svg").string() + " --colour engagement --design " +
+                       design().string());
+  EXPECT_EQ(cut.exit_code, 0) << cut.err;
+  EXPECT_THAT(slurp(scratch / "b.svg"), HasSubstr("engagement, mm³"));
+  expect_refused(run(backplot + (scratch / "c.svg").string() + " --colour engagement"),
+                 HasSubstr("--design"));
+  expect_refused(run(backplot + (scratch / "c.pdf").string()), HasSubstr(".svg, .png or .html"));
+  const auto bad = file("bad.ngc", "G21 G90\nG1 X\nM2\n");
+  expect_refused(run("backplot " + bad.string() + " --out " + (scratch / "c.svg").string()),
+                 HasSubstr("bad.ngc:2:"));
+  EXPECT_FALSE(fs::exists(scratch / "c.svg"));
+}
+
 TEST_F(CommandLine, ErrorsAreJsonForPrograms) {
   const auto o = run("--json mill nowhere.tif --out x.ngc");
   EXPECT_EQ(o.exit_code, 2);
@@ -367,8 +389,9 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
 }
 
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
-  for (const char* verb : {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "verify",
-                           "export", "render", "compare", "scan", "deviate", "info", "doctor"}) {
+  for (const char* verb :
+       {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "verify", "backplot", "export",
+        "render", "compare", "scan", "deviate", "info", "doctor"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));

@@ -45,6 +45,7 @@ Command add_mesh(CLI::App& root, const CommonOptions& common);
 Command add_bands(CLI::App& root, const CommonOptions& common);
 Command add_mill(CLI::App& root, const CommonOptions& common);
 Command add_verify(CLI::App& root, const CommonOptions& common);
+Command add_backplot(CLI::App& root, const CommonOptions& common);
 Command add_export(CLI::App& root, const CommonOptions& common);
 Command add_render(CLI::App& root, const CommonOptions& common);
 Command add_compare(CLI::App& root, const CommonOptions& common);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// verify, export, render, compare, scan, deviate
+// verify, backplot, export, render, compare, scan, deviate
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -10,6 +10,7 @@
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/program_pictures.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -64,6 +65,41 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
             if (o->max_gouge_mm >= 0.0) job.max_gouge = Millimetres{o->max_gouge_mm};
             return finish(console, "verify",
                           [&](const RunContext& run) { return verify_job(job, o->out, run); });
+          }};
+}
+
+Command add_backplot(CLI::App& root, const CommonOptions&) {
+  struct Options {
+    std::vector<fs::path> programs;
+    fs::path out = "backplot.svg", design, stock;
+    std::string colour = "feed";
+    double ball_mm = 6.0;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "backplot",
+      "What any G-code does, seen from above (.svg, .png) or in three dimensions (.html).\n"
+      "Example: maquette backplot part.ngc --out part.svg --colour height\n"
+      "Example: maquette backplot band_*.ngc --design design.tif --out part.html");
+  app->add_option("programs", o->programs, "G-code, all in one picture")->required();
+  app->add_option("--out", o->out, ".svg, .png or .html")->capture_default_str();
+  app->add_option("--colour", o->colour, "feed, height, or engagement (needs --design)")
+      ->capture_default_str()
+      ->check(CLI::IsMember(std::vector<std::string>{"feed", "height", "engagement"}));
+  app->add_option("--design", o->design,
+                  "model field (.tif): cut in simulation, for engagement and the ground of .html");
+  app->add_option("--stock", o->stock, "model field (.tif): what an earlier operation left");
+  app->add_option("--ball-diameter-mm", o->ball_mm, "")->capture_default_str();
+  return {app, [o](Console& console) {
+            BackplotJob job;
+            job.programs = o->programs;
+            job.design = given(o->design);
+            job.stock = given(o->stock);
+            job.ball_diameter = Millimetres{o->ball_mm};
+            for (const auto colour : {cnc::BackplotColour::height, cnc::BackplotColour::engagement})
+              if (o->colour == name(colour)) job.colour = colour;
+            return finish(console, "backplot",
+                          [&](const RunContext& run) { return backplot_job(job, o->out, run); });
           }};
 }
 

@@ -11,6 +11,7 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
+#include "cnc/aimed_line.hpp"
 #include "core/vec.hpp"
 
 namespace maquette::cnc {
@@ -44,7 +45,8 @@ class Tile {
         cap_(1.05 * limits.distance_mm),
         margin_(static_cast<std::ptrdiff_t>(std::ceil(cap_ / limits.sampling_mm))),
         x0_(x0),
-        y0_(y0) {
+        y0_(y0),
+        box_(box_within(tips)) {
     const double right = std::min(x0 + kTile_mm, tips.x_mm(tips.z_mm.cols() - 1));
     const double top = std::min(y0 + kTile_mm, tips.y_mm(tips.z_mm.rows() - 1));
     const auto count = [&](double length) {
@@ -254,7 +256,8 @@ class Tile {
       return PlanPlace{static_cast<std::int32_t>(std::lround(1e3 * (mx + t * ux))),
                        static_cast<std::int32_t>(std::lround(1e3 * (my + t * uy)))};
     };
-    return {{place(-back), place(forwards)}, 1};
+    const AimedLine line = aim(place(-back), place(forwards), box_);
+    return {{place(-back), line.end()}, 1};
   }
 
   const ModelField& tips_;
@@ -263,6 +266,7 @@ class Tile {
   double cap_;
   std::ptrdiff_t margin_;
   double x0_, y0_;
+  PlanBox box_;
   std::ptrdiff_t rows_ = 0, cols_ = 0;
   Grid<float> z_, distance2_;  // squares
   std::ptrdiff_t first_row_ = 0, first_col_ = 0;

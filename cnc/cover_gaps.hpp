@@ -11,8 +11,9 @@
 /// more on a dome. kappa is taken from second differences of the tips.
 ///
 /// v is sampled every `sampling_mm` in plan, half of which is added to it in the ridge: a
-/// prediction, not a bound. Strokes are straight, each through the place that is farthest from the
-/// path, the way in which it leaves least undone, until no sample is farther than allowed.
+/// prediction, not a bound. Strokes are straight lines that a program can write (aimed_line.hpp),
+/// each through the place that is farthest from the path, the way in which it leaves least undone,
+/// until no sample is farther than allowed.
 
 #include <cstdint>
 #include <span>

@@ -80,7 +80,8 @@ class Links {
       }
       if (k == s_.size() || !polygon_.empty()) {  // up to a corner or the end
         const std::size_t last = std::min(k, s_.size() - 1);
-        found_.push_back({t0_, s_[last].t, {}, polygon_});
+        const bool from_corner = window == Window::upright && at > 0;
+        found_.push_back({t0_, s_[last].t, {}, polygon_, from_corner ? s_[at].aim : NAN});
         if (last + 1 == s_.size()) return vertices();
         low = INFINITY;
         high = -INFINITY;
@@ -119,7 +120,7 @@ class Links {
       const double off_b = std::max(0.0, too_low ? wall_b - line.at(b.t) : line.at(b.t) - wall_b);
       const double share = off_a + off_b > 0.0 ? off_a / (off_a + off_b) : 0.0;
       end_t = a.t + share * (b.t - a.t);
-      found_.push_back({s_[holds.station].t, end_t, line, {}});
+      found_.push_back({s_[holds.station].t, end_t, line, {}, NAN});
       low = high = line.at(end_t);
       window = too_low ? Window::held_high : Window::held_low;
       at = holds.station;
@@ -133,6 +134,7 @@ class Links {
     double window_from, window_to;  // what may cross it may do so here
     Line line;                      // the only one, unless there are
     std::vector<Corner> choice;     // several, and the window is upright
+    double aim;                     // for the choice: height at window_from, NAN: any
   };
 
   /// Keeps lines that are at z or above at t.
@@ -161,14 +163,16 @@ class Links {
     std::swap(polygon_, scratch_);
   }
 
-  /// Through the middle of a polygon; of those at height z at t, if given.
-  [[nodiscard]] static Line middle_of(const Found& f, double t0, double t, double z) {
-    Line sum{t0, 0.0, 0.0};
-    if (std::isnan(z)) {
-      for (const Corner& c : f.choice) sum.a += c.a, sum.b += c.b;
-      const auto n = static_cast<double>(f.choice.size());
-      return {t0, sum.a / n, sum.b / n};
+  /// Of the lines of a polygon one at height z at t, or as near to it as they come: that nearest to
+  /// the aim, or the middle one.
+  [[nodiscard]] static Line chosen(const Found& f, double t, double z) {
+    const double t0 = f.window_from;
+    double lowest = INFINITY, highest = -INFINITY;
+    for (const Corner& c : f.choice) {
+      lowest = std::min(lowest, c.a * (t - t0) + c.b);
+      highest = std::max(highest, c.a * (t - t0) + c.b);
     }
+    z = std::clamp(z, lowest, highest);
     double least = INFINITY, most = -INFINITY, nearest = INFINITY, a_near = 0.0;
     const Corner* p = &f.choice.back();
     double d_p = p->a * (t - t0) + p->b - z;
@@ -186,7 +190,9 @@ class Links {
       p = &q;
       d_p = d_q;
     }
-    const double a = least <= most ? 0.5 * (least + most) : a_near;
+    if (least > most) least = most = a_near;
+    const double a =
+        std::isnan(f.aim) ? 0.5 * (least + most) : std::clamp((z - f.aim) / (t - t0), least, most);
     return {t0, a, z - a * (t - t0)};
   }
 
@@ -200,7 +206,7 @@ class Links {
       if (!f.choice.empty()) {
         const double t = f.window_to;
         const bool last = k + 1 == found_.size();
-        own = middle_of(f, f.window_from, t, last ? NAN : next.at(t));
+        own = chosen(f, t, last ? 0.5 * (s_.back().low + s_.back().high) : next.at(t));
         points[k + 1] = {t, own.at(t)};
       } else {
         const double bend = next.a - own.a;

@@ -33,6 +33,8 @@ namespace maquette::cnc {
 struct TubeStation {
   double t = 0.0, low = 0.0, high = 0.0;
   bool corner = false;
+  /// Of corners: where between the two the vertex had best be, if that costs no link.
+  double aim = 0.0;
 };
 
 struct TubePoint {

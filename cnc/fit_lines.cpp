@@ -107,13 +107,13 @@ class Row {
       const Station& s = stations_[k];
       if (k == 0 || k == last) {
         const double z = mm_of_units(units_up(s.tip));
-        tube[k] = {s.t, z - kFixed_mm, z + kFixed_mm, false};
+        tube[k] = {s.t, z - kFixed_mm, z + kFixed_mm, false, z};
         continue;
       }
       double low = s.tip - std::min(below(k - 1), below(k)) + 0.5 * kUnit_mm;
       double high = s.tip + std::min(above(k - 1), above(k)) - 0.5 * kUnit_mm;
       if (low > high) low = high = 0.5 * (low + high);
-      tube[k] = {s.t, low, high, s.corner};
+      tube[k] = {s.t, low, high, s.corner, s.tip};
     }
     return tube;
   }

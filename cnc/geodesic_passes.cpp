@@ -19,9 +19,9 @@ using heightmap::ModelField;
 
 constexpr double kFarthest = 0.65;  // of a stepover, from the surface to the path
 constexpr double kSamplesAStepover = 12.0;
-constexpr double kMostSlow = 3.0;    // how much nearer curves come in hollows
-constexpr double kMostHollow = 2.0;  // to strokes; what is sharper is a crease, not a hollow
-constexpr double kChordError_mm = 0.008;
+constexpr double kMostSlow = 3.0;     // how much nearer curves come in hollows
+constexpr double kMostHollow = 2.0;   // to strokes; what is sharper is a crease, not a hollow
+constexpr double kChordError = 0.05;  // of a stepover: curves are reduced to chords
 
 MillOptions raster_options(const GeodesicPassOptions& o) {
   MillOptions m;
@@ -152,13 +152,16 @@ Result<GeodesicPassReport> geodesic_passes(const ModelField& design,
     distance.y0 = tips.y0;
     MAQUETTE_TRY(distance.z_mm,
                  meshing::geodesic_distance(tips, sources, geodesic, part(run, 0.1, 0.4)));
-    curves = level_curves(distance, stepover, stepover, kChordError_mm, stepover, run);
+    curves = level_curves(distance, stepover, stepover, kChordError * stepover, stepover, run);
   }
   report.curves = curves.size();
-  std::vector<PlanCurve> joined = link_spirals(curves, 2.0 * stepover, kChordError_mm);
+  std::vector<PlanCurve> joined = link_spirals(curves, 2.0 * stepover, kChordError * stepover);
   curves = {};
   std::move(joined.begin(), joined.end(), std::back_inserter(ways));
   report.pieces = ways.size();
+  // Gaps are looked for beside what will be cut, to the last micrometre.
+  const PlanBox box = box_within(design);
+  for (PlanCurve& way : ways) way = writable(way, box);
   if (run.stopped()) return cancelled();
   run.progress(0.5);
 

@@ -18,9 +18,10 @@
 /// sharper than a right angle, fronts that meet, the middle) strokes are added (cover_gaps.hpp).
 /// The outline is always cut: what lies beside it is touched from there alone. With `scallop_limit`
 /// the distance counts more in hollows, by the root of what a hollow adds to the ridge, up to 3
-/// times, and the stepover follows from the limit. Along these curves, as chords of at most 2 um of
-/// error and at directions that a program can write exactly, the path is the exact cutter location,
-/// sampled and fitted within bounds as raster passes are (pass_sampler.hpp, fit_moves.hpp).
+/// times, and the stepover follows from the limit. Along these curves, as chords off by at most a
+/// twentieth of the stepover and in directions that a program can write exactly, the path is the
+/// exact cutter location, sampled and fitted within bounds as raster passes are (pass_sampler.hpp,
+/// fit_lines.hpp).
 ///
 /// Accuracy. Gouge: certified, as for raster passes. Ridges: predicted from the finished path
 /// (cover_gaps.hpp), to which the certified excess of the path itself comes: on planes and domes

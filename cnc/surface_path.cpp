@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <tuple>
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
+#include "cnc/fit_lines.hpp"
 #include "cnc/linking.hpp"
 #include "cnc/piece_order.hpp"
 #include "core/check.hpp"
@@ -18,10 +18,7 @@ namespace {
 
 using heightmap::ModelField;
 
-constexpr double kBeside = 8.0;         // of aimed lines, 0.001 mm
-constexpr std::int64_t kCoarsest = 16;  // the larger part of their steps, 0.001 mm
-constexpr double kShort = 15.0;         // that they may end before their aim
-constexpr double kLongestLine = 20e3;   // 0.001 mm; longer ones are parted, to share the work
+constexpr double kLongestLine_mm = 20.0;  // longer ones are parted, to share the work
 constexpr double kApproach_mm = 1.0;
 constexpr std::size_t kLinesAtATime = 16384, kLinesATask = 64;
 
@@ -44,14 +41,7 @@ class Cutting {
         shares_(share_tolerance(o.tolerance)),
         tiles_(design, o.tool),
         cutters_(DropCutter(design, Cutter::ball(o.tool.radius_mm))) {
-    const auto inside = [](double low, double high) {
-      return std::pair{static_cast<std::int32_t>(std::ceil(low * 1000.0 - 1e-4)),
-                       static_cast<std::int32_t>(std::floor(high * 1000.0 + 1e-4))};
-    };
-    std::tie(area_.left, area_.right) =
-        inside(design.x0.value(), design.x_mm(design.z_mm.cols() - 1));
-    std::tie(area_.bottom, area_.top) =
-        inside(design.y0.value(), design.y_mm(design.z_mm.rows() - 1));
+    area_ = box_within(design);
     const bool known = !std::isnan(o.stock_allowance.value());
     const double allowance = known ? o.stock_allowance.value() : 0.0;
     const double highest =
@@ -112,30 +102,15 @@ class Cutting {
     return {std::clamp(p.x, area_.left, area_.right), std::clamp(p.y, area_.bottom, area_.top)};
   }
 
-  [[nodiscard]] static PlanPlace end_of(const AimedLine& a) {
-    return {static_cast<std::int32_t>((a.line.x + a.steps * a.line.dx) / kResolution),
-            static_cast<std::int32_t>((a.line.y + a.steps * a.line.dy) / kResolution)};
-  }
-
-  /// Adds lines from `at` to as near to `to` as they come; moves `at` there.
+  /// Adds lines from `at` to `to`; moves `at` there.
   void go(PlanPlace& at, PlanPlace to, bool& by_air) {
-    const double length = std::hypot(to.x - at.x, to.y - at.y);
-    const auto parts = std::max(1, static_cast<int>(std::ceil(length / kLongestLine)));
-    const PlanPlace from = at;
-    for (int k = 1; k <= parts; ++k) {
-      const double t = static_cast<double>(k) / parts;
-      const PlanPlace part =
-          k == parts
-              ? to
-              : PlanPlace{from.x + static_cast<std::int32_t>(std::lround(t * (to.x - from.x))),
-                          from.y + static_cast<std::int32_t>(std::lround(t * (to.y - from.y)))};
-      // What is left after whole steps is mostly less than matters.
-      while (std::hypot(part.x - at.x, part.y - at.y) > kShort) {
-        const AimedLine aimed = aim(at, part, area_);
-        cuts_.push_back({aimed, by_air});
-        by_air = false;
-        at = end_of(aimed);
-      }
+    while (!(at == to)) {
+      AimedLine aimed = aim(at, to, area_);
+      const auto most = static_cast<std::int64_t>(kLongestLine_mm / aimed.line.step_mm());
+      aimed.steps = std::min(aimed.steps, most);
+      cuts_.push_back({aimed, by_air});
+      by_air = false;
+      at = aimed.end();
     }
   }
 
@@ -144,9 +119,14 @@ class Cutting {
     const std::size_t tasks = (cuts_.size() + kLinesATask - 1) / kLinesATask;
     oneapi::tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
       if (run.stopped()) return;
-      std::vector<PathSample> samples;
+      std::vector<std::vector<PathSample>> samples;
       const std::size_t end = std::min(cuts_.size(), (task + 1) * kLinesATask);
-      for (std::size_t i = task * kLinesATask; i < end; ++i) plan(cuts_[i], samples, planned[i]);
+      for (std::size_t i = task * kLinesATask; i < end;) {
+        std::size_t next = i + 1;
+        while (next < end && !cuts_[next].by_air) ++next;
+        plan(std::span(cuts_).subspan(i, next - i), samples, &planned[i]);
+        i = next;
+      }
     });
     if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
     Toolpath path;
@@ -166,16 +146,25 @@ class Cutting {
     return sink(path);
   }
 
-  void plan(const Cut& cut, std::vector<PathSample>& samples, Planned& out) {
-    sample_line(cutters_.local(), tiles_, design_, options_.tool, cut.aimed.line, 0,
-                cut.aimed.steps,
-                {shares_.sampling_mm, dip_share(false) * options_.tolerance.value()}, samples);
+  /// Lines that follow each other; between them the path may pass anywhere in the tolerance.
+  void plan(std::span<const Cut> cuts, std::vector<std::vector<PathSample>>& samples,
+            Planned* out) {
+    samples.resize(std::max(samples.size(), cuts.size()));
+    std::vector<SampledLine> lines;
+    for (std::size_t i = 0; i < cuts.size(); ++i) {
+      sample_line(cutters_.local(), tiles_, design_, options_.tool, cuts[i].aimed.line, 0,
+                  cuts[i].aimed.steps,
+                  {shares_.sampling_mm, dip_share(false) * options_.tolerance.value()}, samples[i]);
+      lines.push_back({samples[i], cuts[i].aimed.line.step_mm()});
+      out[i].sampled = samples[i].size();
+    }
     FitLimits limits;
     limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
     limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
     limits.arcs = false;  // curves hardly ever run along an axis
-    out.bounds = fit_moves(samples, cut.aimed.line.step_mm(), limits, out.moves);
-    out.sampled = samples.size();
+    std::vector<std::vector<FittedMove>> moves;
+    out->bounds = fit_lines(lines, limits, moves);
+    for (std::size_t i = 0; i < cuts.size(); ++i) out[i].moves = std::move(moves[i]);
   }
 
   void append(Toolpath& path, const Cut& cut, const Planned& planned) {
@@ -217,39 +206,6 @@ class Cutting {
 };
 
 }  // namespace
-
-AimedLine aim(PlanPlace from, PlanPlace to, const PlanBox& box) {
-  const std::int64_t x = to.x - from.x, y = to.y - from.y;
-  const bool mostly_x = std::abs(x) >= std::abs(y);
-  const std::int64_t major = mostly_x ? x : y, minor = mostly_x ? y : x;
-  const double length = std::hypot(static_cast<double>(x), static_cast<double>(y));
-  std::int64_t best_dx = x, best_dy = y, best_steps = 0;
-  double farthest = 0.0;
-  for (std::int64_t i = 1; i <= std::min(kCoarsest, std::abs(major)); ++i) {
-    const std::int64_t u = major > 0 ? i : -i;
-    const auto v = std::llround(static_cast<double>(minor) * static_cast<double>(u) /
-                                static_cast<double>(major));
-    const std::int64_t dx = mostly_x ? u : v, dy = mostly_x ? v : u;
-    const double step = std::hypot(static_cast<double>(dx), static_cast<double>(dy));
-    const auto off = static_cast<double>(std::abs(x * dy - y * dx));  // length step sine
-    const auto towards = static_cast<double>(x * dx + y * dy);
-    double far = towards / step;  // along this direction, at the height of the aim
-    if (off > 0.0) far = std::min(far, kBeside * length * step / off);
-    const auto steps = static_cast<std::int64_t>(far / step);
-    const double gone = static_cast<double>(steps) * step;
-    if (!(gone > farthest * (1.0 + 1e-9))) continue;
-    const std::int64_t end_x = from.x + steps * dx, end_y = from.y + steps * dy;
-    if (end_x < box.left || end_x > box.right || end_y < box.bottom || end_y > box.top) continue;
-    farthest = gone;
-    best_dx = dx;
-    best_dy = dy;
-    best_steps = steps;
-  }
-  if (best_steps == 0) best_steps = 1;  // all at once
-  return {
-      {from.x * kResolution, from.y * kResolution, best_dx * kResolution, best_dy * kResolution},
-      best_steps};
-}
 
 Result<SurfacePathReport> cut_along(const ModelField& design, std::span<const PlanCurve> ways,
                                     const SurfacePathOptions& options, const ToolpathSink& sink,

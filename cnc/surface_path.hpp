@@ -4,16 +4,16 @@
 /// @file surface_path.hpp
 /// Ways in plan -> moves of a ball nose along its exact cutter location, with bounds.
 ///
-/// Each straight piece of a way becomes lines on lattices with steps of at most 23 um that stay
-/// within 16 um beside it, so that every sample is exactly on a line that a program
-/// can write. Along it the cutter location is sampled and fitted (pass_sampler.hpp, fit_moves.hpp);
-/// pieces meet at their exact heights. Ways less than `kLongestCutLink_mm` apart are joined over
-/// the surface, others by rapids at the lowest safe height (linking.hpp).
+/// Each straight piece of a way becomes lines on lattices (aimed_line.hpp; one, if the way was made
+/// writable), so that every sample is exactly on a line that a program can write. Along it the
+/// cutter location is sampled and fitted (pass_sampler.hpp, fit_lines.hpp); pieces meet within the
+/// tolerance. Ways less than `kLongestCutLink_mm` apart are joined over the surface, others by
+/// rapids at the lowest safe height (linking.hpp).
 
 #include <cstdint>
-#include <limits>
 #include <span>
 
+#include "cnc/aimed_line.hpp"
 #include "cnc/fit_moves.hpp"
 #include "cnc/level_curves.hpp"
 #include "cnc/mill.hpp"
@@ -36,22 +36,6 @@ struct SurfacePathReport {
   FitBounds bounds;
   std::uint64_t points_sampled = 0, links_cut = 0, links_flown = 0;
 };
-
-/// 0.001 mm, limits included.
-struct PlanBox {
-  std::int32_t left = std::numeric_limits<std::int32_t>::min();
-  std::int32_t right = std::numeric_limits<std::int32_t>::max();
-  std::int32_t bottom = left, top = right;
-};
-
-/// The line from `from` towards `to` that gets farthest, its step no more than 16 um in x and y,
-/// before it is 8 um beside or at its aim, and that stays in the box if both places do.
-/// @pre the two differ
-struct AimedLine {
-  LatticeLine line;
-  std::int64_t steps = 0;
-};
-[[nodiscard]] AimedLine aim(PlanPlace from, PlanPlace to, const PlanBox& box = {});
 
 /// Cuts the ways in order; each from whichever of its ends is nearer, the next being the one with
 /// the end nearest to where the cutter is. Ways are cut back to the design's outline.

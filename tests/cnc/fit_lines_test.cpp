@@ -161,6 +161,7 @@ TEST(FewestLinks, WallsAndTubesOfNoWidth) {
         tube[k].low += 20.0;
         tube[k].high += 20.0;
       }
+      tube[k].aim = 0.5 * (tube[k].low + tube[k].high);
     }
     const auto path = fewest_links(tube);
     if (path.empty())

@@ -218,16 +218,49 @@ TEST(AimedLines, StayBesideTheirAimOnFineSteps) {
     const double y = static_cast<double>(aimed.steps * aimed.line.dy) / kResolution;
     const double length = std::hypot(to.x - from.x, to.y - from.y);
     const double ux = (to.x - from.x) / length, uy = (to.y - from.y) / length;
-    EXPECT_LE(std::abs(ux * y - uy * x), length < 3.0 ? 1.5 : 8.0 + 1e-9);
+    EXPECT_LE(std::abs(ux * y - uy * x), length < 3.0 ? 1.5 : 14.0 + 1e-9);
     EXPECT_GE(length - (ux * x + uy * y), -1e-6);
     const std::int64_t coarse =
         std::max(std::abs(aimed.line.dx), std::abs(aimed.line.dy)) / kResolution;
-    EXPECT_LE(coarse, 16);
-    // Dirichlet: some q <= 16 has an angle below 1 / (16 q), and its step is at least q.
-    EXPECT_GE(std::hypot(x, y) + 23.0, std::min(length, 128.0));
-    gone += std::min(1.0, (std::hypot(x, y) + 23.0) / std::min(length, 1000.0)) / 20000.0;
+    EXPECT_LE(coarse, 32);
+    // Dirichlet: some q <= 32 has an angle below 1 / (32 q), and its step is at least q.
+    EXPECT_GE(std::hypot(x, y) + 46.0, std::min(length, 32.0 * 14.0));
+    gone += std::min(1.0, (std::hypot(x, y) + 46.0) / std::min(length, 3000.0)) / 20000.0;
   }
   EXPECT_GE(gone, 0.8);
+}
+
+TEST(AimedLines, AWritableWayStaysNearAndIsMadeOfThem) {
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    PlanCurve way;
+    PlanPlace at{100000, 100000};
+    for (std::uint64_t k = 0; k < 60; ++k) {
+      const double reach = std::pow(10.0, 0.3 + 3.5 * random_uniform(seed, 2 * k));
+      const double angle = 2.0 * std::numbers::pi * random_uniform(seed, 2 * k + 1);
+      way.places.push_back(at);
+      at = {at.x + static_cast<std::int32_t>(std::lround(reach * std::cos(angle))),
+            at.y + static_cast<std::int32_t>(std::lround(reach * std::sin(angle)))};
+    }
+    const PlanCurve written = writable(way);
+    EXPECT_EQ(written.places.front(), way.places.front());
+    const auto distance = [](PlanPlace p, PlanPlace a, PlanPlace b) {
+      const double ux = b.x - a.x, uy = b.y - a.y, vx = p.x - a.x, vy = p.y - a.y;
+      const double l2 = ux * ux + uy * uy;
+      const double t = l2 > 0.0 ? std::clamp((ux * vx + uy * vy) / l2, 0.0, 1.0) : 0.0;
+      return std::hypot(vx - t * ux, vy - t * uy);
+    };
+    for (const PlanPlace p : written.places) {
+      double nearest = INFINITY;
+      for (std::size_t i = 1; i < way.places.size(); ++i)
+        nearest = std::min(nearest, distance(p, way.places[i - 1], way.places[i]));
+      EXPECT_LE(nearest, 1e3 * kBesideWay_mm) << seed;
+    }
+    for (std::size_t i = 1; i < written.places.size(); ++i) {
+      if (written.places[i - 1] == written.places[i]) continue;
+      EXPECT_EQ(aim(written.places[i - 1], written.places[i]).end(), written.places[i]);
+      EXPECT_EQ(aim(written.places[i], written.places[i - 1]).end(), written.places[i - 1]);
+    }
+  }
 }
 
 // ---- whole paths --------------------------------------------------------------------------

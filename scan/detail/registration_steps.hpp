@@ -85,6 +85,29 @@ struct Fit {
 };
 [[nodiscard]] Fit fit_of(std::span<const Vec3> points, const Pose& pose, const Surface& field);
 
+/// SCAN_TOO_FEW_POINTS
+[[nodiscard]] tl::unexpected<Error> too_few(std::size_t count);
+
+/// Where all points came to rest.
+struct Rest {
+  Pose pose;
+  Sums sums;
+  Solution solution;
+  Loss loss;
+  int iterations = 0;
+};
+/// Iterates with Tukey's weights. SCAN_TOO_FEW_POINTS, SCAN_UNDER_DETERMINED,
+/// SCAN_NOT_CONVERGED, CORE_CANCELLED
+/// @param some    a sample of the points: for the noise, and for what the shape determines
+/// @param smooth  the surface with smooth normals
+[[nodiscard]] Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>& some,
+                                        const Pose& start, const Level& level,
+                                        const Surface& smooth, const Frame& frame, bool scale,
+                                        const RunContext& run);
+/// Fills in pose, covariance, free directions and what else the rest says.
+void state(Registration& result, std::span<const Vec3> points, std::span<const Vec3> some,
+           const Rest& rest, const Surface& surface, const Frame& frame);
+
 /// Poses from which the pyramid leads to the part, whatever the cloud's frame; best first, at
 /// most `most`.
 /// @param station  the scanner, in the cloud's frame: says which side is up

@@ -72,6 +72,7 @@ bool distances(const Surface& surface, const GeodesicSources& sources,
                                                       : options.exact_radius_mm;
   radius = weighted ? 0.0 : std::min(radius, options.max_distance_mm);
   detail::FastMarching<Surface> marching(surface, options.slowness, distance);
+  marching.round_waves(!weighted && sources.segments.empty());
   struct Seeds {
     detail::FastMarching<Surface>& marching;
     std::span<const float> slowness;

@@ -79,6 +79,21 @@ class FrontHeap {
   return a + x;
 }
 
+/// The same of a round wave of slowness 1: its centre lies where the triangle's plane, beyond AB,
+/// has the distances a and b from A and B. Exact for one point on developable surfaces.
+[[nodiscard]] inline double round_wave(double p, double q, double r, double a, double b) {
+  const double facing = p + r - 2.0 * q, length = std::sqrt(facing);
+  // From A along AB and, the centre below, C above it.
+  const double sx = (facing + a * a - b * b) / (2.0 * length), sy2 = a * a - sx * sx;
+  const double cx = (p - q) / length, cy2 = p - cx * cx;
+  if (!(sy2 >= 0.0 && cy2 > 0.0)) return INFINITY;
+  const double sy = std::sqrt(sy2), cy = std::sqrt(cy2);
+  const double crossing = sx * cy + cx * sy, height = sy + cy;
+  if (crossing < 0.0 || crossing > length * height) return INFINITY;
+  const double d = std::hypot(cx - sx, height);
+  return d < a || d < b ? INFINITY : d;
+}
+
 template <class Surface>
 class FastMarching {
  public:
@@ -93,6 +108,9 @@ class FastMarching {
   /// Values up to here are exact; the march only adds the others. Where two waves meet it would
   /// take them for one and come out too short.
   void keep_up_to(double distance) { exact_up_to_ = static_cast<float>(distance); }
+
+  /// Waves are round, as from points; else plane, as from lines.
+  void round_waves(bool round) { round_ = round; }
 
   [[nodiscard]] double value(std::uint32_t v) const { return static_cast<double>(u_[v]); }
 
@@ -111,6 +129,11 @@ class FastMarching {
     if (!(rounded < u_[v]) || u_[v] <= exact_up_to_) return;
     u_[v] = rounded;
     heap_.push(rounded, v);
+  }
+
+  /// At C through the triangle, as in plane_wave.
+  [[nodiscard]] double wave(double p, double q, double r, double a, double b, double w) const {
+    return round_ ? round_wave(p, q, r, a, b) : plane_wave(p, q, r, a, b, w);
   }
 
   template <bool kWeighted>
@@ -180,7 +203,7 @@ class FastMarching {
     const double w = weight<kWeighted>(v);
     if (q < 0.0 && update_unfolded(c, p, q, r, w)) return;
     if (!(ua < u && ub < u)) return;  // a wave through the edge meets C after both
-    offer(v, plane_wave(p, q, r, static_cast<double>(ua), static_cast<double>(ub), w));
+    offer(v, wave(p, q, r, static_cast<double>(ua), static_cast<double>(ub), w));
   }
 
   struct Flat {
@@ -235,16 +258,17 @@ class FastMarching {
     if (!(ud < u)) return;
     const double dd = d.x * d.x + d.y * d.y, from_d = static_cast<double>(ud);
     offer(v, from_d + w * std::sqrt(dd));
-    if (ua < u) offer(v, plane_wave(a.x * a.x, a.x * d.x, dd, static_cast<double>(ua), from_d, w));
+    if (ua < u) offer(v, wave(a.x * a.x, a.x * d.x, dd, static_cast<double>(ua), from_d, w));
     if (ub < u)
-      offer(v, plane_wave(dd, d.x * b.x + d.y * b.y, b.x * b.x + b.y * b.y, from_d,
-                          static_cast<double>(ub), w));
+      offer(v, wave(dd, d.x * b.x + d.y * b.y, b.x * b.x + b.y * b.y, from_d,
+                    static_cast<double>(ub), w));
   }
 
   const Surface& s_;
   std::span<const float> slowness_;
   std::span<float> u_;
   float exact_up_to_ = -1.0F;
+  bool round_ = false;
   FrontHeap heap_;
 };
 

@@ -4,7 +4,9 @@
 // methods: geodesic_cgal_test.cpp):
 //
 //   plane waves ............... exact on a plane and on waves z(x), from lines at many angles
-//   1 % around a point ........ plane, wave, cylinder, cone, sphere; first order when refined
+//   round waves ............... exact on a plane of 1 M triangles
+//   1 % around a point ........ wave, cylinder, cone, sphere
+//   a point beside a line ..... first order when refined
 //   exact_radius .............. with no limit, exact on cylinder and cone all the way round
 //   obtuse triangles .......... a sheared plane whose corners have up to 160 degrees
 //   order ..................... vertices and triangles shuffled
@@ -195,7 +197,7 @@ Errors errors(const Grid<float>& d, Exact&& exact) {
   return e;
 }
 
-TEST(GeodesicPoint, IsWithinOnePercentOnAMillionTriangles) {
+TEST(GeodesicPoint, IsExactUpToRoundingOnAMillionTrianglesOfAPlane) {
   const ModelField f = flat(708, 708, 0.5);
   GeodesicSources s;
   const PlanPoint p{f.x_mm(200) + 0.21, f.y_mm(410) + 0.33};
@@ -204,12 +206,13 @@ TEST(GeodesicPoint, IsWithinOnePercentOnAMillionTriangles) {
   const Errors e = errors(distance(f, s), [&](std::ptrdiff_t r, std::ptrdiff_t c) {
     return std::hypot(f.x_mm(c) - p.x_mm, f.y_mm(r) - p.y_mm);
   });
-  EXPECT_LE(e.worst, 0.01);
-  EXPECT_LE(e.mean, 0.003);
-  EXPECT_GE(e.lowest, -1e-6);  // too long, never too short
+  // 700 updates one after the other, each rounded by up to 2^-24, magnified where a wave grazes an
+  // edge: measured 5.3e-5.
+  EXPECT_LE(e.worst, 1e-4);
+  EXPECT_LE(e.mean, 2e-6);
 }
 
-TEST(GeodesicPoint, ConvergesToFirstOrder) {
+TEST(GeodesicPoint, BesideALineConvergesToFirstOrder) {
   std::vector<double> mean;
   for (const std::ptrdiff_t n : {41, 81, 161, 321}) {
     const ModelField f = flat(n, n, 40.0 / static_cast<double>(n - 1));
@@ -217,7 +220,9 @@ TEST(GeodesicPoint, ConvergesToFirstOrder) {
     o.exact_radius_mm = 4.0;
     const std::ptrdiff_t m = n / 2;
     const auto v = static_cast<std::uint32_t>(m * n + m);
-    mean.push_back(errors(distance(f, vertex(v), o), [&](std::ptrdiff_t r, std::ptrdiff_t c) {
+    GeodesicSources s = vertex(v);  // a line too short to matter, but waves count as plane
+    s.segments.push_back({static_cast<std::uint64_t>(2 * (m * (n - 1) + m)), 0.0, 0.0, 1e-6, 0.0});
+    mean.push_back(errors(distance(f, s, o), [&](std::ptrdiff_t r, std::ptrdiff_t c) {
                      return f.spacing.value() *
                             std::hypot(static_cast<double>(c - m), static_cast<double>(r - m));
                    }).mean);

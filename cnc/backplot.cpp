@@ -123,6 +123,7 @@ BackplotScale Backplot::scale(BackplotColour colour) const {
   // Single pixels of another value are worth a scale; a thousandth of it is rounding.
   const double least = 1e-3 * std::fmax(std::abs(scale.low), std::abs(scale.high));
   if (scale.high - scale.low <= least) {
+    scale.all = true;
     scale.low = quantile(0.0);
     scale.high = quantile(1.0);
   }

@@ -39,6 +39,7 @@ struct BackplotScale {
   double low = 0.0, high = 1.0;
   bool logarithmic = false;
   bool constant = false;  ///< there is but one value: `high`
+  bool all = false;       ///< the ends are the extremes: nearly all pixels have one value
 
   /// 0 at low, 1 at high, not clamped.
   [[nodiscard]] double share(double value) const;
@@ -56,7 +57,7 @@ class Backplot {
 
   void add(const Motion& motion, double removed_mm3 = 0.0);
 
-  /// The 2nd and 98th percentile of the pixels so far.
+  /// The 2nd and 98th percentile of the pixels so far; the extremes where these are the same.
   [[nodiscard]] BackplotScale scale(BackplotColour colour) const;
   /// White where nothing goes, pink where only rapids do. Where cuts fill less than half of it,
   /// they are drawn three pixels wide.

@@ -135,8 +135,9 @@ void Layout::scale(BackplotColour colour, const cnc::BackplotScale& scale) {
     text(kLeft + 40.0, top + 13.0, fmt::format("{:.4g} everywhere", scale.high));
     return;
   }
-  for (int i = 0; i < static_cast<int>(kBar); i += 2)
-    box(kLeft + i, top, 2.0, 16.0, cnc::backplot_colour((i + 1.0) / kBar));
+  // Each over the next one's beginning: no seams where an SVG is scaled.
+  for (int i = static_cast<int>(kBar) - 2; i >= 0; i -= 2)
+    box(kLeft + i, top, std::fmin(4.0, kBar - i), 16.0, cnc::backplot_colour((i + 1.0) / kBar));
   const auto ticks = scale.logarithmic ? log_ticks(scale.low, scale.high, 8)
                                        : nice_ticks(scale.low, scale.high, 7);
   for (const double v : ticks) {
@@ -205,7 +206,9 @@ Drawing backplot_drawing(const cnc::Backplot& plot, BackplotColour colour,
     l.text(x + 2.0 * kColumn + 46.0, y + 4.5, "the part");
   }
   std::string note = fmt::format("a pixel is {:.3g} mm, the mean of all path in it", l.px_mm_);
-  if (!scale.constant) note += "; colours end at the 2nd and 98th percentile";
+  if (!scale.constant)
+    note +=
+        scale.all ? "; colours span all values" : "; colours end at the 2nd and 98th percentile";
   if (rapids_deviation_mm > 0.0)
     note += fmt::format("; rapids thinned, within {:.2g} mm", rapids_deviation_mm);
   l.text(kLeft, l.d_.height - 14.0, note, 12.0, DrawnText::Anchor::start, kFaint);

@@ -116,6 +116,7 @@ TEST(Backplot, AScaleTellsAConstantFromARange) {
   for (int i = 0; i < 10; ++i) text += fmt::format("G1 Y{}.5\nX{}\n", i, i % 2 == 0 ? 10 : 0);
   const BackplotScale single = scale_of(text + "X0.5 F20");
   EXPECT_FALSE(single.constant);
+  EXPECT_TRUE(single.all);
   EXPECT_LT(single.low, 80.0);
   EXPECT_NEAR(single.high, 100.0, 1e-3);
 }

@@ -39,7 +39,8 @@ struct Tile {
   double cell_mm;
   double x0_mm, y0_mm;      // of the whole grid
   std::ptrdiff_t row, col;  // of the first cell in the whole grid
-  float highest_of_all;     // at least: it is not kept up with every cut
+  std::ptrdiff_t counted_from_row, counted_to_row;
+  float highest_of_all;  // at least: it is not kept up with every cut
 
   // The same sums for a block whichever tile it is in.
   [[nodiscard]] double x_of(int bx) const {
@@ -47,6 +48,10 @@ struct Tile {
   }
   [[nodiscard]] double y_of(int by) const {
     return y0_mm + static_cast<double>(row + by * kBlock) * cell_mm;
+  }
+  [[nodiscard]] bool counts(int by) const {
+    const std::ptrdiff_t first = row + by * kBlock;
+    return first >= counted_from_row && first < counted_to_row;
   }
   [[nodiscard]] float* block(int by, int bx) {
     return z.data() + by * kBlock * kTile + bx * kBlock;
@@ -188,7 +193,7 @@ TileCut sweep_tile(Tile& tile, const swept::Way& way) {
           way.cut(tile.block(by, bx), kTile, tile.x_of(bx), tile.y_of(by), tile.cell_mm);
       tile.top(by, bx) = cut.highest;
       sum.deepest = std::fmax(sum.deepest, cut.deepest);
-      sum.removed += std::llround(cut.removed / MoveEffects::kUnit_mm);
+      if (tile.counts(by)) sum.removed += std::llround(cut.removed / MoveEffects::kUnit_mm);
     }
   }
   return sum;
@@ -388,6 +393,8 @@ void MillingSim::cut(std::span<const ToolMove> moves, MoveEffects& effects) {
           tile->y0_mm = grid_.y0_mm;
           tile->row = grid_.first_row + r0;
           tile->col = grid_.first_col + c0;
+          tile->counted_from_row = grid_.counted_from_row;
+          tile->counted_to_row = grid_.counted_to_row;
           load(*tile, stock_, r0, c0);
           for (std::uint64_t i = start_[index]; i < start_[index + 1]; ++i) {
             const ToolMove& move = moves[order_[i]];

@@ -16,6 +16,7 @@
 /// docs/derivations/verify_bound.md
 
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -56,6 +57,9 @@ struct ToolMove {
 struct SimGrid {
   double x0_mm = 0.0, y0_mm = 0.0, cell_mm = 0.1;
   std::ptrdiff_t first_row = 0, first_col = 0;
+  /// Where windows overlap, one of them counts what was removed: blocks of 8 rows that begin in
+  /// [counted_from_row, counted_to_row) of the whole grid.
+  std::ptrdiff_t counted_from_row = 0, counted_to_row = std::numeric_limits<std::ptrdiff_t>::max();
 };
 
 class MillingSim {

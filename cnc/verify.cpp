@@ -342,8 +342,10 @@ Result<void> Verifying::cut_band(Comparison& comparison, std::ptrdiff_t b0, std:
   // Windows begin at whole blocks of eight.
   const std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, b0 * n - Comparison::kMargin) / 8 * 8;
   const std::ptrdiff_t end = std::min(plan_.rows, b1 * n + Comparison::kMargin + 1);
-  MillingSim sim({design_.x0.value(), design_.y0.value(), plan_.cell_mm, first, 0}, cutters_,
-                 stock_rows(first, end));
+  SimGrid grid{design_.x0.value(), design_.y0.value(), plan_.cell_mm, first, 0};
+  grid.counted_from_row = b0 * n / 8 * 8;
+  if (!northernmost) grid.counted_to_row = b1 * n / 8 * 8;
+  MillingSim sim(grid, cutters_, stock_rows(first, end));
   const double y_min = design_.y0.value() + plan_.cell_mm * static_cast<double>(first);
   const double y_max = design_.y0.value() + plan_.cell_mm * static_cast<double>(end);
   double reach = 0.0;

@@ -431,6 +431,17 @@ TEST(Verify, AirAndEngagement) {
 }
 
 // A slope of 45 degrees along the passes: their spacing in plan is that on the surface.
+// The part is cut in bands of rows that overlap; each cell's loss is counted once.
+TEST(Verify, RemovedVolumeIsWhatIsMissing) {
+  const ModelField design = flat_field(801, 25, 0.5, 3.0F);  // 400 mm: 4001 rows of cells
+  const auto v =
+      verify_text({flat_passes(-4, 16, 0, 400, 2.0, 3.0)}, design, {.stock_top = Millimetres{4.0}});
+  ASSERT_THAT(v, Succeeds());
+  double missing = 0.0;
+  for (const float z : v->as_milled.z_mm.cells()) missing += 0.01 * (4.0 - static_cast<double>(z));
+  EXPECT_NEAR(v->certificate.engagement.removed_mm3, missing, 1e-5 * missing);
+}
+
 TEST(Verify, ScallopsBySlopeAndBorderApart) {
   ModelField design = flat_field(81, 81, 0.5, 0.0F);
   for (std::ptrdiff_t r = 0; r < 81; ++r)

@@ -15,6 +15,7 @@
 //                                            and each control changes what is drawn
 
 #include <cstdlib>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -335,7 +336,12 @@ addEventListener('load', () => {
                     dom.string(), said.string())
             .c_str());
     ASSERT_EQ(status, 0) << *read_file(said);
-    EXPECT_THAT(*read_file(said), Not(HasSubstr("CONSOLE")));
+    std::istringstream lines(*read_file(said));
+    for (std::string line; std::getline(lines, line);) {
+      // Reading the canvas, as this test does, may be remarked upon.
+      if (line.find("CONSOLE") == std::string::npos) continue;
+      EXPECT_THAT(line, HasSubstr("GPU stall due to ReadPixels"));
+    }
     const std::string text = *read_file(dom);
     const std::size_t at = text.find("id=\"told\">");
     ASSERT_NE(at, std::string::npos) << "the page's script did not come to its end";

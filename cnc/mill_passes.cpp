@@ -12,10 +12,9 @@
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
-#include "cnc/fit_moves.hpp"
 #include "cnc/linking.hpp"
 #include "cnc/mill.hpp"
-#include "cnc/raster.hpp"
+#include "cnc/raster_plan.hpp"
 #include "core/check.hpp"
 
 namespace maquette::cnc {
@@ -24,92 +23,53 @@ namespace {
 using heightmap::ModelField;
 
 constexpr std::size_t kPassesAtATime = 64;
-constexpr double kAddedOverlap_mm = 1.0;  ///< added passes reach this far beyond where they must
-constexpr int kMostHalvings = 3;
 constexpr double kApproach_mm = 1.0;
 
-std::int64_t tick_inside_from(double mm) {
-  return static_cast<std::int64_t>(std::ceil(mm * 1000.0 - 1e-4)) * kResolution;
-}
-std::int64_t tick_inside_to(double mm) {
-  return static_cast<std::int64_t>(std::floor(mm * 1000.0 + 1e-4)) * kResolution;
-}
-
-RasterArea area_of(const ModelField& design, const MillOptions& o) {
-  const double bottom = design.y0.value(), top = design.y_mm(design.z_mm.rows() - 1);
-  RasterArea area;
-  area.left = tick_inside_from(design.x0.value());
-  area.right = tick_inside_to(design.x_mm(design.z_mm.cols() - 1));
-  area.bottom =
-      tick_inside_from(std::isnan(o.first_y_mm) ? bottom : std::max(bottom, o.first_y_mm));
-  area.top = tick_inside_to(std::isnan(o.last_y_mm) ? top : std::min(top, o.last_y_mm));
-  area.top = std::max(area.top, area.bottom);
-  return area;
-}
-
-/// One line cut, and how the tool gets to it.
-struct Piece {
-  LineSegment cut;
-  std::int64_t across = 0;        // its row
-  std::vector<FittedMove> moves;  // in the order of cutting
+/// How the tool gets to a cut, and both as a path.
+struct Piece : PlannedCut {
   std::vector<LineSegment> link;  // along the surface
   bool by_air = false;            // else by `link`, or it starts where the one before ended
   ToolPosition before;            // where the one before ended; unknown: the first
-  FitBounds bounds;
-  std::uint64_t sampled = 0;
   Toolpath path;
-
-  [[nodiscard]] ToolPosition end_at(bool last) const {
-    const FittedMove& m = last ? moves.back() : moves.front();
-    return {cut.line.x + m.place * cut.line.dx, cut.line.y + m.place * cut.line.dy, m.z};
-  }
 };
 
-/// A row and its heights every `grain` places: index g is place g * grain.
-struct Row {
-  RasterRow row;
-  Piece piece;
-  std::int64_t first_index = 0;
-  std::vector<float> tips;
-};
+/// Over what stands: the stock, or the design and an allowance.
+double highest_of(const ModelField& design, const MillOptions& o) {
+  double highest = static_cast<double>(heightmap::height_range(design.z_mm).max);
+  if (o.stock != nullptr)
+    return std::max(highest, static_cast<double>(heightmap::height_range(o.stock->z_mm).max));
+  return std::isnan(o.stock_allowance.value()) ? highest : highest + o.stock_allowance.value();
+}
 
-/// Between two rows.
-struct Gap {
-  std::vector<double> ridges;  // from `first_index` on
-  std::int64_t first_index = 0;
-  std::vector<Piece> added;  // by row, then along it
-};
+/// A flight costs about as much as cutting on for as long as the plunge takes, and a little.
+double air_worth_mm(const ModelField& design, const MillOptions& o) {
+  const bool known = o.stock != nullptr || !std::isnan(o.stock_allowance.value());
+  const double lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
+  const double plunge =
+      known ? kApproach_mm : 0.5 * (highest_of(design, o) - lowest) + o.clearance.value();
+  return 10.0 + plunge * o.feed.value() / o.plunge_feed.value();
+}
 
 class Milling {
  public:
   Milling(const ModelField& design, const MillOptions& o)
-      : design_(design),
-        options_(o),
+      : options_(o),
         tool_{0.5 * o.ball_diameter.value()},
-        area_(area_of(design, o)),
-        frame_(raster_frame(area_, o.direction)),
-        tiles_(design, tool_),
-        cutters_(DropCutter(design, Cutter::ball(tool_.radius_mm))),
+        air_worth_mm_(air_worth_mm(design, o)),
+        planner_(design, o, air_worth_mm_),
+        area_(planner_.area()),
+        frame_(planner_.frame()),
         shares_(share_tolerance(o.tolerance)),
-        grain_(std::max<std::int64_t>(1, std::llround(design.spacing.value() / frame_.step_mm()))),
-        allowed_mm_(centre_distance_of_ridge_mm(tool_, o.scallop_limit.value())),
-        scallop_(design, o.scallop_limit.value(), 2.0 * o.stepover.value()) {
-    double highest = static_cast<double>(heightmap::height_range(design.z_mm).max);
+        scallop_(design, o.scallop_limit.value(), 2.0 * o.stepover.value()),
+        highest_mm_(highest_of(design, o)) {
     if (o.stock != nullptr) {
-      highest = std::max(highest, static_cast<double>(heightmap::height_range(o.stock->z_mm).max));
       clearance_.emplace(*o.stock, Cutter::ball(tool_.radius_mm));
     } else if (!std::isnan(o.stock_allowance.value())) {
       allowance_mm_ = o.stock_allowance.value();
       clearance_.emplace(design, Cutter::ball(tool_.radius_mm));
     }
-    highest_mm_ = highest + allowance_mm_;
     safe_z_ = static_cast<std::int64_t>(std::ceil((highest_mm_ + o.clearance.value()) * 1000.0)) *
               kResolution;
-    // A flight costs about as much as cutting on for as long as the plunge takes, and a little.
-    const double lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
-    const double plunge =
-        clearance_ ? kApproach_mm : 0.5 * (highest_mm_ - lowest) + o.clearance.value();
-    air_worth_mm_ = 10.0 + plunge * o.feed.value() / o.plunge_feed.value();
   }
 
   Result<MillReport> run(const ToolpathSink& sink, const RunContext& run) {
@@ -123,25 +83,29 @@ class Milling {
     forwards_ = options_.zigzag || !options_.climb;
 
     std::vector<Piece> pieces;
-    if (!frame_.along_an_axis()) pieces = outline();
-    Row before;
+    // Rows at an angle end a stepover or more apart along the outline: cut it first.
+    if (!frame_.along_an_axis())
+      for (PlannedCut& side : planner_.outline())
+        pieces.push_back({std::move(side), {}, false, {}, {}});
+    PlannedRow before;
     for (std::size_t first = 0; first < rows.size(); first += kPassesAtATime) {
       const std::size_t size = std::min(kPassesAtATime, rows.size() - first);
-      std::vector<Row> batch(size + 1);
+      std::vector<PlannedRow> batch(size + 1);
       batch[0] = std::move(before);
       const bool has_before = first > 0;
-      in_parallel(size, run, [&](std::size_t i) { plan_row(rows[first + i], batch[i + 1]); });
-      std::vector<Gap> gaps(size);  // gap i lies before row i + 1 of the batch
+      in_parallel(size, run,
+                  [&](std::size_t i) { batch[i + 1] = planner_.plan_row(rows[first + i]); });
+      std::vector<PlannedGap> gaps(size);  // gap i lies before row i + 1 of the batch
       in_parallel(size, run, [&](std::size_t i) {
-        if (i > 0 || has_before) plan_gap(batch[i], batch[i + 1], gaps[i]);
+        if (i > 0 || has_before) gaps[i] = planner_.plan_gap(batch[i], batch[i + 1]);
       });
       if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
       for (std::size_t i = 0; i < size; ++i) {
         if (i > 0 || has_before) count_gap(batch[i], batch[i + 1], gaps[i]);
         report_.extra_passes += gaps[i].added.size();
         put_in_order(gaps[i].added, pieces);
-        std::vector<Piece> row(1);
-        row[0] = std::move(batch[i + 1].piece);
+        std::vector<PlannedCut> row(1);
+        row[0] = std::move(batch[i + 1].cut);
         put_in_order(row, pieces);
       }
       before = std::move(batch[size]);
@@ -180,142 +144,19 @@ class Milling {
     });
   }
 
-  // ---- cuts ------------------------------------------------------------------------------
-
-  /// Exact cutter locations and moves of a segment; the samples stay in `samples`, ascending.
-  Piece plan(const LineSegment& cut, std::int64_t across, std::vector<PathSample>& samples) {
-    Piece piece;
-    piece.cut = cut;
-    piece.across = across;
-    FitLimits limits;
-    limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
-    limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
-    limits.arcs = options_.arcs && (cut.line.dx == 0 || cut.line.dy == 0) &&
-                  std::abs(cut.line.dx + cut.line.dy) == kResolution;
-    const auto [low, high] = std::minmax({cut.from, cut.to});
-    sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
-                {shares_.sampling_mm, dip_share(limits.arcs) * options_.tolerance.value()},
-                samples);
-    piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
-    piece.sampled = samples.size();
-    if (cut.from > cut.to) reverse_moves(piece.moves);
-    return piece;
-  }
-
-  void plan_row(const RasterRow& row, Row& out) {
-    std::vector<PathSample> samples;
-    out.row = row;
-    const LatticeLine line = frame_.row(row.across);
-    out.piece = plan({line, row.first, row.last}, row.across, samples);
-    out.first_index = row.first >= 0 ? (row.first + grain_ - 1) / grain_ : -(-row.first / grain_);
-    std::size_t k = 1;
-    for (std::int64_t g = out.first_index; g * grain_ <= row.last; ++g) {
-      while (samples[k].place < g * grain_) ++k;
-      const PathSample &a = samples[k - 1], &b = samples[k];
-      const double t =
-          static_cast<double>(g * grain_ - a.place) / static_cast<double>(b.place - a.place);
-      out.tips.push_back(static_cast<float>(a.tip_mm + t * (b.tip_mm - a.tip_mm)));
-    }
-  }
-
-  /// What the ridge will be between two rows, and what must be cut besides.
-  void plan_gap(const Row& a, const Row& b, Gap& gap) {
-    const auto end = [](const Row& r) {
-      return r.first_index + static_cast<std::int64_t>(r.tips.size());
-    };
-    const std::int64_t first = std::max(a.first_index, b.first_index);
-    const std::int64_t size = std::min(end(a), end(b)) - first;
-    gap.first_index = first;
-    if (size < 2) return;
-    const auto tip = [&](const Row& r, std::int64_t i) {
-      return static_cast<double>(r.tips[static_cast<std::size_t>(first + i - r.first_index)]);
-    };
-    const double step = frame_.step_mm();
-    const double apart = step * static_cast<double>(b.row.across - a.row.across);
-    std::vector<int> halved(static_cast<std::size_t>(size), 0);
-    gap.ridges.resize(halved.size());
-    for (std::int64_t i = 0; i < size; ++i) {
-      const std::int64_t i0 = std::max<std::int64_t>(i - 1, 0), i1 = std::min(i + 1, size - 1);
-      const double run = step * static_cast<double>((i1 - i0) * grain_);
-      const double along = 0.5 * (tip(a, i1) - tip(a, i0) + tip(b, i1) - tip(b, i0)) / run;
-      const double across = (tip(b, i) - tip(a, i)) / apart;
-      const double distance = centre_distance_mm(apart, along, across);
-      const auto at = static_cast<std::size_t>(i);
-      if (options_.constant_scallop) halved[at] = halvings(distance, allowed_mm_, kMostHalvings);
-      gap.ridges[at] = ridge_mm(tool_, std::ldexp(distance, -halved[at]));
-    }
-    if (options_.constant_scallop) add_passes(a, b, halved, gap);
-  }
-
-  void add_passes(const Row& a, const Row& b, const std::vector<int>& halved, Gap& gap) {
-    const std::int64_t across = b.row.across - a.row.across;
-    const auto places = [this](double mm) {
-      return static_cast<std::int64_t>(std::ceil(mm / frame_.step_mm()));
-    };
-    const std::int64_t overlap = places(kAddedOverlap_mm), least = places(air_worth_mm_);
-    std::vector<PathSample> samples;
-    constexpr std::int64_t kParts = std::int64_t{1} << kMostHalvings;
-    for (std::int64_t part = 1; part < kParts; ++part) {
-      int level = kMostHalvings;  // at which this line first appears
-      for (std::int64_t p = part; p % 2 == 0; p /= 2) --level;
-      const std::int64_t j = a.row.across + (across * part + kParts / 2) / kParts;
-      if (j <= a.row.across || j >= b.row.across) continue;
-      const RasterRow row = clip_row(frame_, area_, j);
-      std::optional<std::pair<std::int64_t, std::int64_t>> open;
-      const auto close = [&] {
-        const std::int64_t from = std::max(open->first - overlap, row.first);
-        const std::int64_t to = std::min(open->second + overlap, row.last);
-        if (to - from >= places(0.01))
-          gap.added.push_back(plan({frame_.row(j), from, to}, j, samples));
-      };
-      for (std::size_t i = 0; i < halved.size(); ++i) {
-        if (halved[i] < level) continue;
-        const std::int64_t m = (gap.first_index + static_cast<std::int64_t>(i)) * grain_;
-        if (open && m - open->second > least + 2 * overlap) {
-          close();
-          open.reset();
-        }
-        if (open)
-          open->second = m;
-        else
-          open = {m, m};
-      }
-      if (open) close();
-    }
-  }
-
-  /// Rows at an angle end a stepover or more apart along the outline: cut it first.
-  std::vector<Piece> outline() {
-    std::vector<PathSample> samples;
-    std::vector<Piece> pieces;
-    const std::int64_t width = (area_.right - area_.left) / kResolution,
-                       depth = (area_.top - area_.bottom) / kResolution;
-    if (width == 0 || depth == 0) return pieces;
-    const LatticeLine bottom{area_.left, area_.bottom, kResolution, 0},
-        right{area_.right, area_.bottom, 0, kResolution},
-        top{area_.left, area_.top, kResolution, 0}, left{area_.left, area_.bottom, 0, kResolution};
-    for (const LineSegment& side : {LineSegment{bottom, 0, width}, LineSegment{right, 0, depth},
-                                    LineSegment{top, width, 0}, LineSegment{left, depth, 0}})
-      pieces.push_back(plan(side, 0, samples));
-    return pieces;
-  }
-
   // ---- order and links ---------------------------------------------------------------------
 
   /// Appends what lies side by side, each row in the direction whose turn it is.
-  void put_in_order(std::vector<Piece>& added, std::vector<Piece>& pieces) {
+  void put_in_order(std::vector<PlannedCut>& added, std::vector<Piece>& pieces) {
     for (std::size_t i = 0; i < added.size();) {
       std::size_t end = i;
       while (end < added.size() && added[end].across == added[i].across) ++end;
       if (!forwards_) {
         std::reverse(added.begin() + static_cast<std::ptrdiff_t>(i),
                      added.begin() + static_cast<std::ptrdiff_t>(end));
-        for (std::size_t k = i; k < end; ++k) {
-          reverse_moves(added[k].moves);
-          std::swap(added[k].cut.from, added[k].cut.to);
-        }
+        for (std::size_t k = i; k < end; ++k) added[k].turn_round();
       }
-      for (; i < end; ++i) pieces.push_back(std::move(added[i]));
+      for (; i < end; ++i) pieces.push_back({std::move(added[i]), {}, false, {}, {}});
       if (options_.zigzag) forwards_ = !forwards_;
     }
   }
@@ -401,9 +242,8 @@ class Milling {
       append_lead(path, start, true);
     } else {
       path.start = piece.before;
-      std::vector<PathSample> samples;
       for (const LineSegment& segment : piece.link) {
-        const Piece link = plan(segment, 0, samples);
+        const PlannedCut link = planner_.plan(segment, 0);
         meet(path, link.end_at(false));
         append_fitted(path, segment.line, link.moves, feed);
         piece.sampled += link.sampled;
@@ -450,13 +290,13 @@ class Milling {
 
   // ---- figures -------------------------------------------------------------------------------
 
-  void count_gap(const Row& a, const Row& b, const Gap& gap) {
+  void count_gap(const PlannedRow& a, const PlannedRow& b, const PlannedGap& gap) {
     const LatticeLine middle = frame_.row((a.row.across + b.row.across) / 2);
     const double step = frame_.step_mm();
     const double area = step * static_cast<double>(b.row.across - a.row.across) * step *
-                        static_cast<double>(grain_);
+                        static_cast<double>(planner_.grain());
     for (std::size_t i = 0; i < gap.ridges.size(); ++i) {
-      const std::int64_t m = (gap.first_index + static_cast<std::int64_t>(i)) * grain_;
+      const std::int64_t m = (gap.first_index + static_cast<std::int64_t>(i)) * planner_.grain();
       scallop_.add(middle.x_mm(m), middle.y_mm(m), gap.ridges[i], area);
     }
   }
@@ -474,20 +314,17 @@ class Milling {
     figures_.add(piece.path);
   }
 
-  const ModelField& design_;
   const MillOptions& options_;
   BallNose tool_;
+  double air_worth_mm_;
+  RasterPlanner planner_;
   RasterArea area_;
   RasterFrame frame_;
-  SteepnessTiles tiles_;
-  oneapi::tbb::enumerable_thread_specific<DropCutter> cutters_;
+  ToleranceShares shares_;
+  ScallopCollector scallop_;
+  double highest_mm_, allowance_mm_ = 0.0;
   oneapi::tbb::enumerable_thread_specific<LinkSurface> surfaces_;
   std::optional<CutterClearance> clearance_;  // nothing: what stands is not known
-  ToleranceShares shares_;
-  std::int64_t grain_;
-  double allowed_mm_;
-  ScallopCollector scallop_;
-  double allowance_mm_ = 0.0, highest_mm_ = 0.0, air_worth_mm_ = 0.0;
   std::int64_t safe_z_ = 0;
 
   struct RowEnd {

@@ -73,11 +73,16 @@ std::string to_json(const Certificate& c) {
                         {"p95_mm", s.p95_mm},
                         {"p99_mm", s.p99_mm},
                         {"stated_mm", finite(s.stated_mm)}});
-  Json tools = Json::array();
+  Json times = Json::array();
   for (const ToolUse& use : c.tools)
-    tools.push_back({{"tool", use.number},
-                     {"cutting_length_mm", use.cutting_length_mm},
-                     {"time_min", use.time_min}});
+    times.push_back({{"program", use.program},
+                     {"tool", use.number},
+                     {"cutting_min", use.time.cutting_s / 60.0},
+                     {"rapid_min", use.time.rapid_s / 60.0},
+                     {"waiting_min", use.time.waiting_s / 60.0},
+                     {"total_min", use.time.total_s() / 60.0},
+                     {"length_m", use.time.cutting_mm / 1000.0},
+                     {"highest_blocks_per_s", use.time.highest_blocks_per_s}});
   const Json json = {{"schema", "maquette.certificate/1"},
                      {"max_gouge_mm", c.max_gouge_mm},
                      {"max_excess_mm", c.max_excess_mm},
@@ -111,7 +116,7 @@ std::string to_json(const Certificate& c) {
                      {"cutting_length_mm", c.cutting_length_mm},
                      {"rapid_length_mm", c.rapid_length_mm},
                      {"time_min", c.time_min},
-                     {"tools", tools},
+                     {"machining_time", times},
                      {"travel", travel},
                      {"beyond_travel", c.beyond_travel},
                      {"ball_diameter_mm", c.ball_diameter_mm},

@@ -126,13 +126,19 @@ std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockW
     case 432:
     case 490:
     case 500:
-    case 610:
-    case 611:
-    case 640:
     case 940:
     case 970:
     case 980:
     case 990:
+      return std::nullopt;
+    case 610:
+      control_ = {PathControl::Mode::exact_path, 0.0};
+      return std::nullopt;
+    case 611:
+      control_ = {PathControl::Mode::exact_stop, 0.0};
+      return std::nullopt;
+    case 640:
+      control_ = {PathControl::Mode::blend, words.has('P') ? words.of('P') * unit_mm_ : 0.0};
       return std::nullopt;
     case 530:
       machine_frame_ = true;
@@ -161,6 +167,7 @@ std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockW
       return std::nullopt;
     case 1870:
       smoothing_ = true;
+      if (words.has('E')) control_ = {PathControl::Mode::blend, words.of('E') * unit_mm_};
       return std::nullopt;
     case 800:
       // Post-processors write it beside G0 in the safety line: there the motion stays.

@@ -76,6 +76,7 @@ class GcodeMachine {
   double dwell_s_ = 0.0;
   std::uint64_t tool_changes_ = 0;
   int tool_ = 0, selected_tool_ = 0;
+  std::optional<PathControl> control_;
 
   // of the block at hand
   bool machine_frame_ = false, dwell_ = false, smoothing_ = false;

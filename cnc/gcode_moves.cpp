@@ -147,6 +147,7 @@ std::optional<BlockFault> GcodeMachine::move(const BlockWords& words, Motion& mo
   motion.to_mm = vec(at_mm_);
   motion.plane = plane_;
   motion.tool = tool_;
+  motion.control = control_;
   motion.probe = false;
   motion.sweep_rad = 0.0;
   motion.feed_mm_min = feed_mm_min_;

@@ -37,16 +37,6 @@
 
 namespace maquette::cnc {
 
-struct PathControl {
-  enum class Mode {
-    exact_stop,  ///< G61.1: every move ends at rest
-    exact_path,  ///< G61: at rest unless the next move goes on in the same direction
-    blend,       ///< G64 P
-  };
-  Mode mode = Mode::blend;
-  double tolerance_mm = 0.0005;  ///< P; 0: a quarter of the shorter move
-};
-
 struct MoveLimits {
   bool rapid = false;
   double length_mm = 0.0;

@@ -3,18 +3,7 @@
 
 #include <algorithm>
 
-#include <nlohmann/json.hpp>
-
 namespace maquette::cnc {
-namespace {
-
-double row_s(const TimeTable& table, const TimeRow& row) {
-  return row.time.total_s() + row.dwell_s +
-         table.tool_change_s * static_cast<double>(row.tool_changes);
-}
-
-}  // namespace
-
 MotionTimer::MotionTimer(const Machine& machine, const PathControl& control, Watch watch)
     : machine_(machine),
       control_(control),
@@ -34,7 +23,7 @@ void MotionTimer::add(const Motion& motion) {
   }
   const MoveLimits next = move_limits(machine_, motion);
   const bool rapid = next.rapid;
-  if (last_) join(corner(machine_, control_, *last_, next), next);
+  if (last_) join(corner(machine_, motion.control.value_or(control_), *last_, next), next);
   rapid_ = rapid;
   last_ = next;
 
@@ -54,9 +43,9 @@ void MotionTimer::join(const Corner& c, const MoveLimits& next) {
   const MoveLimits& m = *last_;
   const double share = 1.0 - std::fmax(lost_in_, c.lost_share);
   double rest = m.length_mm - trim_in_mm_ - c.trim_mm;
-  PathPiece arc{c.length_mm,   c.speed_mm_s,
-                c.along_mm_s2, std::fmin(m.jerk_mm_s3, next.jerk_mm_s3),
-                c.speed_mm_s,  0};
+  SpeedPiece arc{c.length_mm,   c.speed_mm_s,
+                 c.along_mm_s2, std::fmin(m.jerk_mm_s3, next.jerk_mm_s3),
+                 c.speed_mm_s,  0};
   // What corners leave of a line is run at the speed of the corner if it is that short.
   constexpr double kShortestCycles = 4.0;
   const bool whole =
@@ -143,55 +132,20 @@ MotionTime time_path(const Toolpath& path, const Machine& machine, const PathCon
   return timer.time();
 }
 
-double TimeTable::total_s() const {
-  double sum = 0.0;
-  for (const TimeRow& r : rows) sum += row_s(*this, r);
-  return sum;
-}
-
-std::string to_json(const TimeTable& table) {
-  using nlohmann::ordered_json;
-  ordered_json rows = ordered_json::array(), tools = ordered_json::array(),
-               bands = ordered_json::array();
-  const auto add = [](ordered_json& list, const char* key, const auto& value, double seconds) {
-    for (auto& e : list)
-      if (e[key] == value) {
-        e["total_s"] = e["total_s"].template get<double>() + seconds;
-        return false;
-      }
-    list.push_back({{key, value}, {"total_s", seconds}});
-    return true;
-  };
-  for (const TimeRow& r : table.rows) {
-    const double seconds = row_s(table, r);
-    rows.push_back({{"band", r.band},
-                    {"operation", r.operation},
-                    {"tool", r.tool},
-                    {"tool_name", r.tool_name},
-                    {"spindle_rpm", r.spindle_rpm},
-                    {"cutting_s", r.time.cutting_s},
-                    {"rapid_s", r.time.rapid_s},
-                    {"waiting_s", r.time.waiting_s},
-                    {"dwell_s", r.dwell_s},
-                    {"tool_changes", r.tool_changes},
-                    {"total_s", seconds},
-                    {"programmed_s", r.time.programmed_s},
-                    {"cutting_mm", r.time.cutting_mm},
-                    {"rapid_mm", r.time.rapid_mm},
-                    {"moves", r.time.moves},
-                    {"stops", r.time.stops},
-                    {"shortest_cut_mm", r.time.shortest_cut_mm},
-                    {"highest_blocks_per_s", r.time.highest_blocks_per_s}});
-    if (add(tools, "tool", r.tool, seconds)) tools.back()["name"] = r.tool_name;
-    add(bands, "band", r.band, seconds);
-  }
-  return ordered_json{{"machine", table.machine},
-                      {"tool_change_s", table.tool_change_s},
-                      {"rows", rows},
-                      {"tools", tools},
-                      {"bands", bands},
-                      {"total_s", table.total_s()}}
-      .dump(1);
+MotionTime& MotionTime::operator+=(const MotionTime& other) {
+  rapid_s += other.rapid_s;
+  cutting_s += other.cutting_s;
+  waiting_s += other.waiting_s;
+  rapid_mm += other.rapid_mm;
+  cutting_mm += other.cutting_mm;
+  programmed_s += other.programmed_s;
+  moves += other.moves;
+  stops += other.stops;
+  if (shortest_cut_mm == 0.0 ||
+      (other.shortest_cut_mm > 0.0 && other.shortest_cut_mm < shortest_cut_mm))
+    shortest_cut_mm = other.shortest_cut_mm;
+  highest_blocks_per_s = std::fmax(highest_blocks_per_s, other.highest_blocks_per_s);
+  return *this;
 }
 
 }  // namespace maquette::cnc

@@ -46,12 +46,15 @@ struct MotionTime {
   double shortest_cut_mm = 0.0;       ///< 0: no cut
   double highest_blocks_per_s = 0.0;  ///< mean over as many moves as the look-ahead holds
   [[nodiscard]] double total_s() const { return rapid_s + cutting_s + waiting_s; }
+  /// One after the other.
+  MotionTime& operator+=(const MotionTime& other);
 };
 
 class MotionTimer {
  public:
   /// Called for each piece of the plan in order; corners' arcs are pieces too.
   using Watch = std::function<void(const PlannedPiece&)>;
+  /// @param control  where a motion does not say
   MotionTimer(const Machine& machine, const PathControl& control, Watch watch = {});
   MotionTimer(const MotionTimer&) = delete;
   MotionTimer& operator=(const MotionTimer&) = delete;
@@ -91,28 +94,5 @@ class MotionTimer {
 /// Time of a path of a strategy. @pre its start is known
 [[nodiscard]] MotionTime time_path(const Toolpath& path, const Machine& machine,
                                    const PathControl& control);
-
-/// One line of the machining-time table: what one tool does in one band.
-struct TimeRow {
-  std::string band, operation;
-  int tool = 1;
-  std::string tool_name;
-  double spindle_rpm = 0.0;
-  std::uint64_t tool_changes = 0;
-  double dwell_s = 0.0;
-  MotionTime time;
-};
-
-struct TimeTable {
-  std::string machine;
-  double tool_change_s = 0.0;  ///< each
-  std::vector<TimeRow> rows;
-  [[nodiscard]] double total_s() const;
-};
-
-/// {"machine", "tool_change_s", "rows": [{"band", "operation", "tool", .., "total_s"}],
-///  "tools": [{"tool", "name", "total_s"}], "bands": [{"band", "total_s"}], "total_s"}; tools and
-/// bands in the order of their first row.
-[[nodiscard]] std::string to_json(const TimeTable& table);
 
 }  // namespace maquette::cnc

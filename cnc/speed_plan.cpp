@@ -13,12 +13,12 @@ constexpr std::size_t kLargestWindow = std::size_t{1} << 18;
 /// Speeds this close, and a corner no slower, do not interrupt the acceleration (jerk only).
 constexpr double kSameSpeed = 0.98;
 
-double ramp_seconds(double dv, const PathPiece& p) {
+double ramp_seconds(double dv, const SpeedPiece& p) {
   const double a = p.acceleration_mm_s2, j = p.jerk_mm_s3;
   return dv * j >= a * a ? dv / a + a / j : 2.0 * std::sqrt(dv / j);
 }
 
-double ramp_mm(double v0, double v1, const PathPiece& p) {
+double ramp_mm(double v0, double v1, const SpeedPiece& p) {
   return 0.5 * (v0 + v1) * ramp_seconds(std::fabs(v1 - v0), p);
 }
 
@@ -49,13 +49,13 @@ double largest(double low, double high, double target, F f) {
 }  // namespace
 
 /// Highest speed at the one end of a piece for the speed at the other.
-double SpeedPlan::reach(double from, const PathPiece& p) const {
+double SpeedPlan::reach(double from, const SpeedPiece& p) const {
   if (p.jerk_mm_s3 == 0.0) return std::sqrt(from * from + 2.0 * p.acceleration_mm_s2 * p.length_mm);
   if (from >= p.speed_mm_s) return from;
   return largest(from, p.speed_mm_s, p.length_mm, [&](double v) { return ramp_mm(from, v, p); });
 }
 
-PlannedPiece SpeedPlan::run(double u, double w, const PathPiece& p) const {
+PlannedPiece SpeedPlan::run(double u, double w, const SpeedPiece& p) const {
   PlannedPiece out{p, u, 0.0, w, 0.0};
   const double length = p.length_mm, v = std::fmax(p.speed_mm_s, std::fmax(u, w));
   if (p.jerk_mm_s3 == 0.0) {
@@ -79,9 +79,9 @@ PlannedPiece SpeedPlan::run(double u, double w, const PathPiece& p) const {
   return out;
 }
 
-void SpeedPlan::add(const PathPiece& piece) {
+void SpeedPlan::add(const SpeedPiece& piece) {
   if (piece.jerk_mm_s3 > 0.0 && !pieces_.empty()) {
-    PathPiece& last = pieces_.back();
+    SpeedPiece& last = pieces_.back();
     const double slow = std::fmin(last.speed_mm_s, piece.speed_mm_s);
     const double fast = std::fmax(last.speed_mm_s, piece.speed_mm_s);
     if (std::fmin(slow, piece.entry_mm_s) >= kSameSpeed * fast) {
@@ -112,7 +112,7 @@ void SpeedPlan::plan(bool to_the_end) {
   stopping_[n] = 0.0;
   std::size_t settled = to_the_end ? n : 0;
   for (std::size_t k = n; k-- > 0;) {
-    const PathPiece& p = pieces_[k];
+    const SpeedPiece& p = pieces_[k];
     const bool jerk = p.jerk_mm_s3 > 0.0;
     double v = std::fmin(p.speed_mm_s,
                          k > 0 ? std::fmin(p.entry_mm_s, pieces_[k - 1].speed_mm_s) : p.speed_mm_s);
@@ -125,7 +125,7 @@ void SpeedPlan::plan(bool to_the_end) {
     if (look_ahead_ > 0 && ahead < n) {
       const double room = stopping_[k] - stopping_[ahead];
       if (jerk) {
-        PathPiece all = p;
+        SpeedPiece all = p;
         all.length_mm = room;
         v = std::fmin(v, std::fmax(reach(0.0, all), limit_[k + 1]));
       } else {
@@ -143,7 +143,7 @@ void SpeedPlan::plan(bool to_the_end) {
   }
   // Forwards.
   for (std::size_t k = 0; k < settled; ++k) {
-    const PathPiece& p = pieces_[k];
+    const SpeedPiece& p = pieces_[k];
     const double exit = std::fmin(limit_[k + 1], reach(speed_, p));
     sink_(run(speed_, exit, p));
     speed_ = exit;

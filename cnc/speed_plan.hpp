@@ -34,7 +34,7 @@
 
 namespace maquette::cnc {
 
-struct PathPiece {
+struct SpeedPiece {
   double length_mm = 0.0;                             ///< > 0
   double speed_mm_s = 0.0, acceleration_mm_s2 = 0.0;  ///< > 0
   double jerk_mm_s3 = 0.0;                            ///< 0: not limited
@@ -43,7 +43,7 @@ struct PathPiece {
 };
 
 struct PlannedPiece {
-  PathPiece piece;
+  SpeedPiece piece;
   double entry_mm_s = 0.0, top_mm_s = 0.0, exit_mm_s = 0.0;
   double seconds = 0.0;
 };
@@ -55,18 +55,18 @@ class SpeedPlan {
   SpeedPlan(std::size_t look_ahead, Sink sink) : look_ahead_(look_ahead), sink_(std::move(sink)) {}
 
   /// The first piece, and the first after rest(), begins at rest whatever its entry says.
-  void add(const PathPiece& piece);
+  void add(const SpeedPiece& piece);
   /// The path ends, or pauses, at rest: everything is given out.
   void rest();
 
  private:
   void plan(bool to_the_end);
-  [[nodiscard]] double reach(double from, const PathPiece& p) const;
-  [[nodiscard]] PlannedPiece run(double entry, double exit, const PathPiece& p) const;
+  [[nodiscard]] double reach(double from, const SpeedPiece& p) const;
+  [[nodiscard]] PlannedPiece run(double entry, double exit, const SpeedPiece& p) const;
 
   std::size_t look_ahead_;
   Sink sink_;
-  std::vector<PathPiece> pieces_;
+  std::vector<SpeedPiece> pieces_;
   std::vector<double> limit_;     ///< at the beginning of each piece, and at the end: scratch
   std::vector<double> stopping_;  ///< sums of 2 a L or of lengths: scratch
   double speed_ = 0.0;            ///< at the beginning of the first piece

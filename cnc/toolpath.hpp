@@ -38,6 +38,17 @@ struct PathMove {
   double feed_mm_min = 0.0;  ///< lines and arcs
 };
 
+/// How a control goes round corners.
+struct PathControl {
+  enum class Mode {
+    exact_stop,  ///< G61.1: every move ends at rest
+    exact_path,  ///< G61: at rest unless the next move goes on in the same direction
+    blend,       ///< G64 P
+  };
+  Mode mode = Mode::blend;
+  double tolerance_mm = 0.0005;  ///< P; 0: a quarter of the shorter move
+};
+
 /// Unbroken: each move starts where the one before ended.
 struct Toolpath {
   ToolPosition start;

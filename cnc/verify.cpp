@@ -102,11 +102,9 @@ class Verifying {
       : programs_(programs), design_(design), options_(options), plan_(plan), run_(run) {
     if (options.tools.empty()) {
       cutters_.push_back(Cutter::ball(0.5 * options.ball_diameter.value()));
-      c_.tools.push_back({});
     }
     for (const Tool& tool : options.tools) {
       cutters_.push_back(tool.cutter);
-      c_.tools.push_back({tool.number});
     }
     c_.ball_diameter_mm = 2.0 * cutters_.front().radius_mm;
     c_.cell_mm = plan.cell_mm;
@@ -127,8 +125,12 @@ class Verifying {
   Result<void> cut(const RowSink& rows);
   Result<Certificate> finish();
 
+  void sum_up_times();
+
  private:
   Result<std::uint16_t> cutter_of(const Motion& motion, std::size_t program) const;
+  void use(std::size_t program, int tool);
+  void stop_timer();
   Result<void> take(std::span<const Motion> motions, std::size_t program);
   [[nodiscard]] CutterError error() const;
   [[nodiscard]] ComparisonOptions comparison_options() const;
@@ -147,6 +149,7 @@ class Verifying {
   std::vector<Cutter> cutters_;
   std::vector<bool> used_;
   std::uint16_t last_cutter_ = 0;
+  std::optional<MotionTimer> timer_;  // of the last tool
   bool any_deviation_ = false;
   MotionStore motions_;
   std::vector<std::size_t> first_motion_;  // of each program
@@ -173,20 +176,58 @@ Result<std::uint16_t> Verifying::cutter_of(const Motion& motion, std::size_t pro
                           programs_[program].string(), motion.line, number, options_.tools.size()));
 }
 
+/// From here on the time is that tool's in that program.
+void Verifying::use(std::size_t program, int tool) {
+  if (!c_.tools.empty() && c_.tools.back().program == program && c_.tools.back().number == tool)
+    return;
+  stop_timer();
+  c_.tools.push_back({program, tool, {}});
+  if (options_.machine) timer_.emplace(*options_.machine, PathControl{});
+}
+
+void Verifying::stop_timer() {
+  if (!timer_) return;
+  timer_->rest();
+  c_.tools.back().time += timer_->time();
+  timer_.reset();
+}
+
+void Verifying::sum_up_times() {
+  stop_timer();
+  // A tool that comes back is one line of the table.
+  std::vector<ToolUse> uses;
+  for (const ToolUse& one : c_.tools) {
+    c_.time_min += one.time.total_s() / 60.0;
+    const auto same = std::find_if(uses.begin(), uses.end(), [&](const ToolUse& u) {
+      return u.program == one.program && u.number == one.number;
+    });
+    if (same == uses.end())
+      uses.push_back(one);
+    else
+      same->time += one.time;
+  }
+  std::erase_if(uses, [](const ToolUse& use) { return use.time.cutting_mm == 0.0; });
+  c_.tools = std::move(uses);
+}
+
 Result<void> Verifying::take(std::span<const Motion> motions, std::size_t program) {
   std::size_t begin = 0;
   while (begin < motions.size()) {
     MAQUETTE_TRY(const std::uint16_t cutter, cutter_of(motions[begin], program));
+    use(program, motions[begin].tool);
     std::size_t end = begin;
     for (; end < motions.size() && motions[end].tool == motions[begin].tool; ++end) {
       const Motion& m = motions[end];
       const bool rapid = m.kind == Motion::Kind::rapid;
       const double length = length_mm(m);
       (rapid ? c_.rapid_length_mm : c_.cutting_length_mm) += length;
-      if (!rapid) {
-        c_.time_min += length / m.feed_mm_min;
-        c_.tools[cutter].cutting_length_mm += length;
-        c_.tools[cutter].time_min += length / m.feed_mm_min;
+      if (timer_) {
+        timer_->add(m);
+      } else if (!rapid) {
+        c_.tools.back().time.cutting_mm += length;
+        c_.tools.back().time.cutting_s += 60.0 * length / m.feed_mm_min;
+      } else {
+        c_.tools.back().time.rapid_mm += length;
       }
       c_.travel.add(m.from_mm);
       if (m.kind == Motion::Kind::arc)
@@ -459,13 +500,14 @@ Result<Certificate> Verifying::finish() {
   }
   prove_gouge();
   const Vec3 span = c_.travel.max - c_.travel.min;
-  const auto check = [&](const char* axis, double length, Millimetres travel) {
-    if (travel.value() > 0.0 && length > travel.value()) c_.beyond_travel += axis;
+  const auto check = [&](const char* axis, double length, double travel) {
+    if (length > travel + kTick_mm) c_.beyond_travel += axis;
   };
-  check("x", span.x, options_.travel_x);
-  check("y", span.y, options_.travel_y);
-  check("z", span.z, options_.travel_z);
-  std::erase_if(c_.tools, [](const ToolUse& use) { return use.cutting_length_mm == 0.0; });
+  if (options_.machine) {
+    check("x", span.x, options_.machine->travel_mm.x);
+    check("y", span.y, options_.machine->travel_mm.y);
+    check("z", span.z, options_.machine->travel_mm.z);
+  }
   MAQUETTE_TRY(c_.program_sha256, fingerprint(programs_));
   run_.progress(1.0);
   return std::move(c_);
@@ -480,6 +522,7 @@ Result<Certificate> verify(std::span<const std::filesystem::path> programs,
   Verifying work(programs, design, options, plan, run);
   MAQUETTE_TRY_VOID(work.check());
   MAQUETTE_TRY_VOID(work.read());
+  work.sum_up_times();
   MAQUETTE_TRY_VOID(work.prove_paths());
   MAQUETTE_TRY_VOID(work.cut(rows));
   return work.finish();

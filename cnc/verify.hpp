@@ -30,6 +30,8 @@
 #include <vector>
 
 #include "cnc/engagement.hpp"
+#include "cnc/machine.hpp"
+#include "cnc/motion_time.hpp"
 #include "cnc/path_certificate.hpp"
 #include "cnc/tool.hpp"
 #include "core/result.hpp"
@@ -61,8 +63,8 @@ struct VerifyOptions {
   const heightmap::ModelField* with_stones = nullptr;
   Millimetres gouge_limit{0.005};  ///< deeper gouges of balls are counted and listed
   Millimetres stepover{NAN};       ///< to compare the excess with the scallop it states
-  /// Of the machine, of the tip; 0: not checked.
-  Millimetres travel_x{0.0}, travel_y{0.0}, travel_z{0.0};
+  /// Its travel is compared with the tip's, and times are its own; none: length over feed.
+  std::optional<Machine> machine{};
   /// If set: called with every motion in program order once all is cut, with the number of its
   /// program and the volume it removed (for a backplot).
   std::function<void(const Motion&, std::size_t program, double removed_mm3)> visit{};
@@ -90,9 +92,12 @@ struct ScallopClass {
   double stated_mm = NAN;  ///< of the stepover, at the steeper end; across the slope
 };
 
+/// What one tool does in one program. Without a machine cutting takes length over feed, and rapids
+/// nothing.
 struct ToolUse {
+  std::size_t program = 0;
   int number = 0;  ///< 0: none was named
-  double cutting_length_mm = 0.0, time_min = 0.0;
+  MotionTime time{};
 };
 
 struct Certificate {
@@ -134,7 +139,7 @@ struct Certificate {
   EngagementFigures engagement{};
   std::uint64_t blocks = 0, moves = 0;
   double cutting_length_mm = 0.0, rapid_length_mm = 0.0;
-  double time_min = 0.0;  ///< cutting length over feed, and dwells; rapids take no time
+  double time_min = 0.0;  ///< of all tools, and dwells
   std::vector<ToolUse> tools{};
   Box3 travel;  ///< of the tip, cutting and rapid
   /// Axes ("x", "y", "z") along which the tip travels farther than the machine can.

@@ -59,14 +59,18 @@ namespace fs = std::filesystem;
                                          const fs::path& out, const RunContext& run);
 
 struct VerifyJob {
-  std::vector<fs::path> programs;  ///< each file that is to be cut, in order
+  std::vector<fs::path> programs;    ///< each file that is to be cut, in order
+  std::vector<std::string> bands{};  ///< of each program, for the table of times; or empty
   fs::path design;
   std::optional<fs::path> stones, mesh;  ///< with both: gouge against the mesh is checked too
+  bool stones_stand = false;             ///< while it is milled: the cutter must pass beside them
   std::optional<fs::path> stock;         ///< model field: what an earlier operation left
   /// Its stock is read from the file above; without a top, the block ends `stock_margin` above
-  /// the highest point. Stones are glued on after milling: the cutter may pass where they will be.
+  /// the highest point. Stones are glued on after milling, unless they stand: the cutter may pass
+  /// where they will be.
   cnc::VerifyOptions options;
   Millimetres stock_margin{1.0};
+  Millimetres base_thickness{10.0};  ///< from the table to the design's lowest point
   /// Unmet if exceeded, bound included. Gouges of balls deeper than this are listed, from 1 um
   /// on and at the latest from options.gouge_limit on.
   std::optional<Millimetres> max_gouge;

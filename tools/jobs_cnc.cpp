@@ -14,6 +14,7 @@
 #include "tools/jobs.hpp"
 #include "tools/pictures.hpp"
 #include "tools/program_pictures.hpp"
+#include "tools/tool_table.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
@@ -36,6 +37,20 @@ Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled
     if (!std::isnan(cut[i])) deepest = std::max(deepest, v.z - cut[i]);
   }
   return deepest;
+}
+
+/// Whether each tool that cuts clears the work with the machine's z at its top.
+Result<void> check_tools(const VerifyJob& job, const heightmap::ModelField& design,
+                         const cnc::Certificate& certificate) {
+  if (!job.options.machine) return {};
+  const double table =
+      static_cast<double>(heightmap::height_range(design.z_mm).min) - job.base_thickness.value();
+  for (const cnc::Tool& tool : job.options.tools)
+    if (std::any_of(certificate.tools.begin(), certificate.tools.end(),
+                    [&](const cnc::ToolUse& use) { return use.number == tool.number; }))
+      MAQUETTE_TRY_VOID(cnc::check_tool_length(*job.options.machine, tool, gauge_length_mm(tool),
+                                               certificate.travel.max.z - table));
+  return {};
 }
 
 }  // namespace
@@ -66,6 +81,12 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
     drawing.add(motion, program, removed_mm3);
   };
 
+  heightmap::ModelField stones;
+  if (job.stones && job.stones_stand) {
+    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
+    stones = meshing::with_stones(design, plan);
+    options.with_stones = &stones;
+  }
   JobResult result;
   result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   // Excess (red) and gouge (blue) on the design's own nodes.
@@ -88,8 +109,14 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
     return writer->write_row(heights);
   };
   MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, design, options, rows, run));
+  MAQUETTE_TRY_VOID(check_tools(job, design, certificate));
   MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
+  for (json& row : figures["machining_time"]) {
+    const auto i = row["program"].get<std::size_t>();
+    row["program"] = job.programs[i].filename().string();
+    row["band"] = i < job.bands.size() ? job.bands[i] : "";
+  }
   if (job.mesh && job.stones) {
     MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
     MAQUETTE_TRY(const auto mesh, meshing::read_mesh(*job.mesh));
@@ -125,9 +152,17 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         fmt::format("{} rapid moves touch material", certificate.rapid_collisions));
   unmet(certificate.holder_collisions > 0,
         fmt::format("holder or shank meets material in {} moves", certificate.holder_collisions));
+  unmet(certificate.stone_collisions > 0,
+        fmt::format("the cutter meets stones in {} moves", certificate.stone_collisions));
   unmet(!certificate.beyond_travel.empty(),
         fmt::format("the machine cannot travel as far along {}", certificate.beyond_travel));
   result.figures_json = figures.dump();
+  double most_blocks_per_s = 0.0;
+  for (const cnc::ToolUse& use : certificate.tools)
+    most_blocks_per_s = std::max(most_blocks_per_s, use.time.highest_blocks_per_s);
+  if (options.machine && most_blocks_per_s > options.machine->blocks_per_s)
+    run.warn(fmt::format("{:.0f} blocks a second at their densest, {} reads {:.0f}: it will wait",
+                         most_blocks_per_s, options.machine->name, options.machine->blocks_per_s));
   result.note =
       fmt::format("gouge {:.1f} um (+{:.1f} bound), excess {:.1f} um where reachable", 1e3 * gouge,
                   1e3 * certificate.bound_mm, 1e3 * certificate.max_excess_mm);

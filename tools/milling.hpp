@@ -44,7 +44,8 @@ struct MillJob {
   FeedRate feed{3000.0}, plunge_feed{600.0};
   double spindle_rpm = 18000.0;
   Millimetres clearance{5.0};
-  cnc::ProgramOptions program{};  ///< post, name, work offset, splitting; the rest is set here
+  cnc::ProgramOptions program{};     ///< post, name, work offset, splitting; the rest is set here
+  Millimetres base_thickness{10.0};  ///< from the table to the design's lowest point
   cnc::Machine machine = *cnc::find_machine("unlimited");
 
   // raster and semi-finish, mill.hpp; arcs also rest; the limit also geodesic

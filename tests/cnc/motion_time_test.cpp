@@ -613,23 +613,28 @@ TEST(MotionTime, APathTakesAsLongAsItsProgram) {
   EXPECT_THAT(time_program(folder / "none.ngc", machine(), {}), FailsWith(kFileNotFound));
 }
 
-TEST(MotionTime, TheTableSumsByToolAndByBand) {
-  TimeTable table{"portal", 30.0, {}};
-  table.rows.push_back({"band 1", "rough", 1, "flat 12 mm", 18000, 1, 2.0, {}});
-  table.rows.push_back({"band 1", "finish", 2, "ball 6 mm", 20000, 1, 0.0, {}});
-  table.rows.push_back({"band 2", "finish", 2, "ball 6 mm", 20000, 0, 0.0, {}});
-  table.rows[0].time.cutting_s = 100.0;
-  table.rows[0].time.rapid_s = 10.0;
-  table.rows[1].time.cutting_s = 1000.0;
-  table.rows[1].time.waiting_s = 5.0;
-  table.rows[2].time.cutting_s = 2000.0;
-  EXPECT_EQ(table.total_s(), 142.0 + 1035.0 + 2000.0);
-  const std::string json = to_json(table);
-  EXPECT_THAT(json, HasSubstr("\"total_s\": 142.0"));
-  EXPECT_THAT(json, HasSubstr("\"total_s\": 3035.0")) << "tool 2";
-  EXPECT_THAT(json, HasSubstr("\"total_s\": 1177.0")) << "band 1";
-  EXPECT_THAT(json, HasSubstr("\"total_s\": 3177.0")) << "all";
-  EXPECT_LT(json.find("\"rows\""), json.find("\"tools\""));
+TEST(MotionTime, TheProgramsOwnPathControlCounts) {
+  const ScratchFolder folder;
+  const auto seconds = [&](const std::string& control) {
+    std::string text = "G21 G90 " + control + "\nG0 X0 Y0 Z0\nF6000\n";
+    for (int i = 1; i <= 50; ++i) text += fmt::format("G1 X{} Y{}\n", i, 0.05 * (i % 2));
+    EXPECT_THAT(write_file(folder / "part.ngc", text + "M2\n"), Succeeds());
+    return time_program(folder / "part.ngc", machine(), {})->cutting_s;
+  };
+  const double stops = seconds("G61"), fine = seconds("G64 P0.001"), coarse = seconds("G64 P0.1");
+  EXPECT_GT(stops, 1.1 * fine);
+  EXPECT_GT(fine, 1.1 * coarse);
+  EXPECT_EQ(seconds(""), seconds("G64 P0.0005")) << "the caller's, where the program is silent";
+}
+
+TEST(MotionTime, TimesAddUp) {
+  MotionTime a{1, 2, 3, 4, 5, 6, 7, 8, 0.0, 9}, b{1, 1, 1, 1, 1, 1, 1, 1, 0.5, 3};
+  a += b;
+  EXPECT_EQ(a.total_s(), 9.0);
+  EXPECT_EQ(a.cutting_mm, 6.0);
+  EXPECT_EQ(a.moves, 8U);
+  EXPECT_EQ(a.shortest_cut_mm, 0.5) << "0 is none";
+  EXPECT_EQ(a.highest_blocks_per_s, 9.0);
 }
 
 }  // namespace

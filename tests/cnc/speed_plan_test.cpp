@@ -22,11 +22,11 @@
 namespace maquette::cnc {
 namespace {
 
-std::vector<PlannedPiece> planned(const std::vector<PathPiece>& pieces,
+std::vector<PlannedPiece> planned(const std::vector<SpeedPiece>& pieces,
                                   std::size_t look_ahead = 0) {
   std::vector<PlannedPiece> out;
   SpeedPlan plan(look_ahead, [&](const PlannedPiece& p) { out.push_back(p); });
-  for (const PathPiece& p : pieces) plan.add(p);
+  for (const SpeedPiece& p : pieces) plan.add(p);
   plan.rest();
   return out;
 }
@@ -37,8 +37,8 @@ double seconds(const std::vector<PlannedPiece>& plan) {
   return sum;
 }
 
-std::vector<PathPiece> random_pieces(std::uint64_t seed, std::size_t n, double jerk = 0.0) {
-  std::vector<PathPiece> pieces;
+std::vector<SpeedPiece> random_pieces(std::uint64_t seed, std::size_t n, double jerk = 0.0) {
+  std::vector<SpeedPiece> pieces;
   for (std::uint64_t i = 0; i < n; ++i) {
     const auto u = [&](std::uint64_t k) { return random_uniform(seed, 8 * i + k); };
     const double v = u(0) < 0.7 ? 50.0 : 5.0 + 100.0 * u(1);
@@ -155,7 +155,7 @@ TEST(SpeedPlan, CanStopWithinItsLookAhead) {
   EXPECT_TRUE(slower) << "the look-ahead matters on this path";
   EXPECT_NEAR(seconds(planned(pieces, 100'000)), seconds(whole), 1e-9);
   // A steady run of n equal pieces: v^2 = 2 a n L.
-  const std::vector<PathPiece> steady(400, {0.01, 1000.0, 500.0, 0.0, 1e9, 1});
+  const std::vector<SpeedPiece> steady(400, {0.01, 1000.0, 500.0, 0.0, 1e9, 1});
   EXPECT_NEAR(planned(steady, 10)[200].entry_mm_s, std::sqrt(2 * 500.0 * 10 * 0.01), 1e-9);
 }
 
@@ -177,8 +177,8 @@ double s_curve(double v0, double v1, double t, double a, double j) {
 
 TEST(SpeedPlan, SampledSpeedsKeepAccelerationAndJerk) {
   const double jerk = 20'000.0, dt = 1e-4;
-  std::vector<PathPiece> pieces = random_pieces(4, 3000, jerk);
-  for (PathPiece& p : pieces) p.acceleration_mm_s2 = 800.0;
+  std::vector<SpeedPiece> pieces = random_pieces(4, 3000, jerk);
+  for (SpeedPiece& p : pieces) p.acceleration_mm_s2 = 800.0;
   const auto plan = planned(pieces);
   EXPECT_LT(plan.size(), pieces.size()) << "pieces of one speed became one";
   std::vector<double> v;
@@ -199,7 +199,7 @@ TEST(SpeedPlan, SampledSpeedsKeepAccelerationAndJerk) {
     start += p.seconds;
   }
   double expected = 0.0;
-  for (const PathPiece& p : pieces) expected += p.length_mm;
+  for (const SpeedPiece& p : pieces) expected += p.length_mm;
   EXPECT_NEAR(length, expected, 1e-4 * expected);
   // A difference over one step sees the mean of the derivative, so its bound holds exactly,
   // but for rounding and the 1e-12 to which lengths are met.
@@ -212,14 +212,14 @@ TEST(SpeedPlan, SampledSpeedsKeepAccelerationAndJerk) {
 TEST(SpeedPlan, JerkCostsTimeButNotMuchOnALongRun) {
   auto pieces = random_pieces(5, 5000);
   const double without = seconds(planned(pieces));
-  for (PathPiece& p : pieces) p.jerk_mm_s3 = 1e9;
+  for (SpeedPiece& p : pieces) p.jerk_mm_s3 = 1e9;
   EXPECT_GE(seconds(planned(pieces)), without - 1e-9);
   // Pieces of nearly one speed run at the lowest of them.
   for (const PlannedPiece& p :
        planned({{50, 50, 900, 1e4}, {50, 49.5, 900, 1e4, 1e9}, {50, 50, 900, 1e4, 49.4}}))
     EXPECT_EQ(p.top_mm_s, 49.4);
   // Many short pieces of one speed are one run: v / a + a / j at either end.
-  const std::vector<PathPiece> steady(1000, {0.5, 50.0, 1000.0, 20'000.0, 1e9, 1});
+  const std::vector<SpeedPiece> steady(1000, {0.5, 50.0, 1000.0, 20'000.0, 1e9, 1});
   EXPECT_NEAR(seconds(planned(steady)), 10.0 + 2.0 * std::sqrt(50.0 / 20'000.0), 1e-6);
 }
 

@@ -302,8 +302,18 @@ TEST(Verify, EachToolCutsWithItsOwnShape) {
   const Certificate& c = v->certificate;
   ASSERT_EQ(c.tools.size(), 2U);
   EXPECT_EQ(c.tools[1].number, 7);
-  EXPECT_NEAR(c.tools[0].cutting_length_mm, 16.0 + 9.98, 1e-9);
-  EXPECT_NEAR(c.tools[1].time_min, (16.5 + 10.0) / 200.0, 1e-9);
+  EXPECT_NEAR(c.tools[0].time.cutting_mm, 16.0 + 9.98, 1e-9);
+  EXPECT_NEAR(c.tools[1].time.cutting_s, 60.0 * (16.5 + 10.0) / 200.0, 1e-9);
+  EXPECT_EQ(c.tools[1].time.rapid_s, 0.0);
+  // With a machine: its own time, with acceleration and rapids, never less than at the feed.
+  options.machine = find_machine("portal_mill_2500").value();
+  const auto timed = verify_text({text}, design, options);
+  ASSERT_THAT(timed, Succeeds());
+  const Certificate& t = timed->certificate;
+  EXPECT_GT(t.tools[1].time.cutting_s, c.tools[1].time.cutting_s);
+  EXPECT_LT(t.tools[1].time.cutting_s, 1.1 * c.tools[1].time.cutting_s);
+  EXPECT_GT(t.tools[1].time.rapid_s, 0.0);
+  EXPECT_NEAR(t.time_min, (t.tools[0].time.total_s() + t.tools[1].time.total_s()) / 60.0, 1e-12);
   options.tools.pop_back();
   const auto missing = verify_text({text}, design, options);
   ASSERT_THAT(missing, FailsWith(kToolNotInTable));
@@ -382,8 +392,8 @@ TEST(Verify, HoldersStonesAndTravel) {
   VerifyOptions options;
   options.stock_top = Millimetres{9.0};
   options.with_stones = &stones;
-  options.travel_x = Millimetres{15.0};
-  options.travel_y = Millimetres{15.0};
+  options.machine = find_machine("unlimited").value();
+  options.machine->travel_mm = {15.0, 15.0, 1000.0};
   Cutter cutter = Cutter::ball(3.0);
   cutter.holder = {{5.0, 30.0, 8.0, 8.0}};
   options.tools = {{0, "short", cutter}};

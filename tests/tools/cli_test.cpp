@@ -247,6 +247,100 @@ TEST_F(CommandLine, GcodeWithAnError) {
   expect_refused(outcome, HasSubstr("part.ngc:3:"));
 }
 
+/// What the issue calls bad input of programs: each its error, with its place, and nothing written.
+TEST_F(CommandLine, GcodeThatCannotBeTrusted) {
+  const std::string d = design().string();
+  const std::string head = "G21 G90 G17\nG0 X5 Y5 Z10\n";
+  const auto refused = [&](const std::string& lines, const std::string& code,
+                           const std::string& says, const std::string& options = "") {
+    const auto program = file("bad.ngc", head + lines);
+    const auto o = run(fmt::format("--json --quiet verify {} --design {} --out {} {}",
+                                   program.string(), d, out.string(), options));
+    EXPECT_EQ(o.exit_code, 2) << lines << o.err;
+    const json j = json::parse(o.out);
+    EXPECT_EQ(j["error"]["code"], code) << lines;
+    EXPECT_THAT(j["error"]["message"].get<std::string>(), HasSubstr(says)) << lines;
+    EXPECT_FALSE(fs::exists(out / "certificate.json"));
+    EXPECT_FALSE(fs::exists(out / "as_milled.tif"));
+  };
+  refused("G1 X6 Z0\nM2\n", "CNC_GCODE_NO_FEED", "bad.ngc:3:");
+  refused("F500 G41 D1\nM2\n", "CNC_GCODE_UNSUPPORTED", "bad.ngc:3:6");
+  refused("F500 G1 @3\nM2\n", "CNC_GCODE_SYNTAX", "bad.ngc:3:9");
+  refused("F500 G2 X7 Y5 I5 J0\nM2\n", "CNC_GCODE_ARC", "bad.ngc:3:");
+  refused("F500 G1 Z0\nG1 X", "CNC_GCODE_TRUNCATED", "bad.ngc:4:5");
+  const auto tools =
+      file("tools.toml",
+           "[[tool]]\nnumber = 1\nshape = \"ball\"\ndiameter_mm = 6.0\n"
+           "flute_length_mm = 20.0\nstick_out_mm = 45.0\n[[tool.holder]]\n"
+           "height_mm = 560.0\nlower_diameter_mm = 30.0\nupper_diameter_mm = 60.0\n");
+  const std::string table = "--machine portal_mill_2500 --tools " + tools.string();
+  refused("T7 M6\nF500 G1 Z0\nM2\n", "CNC_TOOL_NOT_IN_TABLE", "bad.ngc:4: cuts with tool 7", table);
+  refused("T1 M6\nF500 G1 Z0\nM2\n", "CNC_TOOL_TOO_LONG", "605.0000 mm long", table);
+  // The same table and the same errors when programs are made.
+  const auto mill = run(fmt::format("mill {} {} --out {}", d, table, (scratch / "x.ngc").string()));
+  expect_refused(mill, HasSubstr("605.0000 mm long"));
+  expect_refused(
+      run(fmt::format("mill {} {} --tool 3 --out {}", d, table, (scratch / "x.ngc").string())),
+      HasSubstr("has no tool 3; it has 1"));
+  EXPECT_FALSE(fs::exists(scratch / "x.ngc"));
+}
+
+TEST_F(CommandLine, ToolTableWithMistakes) {
+  const auto program = file("part.ngc", "G21 G90\nG0 X5 Y5 Z10\nT1 M6\nG1 Z0 F500\nM2\n");
+  const auto refused = [&](const std::string& table, const testing::Matcher<std::string>& says) {
+    const auto tools = file("tools.toml", table);
+    expect_refused(run(fmt::format("verify {} --design {} --out {} --tools {}", program.string(),
+                                   design().string(), out.string(), tools.string())),
+                   says);
+  };
+  const std::string ball = "[[tool]]\nnumber = 1\nshape = \"ball\"\ndiameter_mm = 6.0\n";
+  refused("", HasSubstr("no [[tool]]"));
+  refused("[[tool]]\nnumber = 1\nshape = \"bal\"\n",
+          AllOf(HasSubstr("tools.toml:3"), HasSubstr("\"ball\""), HasSubstr("diameter_mm")));
+  refused(ball + ball, HasSubstr("tool 1 is there twice"));
+  refused(ball + "corner_radius_mm = 1.0\n", HasSubstr("bull noses only"));
+  refused(ball + "stick_out_mm = 40.0\n", HasSubstr("flute_length_mm"));
+  refused("[[tool]]\nnumber = 2\nshape = \"bull\"\ndiameter_mm = 6.0\n", HasSubstr("bull nose"));
+}
+
+/// A program with two tools, a holder and a stone: T words decide what cuts, and what hits is said.
+TEST_F(CommandLine, VerifyHonoursToolsHoldersAndStones) {
+  heightmap::ModelField flat{Grid<float>(41, 41, 0.0F), Millimetres{0.5}, {}, {}};
+  const fs::path d = scratch / "flat.tif";
+  ASSERT_TRUE(heightmap::write_model_field(flat, d));
+  const auto program = file("two.ngc",
+                            "G21 G90 G64 P0.01\nG0 X2 Y4 Z8\nT1 M6\nG1 Z0.5 F600\nX18\nG0 Z8\n"
+                            "T2 M6\nG0 X2 Y14\nG1 Z0.5 F300\nX18\nG0 Z8\nM2\n");
+  const auto tools = file("tools.toml",
+                          "[[tool]]\nnumber = 1\nshape = \"flat\"\ndiameter_mm = 4.0\n"
+                          "[[tool]]\nnumber = 2\nshape = \"ball\"\ndiameter_mm = 2.0\n"
+                          "flute_length_mm = 0.2\nstick_out_mm = 0.3\n[[tool.holder]]\n"
+                          "height_mm = 30.0\nlower_diameter_mm = 20.0\nupper_diameter_mm = 20.0\n");
+  meshing::PlacedStone stone;
+  stone.number = 1;
+  stone.scale_mm = 3.0;
+  stone.model_from_stone.translation_mm = {10.0, 14.0, 0.5};
+  ASSERT_TRUE(meshing::write_stone_plan(std::vector{stone}, scratch / "stones.json"));
+  const auto o =
+      run(fmt::format("verify {} --design {} --json --quiet --out {} --machine portal_mill_2500 "
+                      "--tools {} --stones "
+                      "{} --cell-mm 0.25",
+                      program.string(), d.string(), out.string(), tools.string(),
+                      (scratch / "stones.json").string()));
+  EXPECT_EQ(o.exit_code, 1) << o.err;
+  EXPECT_THAT(o.err, AllOf(HasSubstr("holder or shank meets"), HasSubstr("meets stones")));
+  const json c = json::parse(slurp(out / "certificate.json"));
+  EXPECT_GT(c["holder_collisions"], 0);
+  EXPECT_EQ(c["stone_collisions"], 1) << "the pass over it";
+  ASSERT_EQ(c["machining_time"].size(), 2U);
+  EXPECT_EQ(c["machining_time"][1]["program"], "two.ngc");
+  EXPECT_EQ(c["machining_time"][1]["tool"], 2);
+  // 16 mm and the way down from 8 at 300 mm/min; the machine's acceleration adds some.
+  EXPECT_NEAR(c["machining_time"][1]["cutting_min"], 23.5 / 300.0, 0.003);
+  EXPECT_GT(c["machining_time"][1]["cutting_min"], 23.5 / 300.0);
+  EXPECT_GT(c["machining_time"][0]["rapid_min"], 0.0);
+}
+
 TEST_F(CommandLine, GcodeThatIsCutOff) {
   const auto program = file("part.ngc", "G21 G90\nG1 X1 Y1 Z-1 F100\nG1 X2");
   expect_refused(run("verify " + program.string() + " --design " + design().string() + " --out " +

@@ -4,15 +4,17 @@
 
 #include "cnc/mill.hpp"
 #include "cnc/posts.hpp"
+#include "cnc/verify.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/milling.hpp"
+#include "tools/tool_table.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
 namespace {
 
 struct Options {
-  fs::path design, out = "part.ngc", stock, stones;
+  fs::path design, out = "part.ngc", stock, stones, tools;
   std::string strategy = "raster", machine = "unlimited";
   // NaN: as the strategy has it
   double diameter_mm = NAN, corner_mm = NAN, stepover_mm = NAN, step_down_mm = NAN,
@@ -24,7 +26,7 @@ struct Options {
   double tolerance_mm = job.tolerance.value(), feed = job.feed.value(),
          plunge = job.plunge_feed.value(), clearance_mm = job.clearance.value(),
          scallop_limit_mm = job.scallop_limit.value(), lead_mm = job.lead_radius.value(),
-         stock_top_mm = NAN;
+         stock_top_mm = NAN, base_mm = job.base_thickness.value();
 };
 
 std::vector<std::string> names() {
@@ -54,6 +56,18 @@ std::string default_diameters() {
   return " (default: " + text + ")";
 }
 
+Result<cnc::Tool> tool_of_table(const fs::path& file, int number) {
+  MAQUETTE_TRY(const auto tools, read_tool_table(file));
+  std::vector<int> numbers;
+  for (const cnc::Tool& tool : tools) {
+    if (tool.number == number) return tool;
+    numbers.push_back(tool.number);
+  }
+  return fail(cnc::kToolNotInTable,
+              fmt::format("{}: has no tool {}; it has {}; choose one with --tool", file.string(),
+                          number, fmt::join(numbers, ", ")));
+}
+
 Result<MillJob> job_of(const Options& o) {
   MillJob job = o.job;
   const MillJob preset = default_job(o.strategy);
@@ -63,6 +77,16 @@ Result<MillJob> job_of(const Options& o) {
   if (!o.stones.empty()) job.stones = o.stones;
   job.tool = preset.tool;
   if (o.tool > 0) job.tool.number = o.tool;
+  if (!o.tools.empty()) {
+    if (!std::isnan(o.diameter_mm) || !std::isnan(o.corner_mm))
+      return fail(kUsage,
+                  "--tools says what the cutter is; --diameter-mm and --corner-mm do not go "
+                  "with it");
+    MAQUETTE_TRY(job.tool, tool_of_table(o.tools, job.tool.number));
+    if (preset.tool.cutter.is_ball() && !job.tool.cutter.is_ball())
+      return fail(kUsage, fmt::format("tool {} ({}) is no ball; {} is milled with one",
+                                      job.tool.number, job.tool.name, o.strategy));
+  }
   cnc::Cutter& cutter = job.tool.cutter;
   const bool ball = cutter.is_ball();
   if (!std::isnan(o.diameter_mm)) cutter.radius_mm = 0.5 * o.diameter_mm;
@@ -95,6 +119,7 @@ Result<MillJob> job_of(const Options& o) {
   job.plunge_feed = FeedRate{o.plunge};
   job.clearance = Millimetres{o.clearance_mm};
   job.stock_top = Millimetres{o.stock_top_mm};
+  job.base_thickness = Millimetres{o.base_mm};
   MAQUETTE_TRY(job.machine, cnc::find_machine(o.machine));
   return job;
 }
@@ -120,6 +145,9 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--diameter-mm", o->diameter_mm, "of the cutter" + default_diameters());
   app->add_option("--corner-mm", o->corner_mm, "rough: the cutter's corner radius; 0: flat");
   app->add_option("--tool", o->tool, "T word (default: one for each kind of cutter)");
+  app->add_option("--tools", o->tools, "tool table (.toml) with the cutter of that number");
+  app->add_option("--base-thickness-mm", o->base_mm, "from the table to the lowest point")
+      ->capture_default_str();
   app->add_option("--stepover-mm", o->stepover_mm,
                   "between passes, in plan" + defaults(&Strategy::stepover_mm));
   app->add_option("--step-down-mm", o->step_down_mm,

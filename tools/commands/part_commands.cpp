@@ -6,11 +6,13 @@
 #include <CLI/CLI.hpp>
 
 #include "assets/devices.hpp"
+#include "cnc/machine.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
 #include "tools/program_pictures.hpp"
+#include "tools/tool_table.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -36,7 +38,9 @@ Result<Preset> preset(const std::vector<Preset>& presets, const std::string& kin
 Command add_verify(CLI::App& root, const CommonOptions&) {
   struct Options {
     std::vector<fs::path> programs;
-    fs::path design, out = "verify", stock;
+    fs::path design, out = "verify", stock, tools, stones;
+    std::string machine = "unlimited";
+    double base_mm = 10.0;
     double ball_mm = 6.0, cell_mm = 0.1, max_gouge_mm = -1.0, stepover_mm = NAN;
   };
   auto o = std::make_shared<Options>();
@@ -48,17 +52,37 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
   app->add_option("programs", o->programs, "G-code, several bands in order")->required();
   app->add_option("--design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
-  app->add_option("--ball-diameter-mm", o->ball_mm, "")->capture_default_str();
+  app->add_option("--ball-diameter-mm", o->ball_mm, "of the one cutter, where there is no --tools")
+      ->capture_default_str();
+  app->add_option(
+      "--tools", o->tools,
+      "tool table (.toml, see docs/tool_table.md): T words are honoured, shank and holder "
+      "looked at");
+  app->add_option("--machine", o->machine,
+                  fmt::format("its travel and its time: {}, or a .toml file",
+                              fmt::join(cnc::machine_names(), ", ")))
+      ->capture_default_str();
+  app->add_option("--stones", o->stones,
+                  "stones.json: stones that stand already, which no cutter may meet");
+  app->add_option("--base-thickness-mm", o->base_mm, "from the table to the lowest point")
+      ->capture_default_str();
   app->add_option("--cell-mm", o->cell_mm, "grid of the simulated stock")->capture_default_str();
   app->add_option("--stock", o->stock, "model field (.tif): what an earlier operation left");
   app->add_option("--stepover-mm", o->stepover_mm, "to compare excess with the scallop it states");
   app->add_option("--max-gouge-mm", o->max_gouge_mm,
                   "ends with exit code 1 if exceeded, bound included");
-  return {app, [o](Console& console) {
+  return {app, [o](Console& console) -> Result<int> {
             VerifyJob job;
             job.programs = o->programs;
             job.design = o->design;
             job.stock = given(o->stock);
+            job.stones = given(o->stones);
+            job.stones_stand = job.stones.has_value();
+            job.base_thickness = Millimetres{o->base_mm};
+            if (!o->tools.empty()) {
+              MAQUETTE_TRY(job.options.tools, read_tool_table(o->tools));
+            }
+            MAQUETTE_TRY(job.options.machine, cnc::find_machine(o->machine));
             job.options.ball_diameter = Millimetres{o->ball_mm};
             job.options.cell = Millimetres{o->cell_mm};
             job.options.stepover = Millimetres{o->stepover_mm};

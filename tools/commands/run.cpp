@@ -13,6 +13,7 @@
 #include "heightmap/source_files.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/machining_time.hpp"
 #include "tools/milling.hpp"
 #include "tools/report.hpp"
 
@@ -46,6 +47,7 @@ MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
   job.program.max_lines = static_cast<std::uint64_t>(site.max_lines);
   job.program.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
   job.stock_margin = Millimetres{site.stock_margin_mm};
+  job.base_thickness = Millimetres{site.base_thickness_mm};
   if (strategy == "rough") {
     job.tool.cutter = cnc::Cutter::bull(0.5 * site.rough_diameter_mm, site.rough_corner_radius_mm);
     job.stepover_mm = site.rough_stepover_mm;
@@ -164,18 +166,19 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
       VerifyJob whole = job;
       if (split) {
         whole.programs.clear();
-        for (const fs::path& program : job.programs)
-          for (fs::path& part : parts_of(program)) whole.programs.push_back(std::move(part));
+        whole.bands.clear();
+        for (std::size_t i = 0; i < job.programs.size(); ++i)
+          for (fs::path& part : parts_of(job.programs[i])) {
+            whole.programs.push_back(std::move(part));
+            whole.bands.push_back(i < job.bands.size() ? job.bands[i] : "");
+          }
       }
       return verify_job(whole, out, run);
     };
   };
   VerifyJob cut;
   cut.design = design;
-  const auto machine = *cnc::find_machine(site.machine);
-  cut.options.travel_x = Millimetres{machine.travel_mm.x};
-  cut.options.travel_y = Millimetres{machine.travel_mm.y};
-  cut.options.travel_z = Millimetres{machine.travel_mm.z};
+  cut.options.machine = *cnc::find_machine(site.machine);
   const fs::path roughed = here / "rough" / "as_milled.tif";
   if (site.roughing) {
     // Tenths are left on: nodes of the design are fine enough.
@@ -191,6 +194,8 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     cut.stock = roughed;
   }
   cut.programs = programs;
+  for (std::size_t b = 0; b < bands; ++b) cut.bands.push_back(fmt::format("band_{:02}", b + 1));
+  cut.base_thickness = Millimetres{site.base_thickness_mm};
   cut.stones = stones;
   cut.mesh = mesh;
   cut.options.ball_diameter = Millimetres{site.ball_diameter_mm};
@@ -334,6 +339,17 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
     MAQUETTE_TRY_VOID(write_run_page(site, records, folder, folder / "report.html"));
   }
   console.result(summary_table(records));
+  nlohmann::json times{{"machining_time", nlohmann::json::array()}};
+  for (const UnitRecord& r : records) {
+    if (r.name.find(".verify") == std::string::npos) continue;
+    const auto figures = nlohmann::json::parse(r.figures_json);
+    for (nlohmann::json row : figures.value("machining_time", nlohmann::json::array())) {
+      row["program"] = r.name.substr(0, r.name.find('.')) + "/" + row.value("program", "");
+      times["machining_time"].push_back(std::move(row));
+    }
+  }
+  if (const std::string table = machining_time_table(times); !table.empty())
+    console.result("\n" + table + "\n");
   int code = 0;
   nlohmann::json report{{"out", folder.string()}};
   for (const UnitRecord& r : records) {

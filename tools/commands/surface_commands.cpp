@@ -9,6 +9,7 @@
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/machining_time.hpp"
 #include "tools/report.hpp"
 
 namespace maquette::tools {
@@ -23,6 +24,8 @@ Result<int> finish(Console& console, const std::string& what,
   }
   console.end(result->note);
   for (const fs::path& f : result->outputs) console.result(f.string());
+  const std::string times = machining_time_table(nlohmann::json::parse(result->figures_json));
+  if (!times.empty()) console.result(times);
   console.json_result(result->figures_json);
   if (result->unmet.empty()) return 0;
   console.error(result->unmet);

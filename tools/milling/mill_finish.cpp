@@ -102,13 +102,14 @@ Result<JobResult> raster_job(const MillJob& job, const fs::path& out, const RunC
   options.stock_allowance = Millimetres{job.allowance_mm};
   MAQUETTE_TRY_VOID(cnc::check_mill(piece.design, options));
   const cnc::ToleranceShares shares = cnc::share_tolerance(job.tolerance);
-  MAQUETTE_TRY(auto program,
-               MillProgram::begin(
-                   job, out, piece.top_mm + (std::isnan(job.allowance_mm) ? 0.0 : job.allowance_mm),
-                   Millimetres{shares.blending_mm},
-                   head(piece, job,
-                        fmt::format("finishing, stepover {} mm, scallop on flat ground {:.4f} mm",
-                                    job.stepover_mm, cnc::scallop_mm({radius}, job.stepover_mm)))));
+  MAQUETTE_TRY(
+      auto program,
+      MillProgram::begin(
+          job, piece, out, piece.top_mm + (std::isnan(job.allowance_mm) ? 0.0 : job.allowance_mm),
+          Millimetres{shares.blending_mm},
+          head(piece, job,
+               fmt::format("finishing, stepover {} mm, scallop on flat ground {:.4f} mm",
+                           job.stepover_mm, cnc::scallop_mm({radius}, job.stepover_mm)))));
   MAQUETTE_TRY(const auto report,
                cnc::mill_passes(
                    piece.design, options,
@@ -128,7 +129,7 @@ Result<JobResult> semi_finish_job(const MillJob& job, const fs::path& out, const
   MAQUETTE_TRY(
       auto program,
       MillProgram::begin(
-          job, out, piece.top_mm + job.allowance_mm, Millimetres{shares.blending_mm},
+          job, piece, out, piece.top_mm + job.allowance_mm, Millimetres{shares.blending_mm},
           head(piece, job, fmt::format("semi-finish, leaves {} mm in space", job.allowance_mm))));
   MAQUETTE_TRY(const auto report,
                cnc::semi_finish(
@@ -160,13 +161,14 @@ Result<JobResult> geodesic_job(const MillJob& job, const fs::path& out, const Ru
   if (piece.stock) allowance = piece.top_mm - heightmap::height_range(piece.design.z_mm).min;
   options.stock_allowance = Millimetres{allowance};
   const cnc::ToleranceShares shares = cnc::share_tolerance(job.tolerance);
-  MAQUETTE_TRY(auto program, MillProgram::begin(
-                                 job, out, piece.top_mm + (std::isnan(allowance) ? 0.0 : allowance),
-                                 Millimetres{shares.blending_mm},
-                                 head(piece, job,
-                                      fmt::format("finishing along curves {} mm apart on the "
-                                                  "surface",
-                                                  job.stepover_mm))));
+  MAQUETTE_TRY(
+      auto program,
+      MillProgram::begin(job, piece, out, piece.top_mm + (std::isnan(allowance) ? 0.0 : allowance),
+                         Millimetres{shares.blending_mm},
+                         head(piece, job,
+                              fmt::format("finishing along curves {} mm apart on the "
+                                          "surface",
+                                          job.stepover_mm))));
   MAQUETTE_TRY(const auto report,
                cnc::geodesic_passes(
                    piece.design, options,
@@ -201,7 +203,7 @@ Result<JobResult> waterline_job(const MillJob& job, const fs::path& out, const R
   options.clearance_mm = job.clearance.value();
   if (piece.stock) options.stock = &*piece.stock;
   MAQUETTE_TRY(auto program,
-               MillProgram::begin(job, out, piece.top_mm, Millimetres{shares.blending_mm},
+               MillProgram::begin(job, piece, out, piece.top_mm, Millimetres{shares.blending_mm},
                                   head(piece, job,
                                        fmt::format("levels {} mm apart where it is steeper than "
                                                    "{} degrees",

@@ -29,7 +29,7 @@ Result<JobResult> probe_job(const MillJob& job, const std::filesystem::path& out
   still.spindle_rpm = 0.0;
   still.clearance = Millimetres{std::max(job.clearance.value(), options.search_mm)};
   MAQUETTE_TRY(auto program,
-               MillProgram::begin(still, out, top, Millimetres{0.0},
+               MillProgram::begin(still, piece, out, top, Millimetres{0.0},
                                   {"sets the work offset on the corner of the block",
                                    fmt::format("corner x {} y {}, top z {} mm, right to within {} "
                                                "mm before",

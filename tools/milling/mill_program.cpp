@@ -11,6 +11,7 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/bands.hpp"
+#include "tools/tool_table.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
@@ -109,23 +110,20 @@ fs::path beside(const fs::path& program, const std::string& what) {
   return program.parent_path() / fmt::format("{}.{}.tif", program.stem().string(), what);
 }
 
-Result<MillProgram> MillProgram::begin(const MillJob& job, const fs::path& out, double top_mm,
-                                       Millimetres blending, std::vector<std::string> comments) {
+Result<MillProgram> MillProgram::begin(const MillJob& job, const Piece& piece, const fs::path& out,
+                                       double top_mm, Millimetres blending,
+                                       std::vector<std::string> comments) {
   cnc::ProgramOptions options = job.program;
   options.blending = blending;
   options.safe_z = Millimetres{std::ceil((top_mm + job.clearance.value()) * 1000.0) / 1000.0};
   options.entry_feed = job.plunge_feed;
   options.comments = std::move(comments);
+  MAQUETTE_TRY_VOID(cnc::check_tool_length(job.machine, job.tool, gauge_length_mm(job.tool),
+                                           options.safe_z.value() - piece.table_mm));
   MAQUETTE_TRY(Waiting waiting, Waiting::beside(out));
   MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(waiting.file(out), options));
   cnc::Tool tool = job.tool;
-  const cnc::Cutter& c = tool.cutter;
-  if (tool.name.empty())
-    tool.name = fmt::format("{} {} mm",
-                            c.is_ball()                ? "ball nose"
-                            : c.corner_radius_mm > 0.0 ? "bull nose"
-                                                       : "flat",
-                            2.0 * c.radius_mm);
+  if (tool.name.empty()) tool.name = shape_name(tool.cutter);
   writer.tool(tool, job.spindle_rpm);
   return MillProgram(job, out, std::move(waiting), std::move(writer), blending.value());
 }
@@ -161,20 +159,31 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
         out_.string(), back.time.highest_blocks_per_s, job_.machine.name, job_.machine.blocks_per_s,
         back.time.waiting_s / 60.0));
   const cnc::MotionTime& t = back.time;
-  figures.update({{"strategy", job_.strategy},
-                  {"tool", job_.tool.number},
-                  {"blocks", written.blocks},
-                  {"bytes", written.bytes},
-                  {"lines", figures_.lines},
-                  {"arcs", figures_.arcs},
-                  {"path_length_mm", figures_.cutting_length_mm},
-                  {"rapid_length_mm", figures_.rapid_length_mm},
-                  {"cutting_time_min", t.cutting_s / 60.0},
-                  {"total_time_min", t.total_s() / 60.0},
-                  {"shortest_move_mm",
-                   std::isfinite(figures_.shortest_cut_mm) ? figures_.shortest_cut_mm : 0.0},
-                  {"highest_block_rate_per_s", t.highest_blocks_per_s},
-                  {"machine_blocks_per_s", job_.machine.blocks_per_s}});
+  figures.update(
+      {{"strategy", job_.strategy},
+       {"tool", job_.tool.number},
+       {"blocks", written.blocks},
+       {"bytes", written.bytes},
+       {"lines", figures_.lines},
+       {"arcs", figures_.arcs},
+       {"path_length_mm", figures_.cutting_length_mm},
+       {"rapid_length_mm", figures_.rapid_length_mm},
+       {"machining_time",
+        json::array({{{"program", out_.filename().string()},
+                      {"tool", job_.tool.number},
+                      {"band", job_.max_width ? fmt::format("band_{:02}", job_.band + 1) : ""},
+                      {"cutting_min", t.cutting_s / 60.0},
+                      {"rapid_min", t.rapid_s / 60.0},
+                      {"waiting_min", t.waiting_s / 60.0},
+                      {"total_min", t.total_s() / 60.0},
+                      {"length_m", t.cutting_mm / 1000.0},
+                      {"highest_blocks_per_s", t.highest_blocks_per_s}}})},
+       {"cutting_time_min", t.cutting_s / 60.0},
+       {"total_time_min", t.total_s() / 60.0},
+       {"shortest_move_mm",
+        std::isfinite(figures_.shortest_cut_mm) ? figures_.shortest_cut_mm : 0.0},
+       {"highest_block_rate_per_s", t.highest_blocks_per_s},
+       {"machine_blocks_per_s", job_.machine.blocks_per_s}});
   if (figures_.lines + figures_.arcs > 0)
     figures.update({{"lowest_tip_mm", cnc::mm_of_ticks(figures_.lowest_cut)},
                     {"highest_tip_mm", cnc::mm_of_ticks(figures_.highest_cut)}});
@@ -206,6 +215,8 @@ Result<Piece> piece_of(const MillJob& job, double margin_mm) {
   if (job.stock) {
     MAQUETTE_TRY(piece.stock, heightmap::read_model_field(*job.stock));
   }
+  piece.table_mm = static_cast<double>(heightmap::height_range(piece.design.z_mm).min) -
+                   job.base_thickness.value();
   if (job.max_width) {
     MAQUETTE_TRY(const auto bands,
                  meshing::split_into_bands(piece.design, meshing::BandAxis::y, *job.max_width));

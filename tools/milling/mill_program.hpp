@@ -39,13 +39,25 @@ class Waiting {
   std::filesystem::path folder_;
 };
 
+/// What a strategy mills: a surface, of a band with what the cutter feels beside it.
+struct Piece {
+  heightmap::ModelField design;
+  std::optional<heightmap::ModelField> stock;
+  double first_y_mm = NAN, last_y_mm = NAN;  ///< of a band's passes; NaN: the whole surface
+  double top_mm = 0.0;                       ///< of design and stock
+  double table_mm = 0.0;                     ///< that the block lies on
+};
+/// @param margin_mm  beside the band
+[[nodiscard]] Result<Piece> piece_of(const MillJob& job, double margin_mm);
+
 class MillProgram {
  public:
   /// @param top_mm    of all that stands; rapids between operations clear it
   /// @param blending  that the control may add to the path's deviation
-  static Result<MillProgram> begin(const MillJob& job, const std::filesystem::path& out,
-                                   double top_mm, Millimetres blending,
-                                   std::vector<std::string> comments);
+  /// @return CNC_TOOL_TOO_LONG if the tool does not clear the work; the errors of program.hpp
+  static Result<MillProgram> begin(const MillJob& job, const Piece& piece,
+                                   const std::filesystem::path& out, double top_mm,
+                                   Millimetres blending, std::vector<std::string> comments);
 
   /// The next piece of the path.
   Result<void> add(const cnc::Toolpath& piece);
@@ -78,16 +90,6 @@ class MillProgram {
 /// <program>.<what>.tif
 [[nodiscard]] std::filesystem::path beside(const std::filesystem::path& program,
                                            const std::string& what);
-
-/// What a strategy mills: a surface, of a band with what the cutter feels beside it.
-struct Piece {
-  heightmap::ModelField design;
-  std::optional<heightmap::ModelField> stock;
-  double first_y_mm = NAN, last_y_mm = NAN;  ///< of a band's passes; NaN: the whole surface
-  double top_mm = 0.0;                       ///< of design and stock
-};
-/// @param margin_mm  beside the band
-[[nodiscard]] Result<Piece> piece_of(const MillJob& job, double margin_mm);
 
 // The strategies, mill_finish.cpp, mill_rough.cpp, mill_rest.cpp, mill_probe.cpp.
 Result<JobResult> raster_job(const MillJob&, const std::filesystem::path&, const RunContext&);

@@ -55,7 +55,7 @@ Result<JobResult> take_away(const MillJob& job, const Piece& piece,
   MAQUETTE_TRY(
       auto program,
       MillProgram::begin(
-          job, out, piece.top_mm, Millimetres{shares.blending_mm},
+          job, piece, out, piece.top_mm, Millimetres{shares.blending_mm},
           {"frame of the model, x east, y north, z up", what,
            fmt::format("gouge at most {:.4f} mm, of which {:.4f} for blending", shares.gouge_mm,
                        shares.blending_mm),
@@ -138,7 +138,7 @@ Result<JobResult> outlines_job(const MillJob& job, const fs::path& out, const Ru
   MAQUETTE_TRY(const auto path, cnc::engrave_outlines(piece.design, seats, options));
   const cnc::ToleranceShares shares = cnc::share_tolerance(job.tolerance);
   MAQUETTE_TRY(auto program,
-               MillProgram::begin(job, out, piece.top_mm, Millimetres{shares.blending_mm},
+               MillProgram::begin(job, piece, out, piece.top_mm, Millimetres{shares.blending_mm},
                                   {"frame of the model, x east, y north, z up",
                                    fmt::format("outlines of {} stones, {} mm deep", seats.size(),
                                                job.mark_depth_mm)}));

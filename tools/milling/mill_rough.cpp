@@ -42,7 +42,7 @@ Result<JobResult> rough_job(const MillJob& job, const std::filesystem::path& out
                          box.top_mm, report.lacking_mm));
   constexpr Millimetres kBlending{0.02};  // against an allowance of tenths
   MAQUETTE_TRY(auto program,
-               MillProgram::begin(job, out, box.top_mm, kBlending,
+               MillProgram::begin(job, piece, out, box.top_mm, kBlending,
                                   {"frame of the model, x east, y north, z up",
                                    fmt::format("roughing, leaves {} mm", options.allowance_mm),
                                    fmt::format("block x {} .. {} y {} .. {} top z {} mm", box.x0_mm,

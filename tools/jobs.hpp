@@ -131,6 +131,11 @@ struct ExportOptions {
 [[nodiscard]] Result<JobResult> deviate_job(const fs::path& case_file, const fs::path& folder,
                                             const RunContext& run);
 
+/// diagnosis.json, extended.toml, report.html; unmet if a cause is required and none is named.
+[[nodiscard]] Result<JobResult> diagnose_job(const fs::path& case_file, const fs::path& folder,
+                                             std::uint64_t seed, bool require_cause,
+                                             const RunContext& run);
+
 /// compare.json and difference.png.
 [[nodiscard]] Result<JobResult> compare_job(const fs::path& real, const fs::path& rendered,
                                             const fs::path& folder, const RunContext& run);

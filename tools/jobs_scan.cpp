@@ -87,6 +87,11 @@ Result<JobResult> case_job(const Site& site, const fs::path& folder,
 Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
                               const RunContext& run) {
   MAQUETTE_TRY(const auto input, read_case(case_path));
+  if (input->scans.empty())
+    return fail(
+        kConfigInvalid,
+        fmt::format("{}: deviate compares scans; add a [[scan]] table with points = \"FILE\"",
+                    case_path.string()));
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(input->design));
   scan::Cloud all;
   json registrations = json::array();

@@ -48,8 +48,8 @@ int run_program(int argc, char** argv) {
       add_stones(root, common), add_mesh(root, common),    add_bands(root, common),
       add_mill(root, common),   add_verify(root, common),  add_backplot(root, common),
       add_export(root, common), add_render(root, common),  add_compare(root, common),
-      add_scan(root, common),   add_deviate(root, common), add_info(root, common),
-      add_doctor(root, common)};
+      add_scan(root, common),   add_deviate(root, common), add_diagnose(root, common),
+      add_info(root, common),   add_doctor(root, common)};
   for (CLI::App* verb : root.get_subcommands({})) verb->fallthrough();
 
   try {

@@ -100,7 +100,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     return e;
   });
   MAQUETTE_TRY_VOID(t.read(path));
-  if (c.scans.empty())
+  if (c.scans.empty() && c.probes.empty() && c.photos.empty())
     return fail(kConfigInvalid,
                 fmt::format("{}: no measurement; add a [[scan]] table with points = \"FILE\"",
                             path.string()));

@@ -51,6 +51,7 @@ Command add_render(CLI::App& root, const CommonOptions& common);
 Command add_compare(CLI::App& root, const CommonOptions& common);
 Command add_scan(CLI::App& root, const CommonOptions& common);
 Command add_deviate(CLI::App& root, const CommonOptions& common);
+Command add_diagnose(CLI::App& root, const CommonOptions& common);
 Command add_info(CLI::App& root, const CommonOptions& common);
 Command add_doctor(CLI::App& root, const CommonOptions& common);
 

@@ -1,0 +1,340 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/case_input.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <Eigen/Dense>
+
+#include "core/random.hpp"
+#include "diagnosis/detail/sums.hpp"
+#include "diagnosis/probe_table.hpp"
+#include "diagnosis/surface.hpp"
+#include "heightmap/field_io.hpp"
+#include "scan/register.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+constexpr double kBorder_mm = 1.0;  // the outermost rim is edge, not surface
+constexpr std::size_t kSettle = 20'000;
+constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after settling
+constexpr double kOtherProgram_mm = 0.5;  // robust spread of cut minus design
+
+double median(std::vector<double> v) {
+  if (v.empty()) return 0.0;
+  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+  std::nth_element(v.begin(), middle, v.end());
+  return *middle;
+}
+double nmad(std::vector<double> v) {
+  const double m = median(v);
+  for (double& x : v) x = std::abs(x - m);
+  return 1.4826 * median(std::move(v));
+}
+
+struct Loaded {
+  SetUp set_up;
+  std::vector<Vec3> points;
+  std::optional<Vec3> station;
+  double sigma = 0.05;
+};
+
+/// Offset of a point along the simulated surface's normal, coat taken off.
+std::optional<double> offset(const SimulatedSurface& surface, const Box3& box, Vec3 p, double coat,
+                             Vec3* normal) {
+  if (p.x < box.min.x + kBorder_mm || p.x > box.max.x - kBorder_mm ||
+      p.y < box.min.y + kBorder_mm || p.y > box.max.y - kBorder_mm)
+    return std::nullopt;
+  const auto place = surface.at(p.x, p.y);
+  if (!place) return std::nullopt;
+  if (normal != nullptr) *normal = place->normal;
+  return (p.z - place->height_mm) * place->normal.z - coat;
+}
+
+/// Robust point-to-plane on the simulated surface, from the pose of the file.
+double settle(Loaded& scan, const SimulatedSurface& surface, const Box3& box, double coat,
+              std::uint64_t seed) {
+  std::vector<Vec3> some;
+  const std::size_t n = scan.points.size(), m = std::min(n, kSettle);
+  for (std::size_t k = 0; k < m; ++k)
+    some.push_back(scan.points[n <= kSettle ? k : random_bits(seed, k) % n]);
+  RigidTransform& pose = scan.set_up.model_from_file;
+  double spread = INFINITY;
+  for (int round = 0; round < 8; ++round) {
+    std::vector<double> e(some.size(), NAN);
+    std::vector<Vec3> normal(some.size()), place(some.size());
+    oneapi::tbb::parallel_for(std::size_t{0}, some.size(), [&](std::size_t i) {
+      place[i] = pose.point(some[i]);
+      if (const auto d = offset(surface, box, place[i], coat, &normal[i]); d && std::abs(*d) < 20.0)
+        e[i] = *d;
+    });
+    std::vector<double> known;
+    Vec3 centre;
+    for (std::size_t i = 0; i < e.size(); ++i)
+      if (!std::isnan(e[i])) {
+        known.push_back(e[i]);
+        centre += place[i];
+      }
+    if (known.size() < 30) return INFINITY;
+    centre = (1.0 / static_cast<double>(known.size())) * centre;
+    spread = nmad(known);
+    const double middle = median(known), cut = std::fmax(1e-4, 2.0 * spread);
+    Eigen::Matrix<double, 6, 6> a = Eigen::Matrix<double, 6, 6>::Zero();
+    Eigen::Matrix<double, 6, 1> b = Eigen::Matrix<double, 6, 1>::Zero();
+    const double arm = 0.3 * norm(box.max - box.min);
+    for (std::size_t i = 0; i < e.size(); ++i) {
+      if (std::isnan(e[i])) continue;
+      const double w = std::fmin(1.0, cut / std::fmax(1e-12, std::abs(e[i] - middle)));
+      const Vec3 turn = (1.0 / arm) * cross(place[i] - centre, normal[i]);
+      Eigen::Matrix<double, 6, 1> j;
+      j << normal[i].x, normal[i].y, normal[i].z, turn.x, turn.y, turn.z;
+      a += w * j * j.transpose();
+      b += w * j * e[i];
+    }
+    // What the relief hardly determines stays where it is.
+    a.diagonal().array() += 1e-5 * a.trace();
+    const Eigen::Matrix<double, 6, 1> step = -a.ldlt().solve(b);
+    const Vec3 turn{step(3) / arm, step(4) / arm, step(5) / arm};
+    RigidTransform update;
+    if (norm(turn) > 0.0) update.rotation = rotation_about(normalized(turn), norm(turn));
+    update.translation_mm =
+        centre - rotate(update.rotation, centre) + Vec3{step(0), step(1), step(2)};
+    pose = update * pose;
+    pose.rotation = normalized(pose.rotation);
+    if (step.norm() < 1e-4) break;
+  }
+  return spread;
+}
+
+/// Points that stand alone far from their neighbours: mixed pixels, dust.
+std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
+  constexpr double kSquare_mm = 2.0;
+  std::vector<std::pair<std::uint64_t, std::size_t>> order;
+  for (std::size_t i = from; i < all.size(); ++i)
+    order.emplace_back((static_cast<std::uint64_t>((all[i].place.y + 1e6) / kSquare_mm) << 32) |
+                           static_cast<std::uint64_t>((all[i].place.x + 1e6) / kSquare_mm),
+                       i);
+  std::sort(order.begin(), order.end());
+  std::vector<double> about(all.size(), 0.0), spread;
+  for (std::size_t i = 0; i < order.size();) {
+    std::size_t j = i;
+    std::vector<double> here;
+    for (; j < order.size() && order[j].first == order[i].first; ++j)
+      here.push_back(all[order[j].second].residual_mm);
+    const double m = here.size() >= 5 ? median(here) : here.size() == 1 ? here[0] : median(here);
+    for (; i < j; ++i) about[order[i].second] = all[order[i].second].residual_mm - m;
+  }
+  for (std::size_t i = from; i < all.size(); ++i) spread.push_back(about[i]);
+  const double limit = 6.0 * std::fmax(1e-4, nmad(spread));
+  std::size_t kept = from;
+  for (std::size_t i = from; i < all.size(); ++i)
+    if (std::abs(about[i]) <= limit) all[kept++] = all[i];
+  const std::size_t dropped = all.size() - kept;
+  all.resize(kept);
+  return dropped;
+}
+
+}  // namespace
+
+Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
+  Measurements m;
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(input.design));
+  const auto heights = heightmap::height_range(design.z_mm);
+  m.scene.box.add({design.x0.value(), design.y0.value(), static_cast<double>(heights.min)});
+  m.scene.box.add({design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1),
+                   static_cast<double>(heights.max)});
+  m.scene.ball_radius_mm = 0.5 * input.ball_diameter_mm;
+  std::optional<CutPath> path;
+  if (!input.programs.empty()) {
+    MAQUETTE_TRY(auto read, CutPath::read(input.programs, m.scene.ball_radius_mm, run));
+    path.emplace(std::move(read));
+    m.scene.has_path = true;
+    m.scene.duration_min = path->duration_min();
+    m.scene.section_starts = path->section_starts();
+  } else {
+    m.notes.push_back(
+        "no program given: causes that depend on direction, order or time of the cut cannot be "
+        "tested");
+  }
+  const SimulatedSurface surface(design, path ? &*path : nullptr, run);
+  if (path && (surface.cut_share() < 0.3 || !(surface.program_misfit_mm() < kOtherProgram_mm)))
+    return fail(
+        kOtherProgram,
+        fmt::format("{} does not belong to {}: cut in simulation it reaches {:.0f} % of the design "
+                    "and differs from it by {:.3g} mm (robust spread; at most {} mm); give the "
+                    "program that made the part",
+                    input.programs[0].string(), input.design.string(), 100.0 * surface.cut_share(),
+                    surface.program_misfit_mm(), kOtherProgram_mm));
+  run.progress(0.2);
+
+  std::vector<Loaded> scans;
+  for (const ScanInput& s : input.scans) {
+    MAQUETTE_TRY(auto cloud, scan::read_cloud(s.points, run));
+    MAQUETTE_TRY_VOID(scan::check_unit(cloud, design));
+    Loaded l;
+    l.set_up.name = s.points.filename().string();
+    l.set_up.points = cloud.points_mm.size();
+    l.station = s.station_mm ? s.station_mm : cloud.station_mm;
+    if (!l.station)
+      m.notes.push_back(
+          fmt::format("{}: no scanner position: causes of the scanner cannot be tested with it",
+                      l.set_up.name));
+    l.sigma = s.range_sigma_mm;
+    const std::size_t most = input.most_points / input.scans.size(), n = cloud.points_mm.size();
+    if (n > most) {
+      for (std::size_t k = 0; k < most; ++k) {
+        const std::size_t first = k * n / most, end = (k + 1) * n / most;
+        l.points.push_back(
+            cloud.points_mm[first + random_bits(input.seed ^ 0x5ca9, k) % (end - first)]);
+      }
+    } else {
+      l.points = std::move(cloud.points_mm);
+    }
+    double spread = settle(l, surface, m.scene.box, input.coat_mm, input.seed);
+    if (!(spread < 0.3)) {  // too far for a local fit
+      scan::Cloud some;
+      some.points_mm = l.points;
+      if (const auto alignment = scan::register_scan(some, design, {}, run)) {
+        Loaded again = l;
+        again.set_up.model_from_file = alignment->model_from_scan;
+        const double better = settle(again, surface, m.scene.box, input.coat_mm, input.seed);
+        if (better < spread) {
+          l = std::move(again);
+          spread = better;
+        }
+      }
+    }
+    if (!(spread < kOtherPart_mm))
+      return fail(
+          kOtherPart,
+          fmt::format(
+              "{} does not follow {}: after registration the points are {:.3g} mm off (robust "
+              "spread; at most {} mm); is this the scan of another part, or in another frame?",
+              s.points.string(), input.design.string(), spread, kOtherPart_mm));
+    scans.push_back(std::move(l));
+    run.progress(0.2 +
+                 0.4 * static_cast<double>(scans.size()) / static_cast<double>(input.scans.size()));
+  }
+  for (const Loaded& l : scans) {
+    const auto index = static_cast<std::uint32_t>(m.set_ups.size());
+    SetUp set_up = l.set_up;
+    std::vector<Observation> made(l.points.size());
+    std::vector<std::uint8_t> good(l.points.size(), 0);
+    const std::optional<Vec3> station =
+        l.station ? std::optional(set_up.model_from_file.point(*l.station)) : std::nullopt;
+    oneapi::tbb::parallel_for(std::size_t{0}, l.points.size(), [&](std::size_t i) {
+      const Vec3 p = set_up.model_from_file.point(l.points[i]);
+      if (p.x < m.scene.box.min.x + kBorder_mm || p.x > m.scene.box.max.x - kBorder_mm ||
+          p.y < m.scene.box.min.y + kBorder_mm || p.y > m.scene.box.max.y - kBorder_mm)
+        return;
+      const auto place = surface.at(p.x, p.y);
+      if (!place) return;
+      Observation o;
+      o.residual_mm = (p.z - place->height_mm) * place->normal.z - input.coat_mm;
+      if (!(std::abs(o.residual_mm) <= input.reach_mm)) return;
+      o.place = {p.x, p.y, place->height_mm};
+      o.normal = o.along = place->normal;
+      o.sigma_mm = l.sigma;
+      o.set_up = index;
+      o.milled_minus_design_mm =
+          std::clamp((place->height_mm - place->design_mm) * place->normal.z, -0.2, 0.2);
+      o.tip = o.place;
+      if (place->contact) {
+        static_cast<CutState&>(o) = *place->contact;
+        o.rivals = std::make_shared<const std::vector<Rival>>(path->rivals(o.place.x, o.place.y));
+      }
+      if (station) {
+        o.has_station = true;
+        const Vec3 v = p - *station;
+        o.range_mm = norm(v);
+        o.beam = (1.0 / o.range_mm) * v;
+      }
+      o.curvature = surface.curvature(p.x, p.y);
+      made[i] = o;
+      good[i] = 1;
+    });
+    const std::size_t from = m.observations.size();
+    Vec3 centre;
+    for (std::size_t i = 0; i < made.size(); ++i)
+      if (good[i]) {
+        m.observations.push_back(made[i]);
+        centre += made[i].place;
+      }
+    const std::size_t on_part = m.observations.size() - from;
+    set_up.far = l.points.size() - on_part + drop_lonely(m.observations, from);
+    set_up.used = m.observations.size() - from;
+    set_up.centre_mm = (1.0 / static_cast<double>(std::max<std::size_t>(1, on_part))) * centre;
+    m.scene.has_station.push_back(station.has_value());
+    m.scene.stations.push_back(station.value_or(Vec3{}));
+    m.set_ups.push_back(std::move(set_up));
+  }
+  for (const auto& file : input.probes) {
+    MAQUETTE_TRY(const auto rows, read_probe_table(file));
+    SetUp set_up;
+    set_up.name = file.filename().string();
+    set_up.scan = false;
+    set_up.points = rows.size();
+    const auto index = static_cast<std::uint32_t>(m.set_ups.size());
+    const std::size_t from = m.observations.size();
+    for (const ProbeRow& row : rows) {
+      const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
+      if (!place) continue;
+      Observation o;
+      o.set_up = index;
+      const double z =
+          row.z_nominal_mm.value_or(place->height_mm + input.coat_mm * place->normal.z);
+      o.place = {row.x_nominal_mm, row.y_nominal_mm, place->height_mm};
+      o.normal = place->normal;
+      o.sigma_mm = row.sigma_mm.value_or(0.005);
+      o.tip = o.place;
+      if (place->contact) {
+        static_cast<CutState&>(o) = *place->contact;
+        o.rivals = std::make_shared<const std::vector<Rival>>(path->rivals(o.place.x, o.place.y));
+      }
+      o.curvature = surface.curvature(row.x_nominal_mm, row.y_nominal_mm);
+      const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,
+                   row.z_mm ? *row.z_mm - z : 0.0};
+      if (row.z_mm) {
+        o.along = o.normal;
+        o.residual_mm = dot(o.normal, d);
+        if (std::abs(o.residual_mm) <= input.reach_mm) m.observations.push_back(o);
+      } else if (std::hypot(d.x, d.y) <= input.reach_mm) {
+        o.on_surface = false;
+        o.along = {1.0, 0.0, 0.0};
+        o.residual_mm = d.x;
+        m.observations.push_back(o);
+        o.along = {0.0, 1.0, 0.0};
+        o.residual_mm = d.y;
+        m.observations.push_back(o);
+      }
+    }
+    set_up.used = m.observations.size() - from;
+    set_up.centre_mm = m.scene.centre();
+    m.scene.has_station.push_back(false);
+    m.scene.stations.push_back({});
+    m.set_ups.push_back(std::move(set_up));
+  }
+  if (m.observations.size() < kLeastMeasurements)
+    return fail(
+        kTooFewMeasurements,
+        fmt::format("{} measurements lie on the part within {} mm of it; at least {} are needed",
+                    m.observations.size(), input.reach_mm, kLeastMeasurements));
+  const auto layout = detail::lay_out(m.scene.box, input.seed);
+  std::set<int> blocks;
+  for (const Observation& o : m.observations) blocks.insert(layout.block_of(o.place.x, o.place.y));
+  if (blocks.size() < kLeastBlocks)
+    return fail(kTooFewMeasurements,
+                fmt::format("the measurements lie in {} of {} blocks of {:.3g} mm; at least {} are "
+                            "needed, so that a cause can be confirmed where it was not chosen",
+                            blocks.size(), layout.set_of_block.size(),
+                            layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
+  run.progress(0.7);
+  return m;
+}
+
+}  // namespace maquette::diagnosis

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file case_input.hpp
+/// What was designed, run and measured -> observations.
+///
+/// Registration. Each set-up's pose is first settled on the simulated surface (robust
+/// point-to-plane), only so that the linear model holds; the six directions stay free in every
+/// model that is fitted later.
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "diagnosis/observation.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::diagnosis {
+
+inline constexpr ErrorCode kOtherPart{"DIAGNOSIS_OTHER_PART"};
+inline constexpr ErrorCode kOtherProgram{"DIAGNOSIS_OTHER_PROGRAM"};
+inline constexpr ErrorCode kTooFewMeasurements{"DIAGNOSIS_TOO_FEW_MEASUREMENTS"};
+inline constexpr ErrorCode kProbeTable{"DIAGNOSIS_PROBE_TABLE"};
+
+/// Least number of measurements on the part, and of blocks (of 36) that hold some.
+inline constexpr std::size_t kLeastMeasurements = 60;
+inline constexpr std::size_t kLeastBlocks = 9;
+
+struct ScanInput {
+  std::filesystem::path points;
+  std::optional<Vec3> station_mm;
+  double range_sigma_mm = 0.05;
+};
+
+struct CaseInput {
+  std::filesystem::path design;
+  std::vector<std::filesystem::path> programs;
+  double ball_diameter_mm = 6.0;
+  double coat_mm = 0.0, coat_sigma_mm = 0.04, coat_correlation_mm = 0.25;
+  double reach_mm = 2.0;
+  std::vector<ScanInput> scans;
+  std::vector<std::filesystem::path> probes;
+  std::uint64_t seed = 1;
+  std::size_t most_points = 400'000;  ///< of all set-ups together, drawn at random
+};
+
+struct SetUp {
+  std::string name;
+  bool scan = true;
+  RigidTransform model_from_file;  ///< where the linear model starts
+  Vec3 centre_mm;                  ///< of its points: poses turn about it
+  std::size_t points = 0, used = 0, far = 0;
+};
+
+struct Measurements {
+  Scene scene;
+  std::vector<SetUp> set_ups;
+  std::vector<Observation> observations;
+  std::vector<std::string> notes;  ///< what could not be used and why
+};
+
+/// @return the observations, or
+///   DIAGNOSIS_OTHER_PROGRAM          the program does not cut the design
+///   DIAGNOSIS_OTHER_PART             the points do not follow the design
+///   DIAGNOSIS_TOO_FEW_MEASUREMENTS   with the number needed; also: all in a few blocks
+///   DIAGNOSIS_PROBE_TABLE            file, line and what was expected
+///   errors of the readers; SCAN_UNIT_SLIP
+[[nodiscard]] Result<Measurements> measure(const CaseInput& input, const RunContext& run = {});
+
+}  // namespace maquette::diagnosis

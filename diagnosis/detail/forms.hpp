@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// What the files of diagnosis/effects share.
+
+#include <fmt/format.h>
+
+#include "diagnosis/effect.hpp"
+
+namespace maquette::diagnosis::detail {
+
+inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
+[[nodiscard]] inline double component(Vec3 v, int axis) {
+  return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+}
+[[nodiscard]] inline Column column(std::string key, Parameter parameter,
+                                   std::function<double(const Observation&)> value) {
+  return {std::move(key), std::move(parameter), std::move(value)};
+}
+/// Legendre polynomial of degree 0 .. 8.
+[[nodiscard]] inline double legendre(int degree, double u) {
+  double before = 1.0, now = u;
+  if (degree == 0) return before;
+  for (int k = 1; k < degree; ++k) {
+    const double next = ((2 * k + 1) * u * now - k * before) / (k + 1);
+    before = now;
+    now = next;
+  }
+  return now;
+}
+
+// One function a family, each in its own file; library.cpp lists them in order.
+void add_machine_scale(std::vector<Effect>& all);
+void add_machine_squareness(std::vector<Effect>& all);
+void add_machine_straightness(std::vector<Effect>& all);
+void add_machine_backlash(std::vector<Effect>& all);
+void add_machine_servo_lag(std::vector<Effect>& all);
+void add_machine_thermal_growth(std::vector<Effect>& all);
+void add_machine_step_loss(std::vector<Effect>& all);
+void add_tool_radius_error(std::vector<Effect>& all);
+void add_tool_length_offset(std::vector<Effect>& all);
+void add_tool_wear(std::vector<Effect>& all);
+void add_tool_runout(std::vector<Effect>& all);
+void add_tool_deflection(std::vector<Effect>& all);
+void add_process_band_step(std::vector<Effect>& all);
+void add_process_chatter(std::vector<Effect>& all);
+void add_stock_warp(std::vector<Effect>& all);
+void add_stock_swelling(std::vector<Effect>& all);
+void add_coating_thickness(std::vector<Effect>& all);
+void add_coating_pooling(std::vector<Effect>& all);
+void add_coating_shadow(std::vector<Effect>& all);
+void add_scanner_range_bias(std::vector<Effect>& all);
+void add_scanner_range_scale(std::vector<Effect>& all);
+void add_scanner_incidence_bias(std::vector<Effect>& all);
+void add_scanner_encoder_eccentricity(std::vector<Effect>& all);
+void add_scanner_registration(std::vector<Effect>& all);
+void add_scanner_spot_blur(std::vector<Effect>& all);
+
+}  // namespace maquette::diagnosis::detail

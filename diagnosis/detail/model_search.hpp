@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// Which causes together: beam search on one set, confirmation on another.
+
+#include <vector>
+
+#include "core/run_context.hpp"
+#include "diagnosis/detail/sums.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// A cause in a model: an effect with one of its forms, as columns of a bank.
+struct Member {
+  const Effect* effect = nullptr;
+  Form form;
+};
+
+struct Candidate {
+  const Effect* effect = nullptr;
+  std::vector<Form> forms;
+};
+
+/// Indices of nuisances and of the members' columns, each once.
+[[nodiscard]] std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members);
+
+/// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
+inline constexpr double kPricePerColumn = 10.0;
+inline constexpr double kPricePerCause = 10.0;
+
+struct Search {
+  const std::vector<Observation>& observations;
+  const std::vector<Column>& nuisances;
+  const Layout& layout;
+  std::vector<Candidate> candidates;
+};
+
+/// Best combination on the choosing blocks. `bank` is rebuilt where forms are refined.
+[[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run);
+
+struct Confirmed {
+  Member member;
+  double p_value = 1.0;
+};
+/// Those of `members` that hold on the confirming blocks.
+[[nodiscard]] std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members,
+                                             double level);
+
+/// Upper tail of chi-squared.
+[[nodiscard]] double chi2_tail(double x, int degrees);
+
+/// Best objective over the forms of a candidate beside `others`, on `sets`.
+struct BestForm {
+  double objective = INFINITY;
+  std::size_t form = 0;
+};
+[[nodiscard]] BestForm best_form(const Bank& bank, const std::vector<Member>& others,
+                                 const Candidate& candidate, const std::vector<int>& sets,
+                                 bool priced);
+
+}  // namespace maquette::diagnosis::detail

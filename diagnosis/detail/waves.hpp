@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// Waves in the residual along an axis: the strongest lines of its periodogram.
+
+#include <vector>
+
+#include "diagnosis/detail/sums.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// @return numbers of waves over `span_mm`, at most 4, none that is no stronger than noise makes
+///   once in a thousand cases; from 6 waves a span up to wavelengths of 0.8 mm. Choosing blocks
+///   only.
+[[nodiscard]] std::vector<double> strongest_waves(const std::vector<Observation>& all,
+                                                  const std::vector<double>& residual,
+                                                  const Layout& layout, int axis, double span_mm);
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,384 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/diagnose.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "diagnosis/detail/forms.hpp"
+#include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/remainder.hpp"
+#include "diagnosis/detail/waves.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+using detail::Bank;
+using detail::Candidate;
+using detail::Confirmed;
+using detail::Fit;
+using detail::kChoose;
+using detail::kConfirm;
+using detail::kReport;
+using detail::Layout;
+using detail::Member;
+
+const std::vector<int> kAll{kChoose, kConfirm, kReport};
+/// Likelihood ratio of 100, or a hundredth of the gain: no data tell such causes apart honestly.
+constexpr double kEquivalent = 9.2;
+constexpr double kEquivalentShare = 0.01;
+/// What the simulated surface is not believed below, mm rms: ridges between passes, resampling.
+constexpr double kSimulationFloor_mm = 0.0025;
+/// What a linear signature may be wrong by, as a share of what all causes together move.
+constexpr double kLinearError = 0.08;
+
+std::vector<Column> nuisances_of(const Measurements& m) {
+  std::vector<Column> all;
+  const double half = m.scene.half_mm();
+  for (std::uint32_t s = 0; s < m.set_ups.size(); ++s) {
+    const Vec3 c = m.set_ups[s].centre_mm;
+    for (int k = 0; k < 6; ++k)
+      all.push_back(detail::column(fmt::format("pose{}_{}", s, k), {"", 1.0, INFINITY},
+                                   [=](const Observation& o) {
+                                     if (o.set_up != s) return 0.0;
+                                     if (k < 3)
+                                       return k == 0 ? o.along.x : k == 1 ? o.along.y : o.along.z;
+                                     const Vec3 turn = (1.0 / half) * cross(o.place - c, o.along);
+                                     return k == 3 ? turn.x : k == 4 ? turn.y : turn.z;
+                                   }));
+  }
+  if (m.scene.has_path)
+    all.push_back(detail::column(
+        "milled_minus_design", {"", 1.0, INFINITY},
+        [](const Observation& o) { return o.on_surface ? o.milled_minus_design_mm : 0.0; }));
+  return all;
+}
+
+std::vector<Candidate> candidates_of(const Scene& scene, Diagnosis& d) {
+  std::vector<Candidate> all;
+  const bool any_station =
+      std::any_of(scene.has_station.begin(), scene.has_station.end(), [](bool b) { return b; });
+  for (const Effect& e : library()) {
+    if (!e.forms) continue;
+    if ((e.needs == Needs::path && !scene.has_path) ||
+        (e.needs == Needs::station && !any_station)) {
+      d.untestable.push_back(e.name);
+      continue;
+    }
+    all.push_back({&e, e.forms(scene)});
+  }
+  return all;
+}
+
+std::vector<Column> all_columns(const std::vector<Candidate>& candidates) {
+  std::vector<Column> columns;
+  for (const Candidate& c : candidates)
+    for (const Form& f : c.forms) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
+  return columns;
+}
+
+/// Plain sum of squares over some sets, every point alike.
+double squares(const Bank& bank, const std::vector<int>& model, const Eigen::VectorXd& b,
+               const std::vector<int>& sets, double* count) {
+  std::vector<int> at = model;
+  at.push_back(bank.y());
+  Eigen::VectorXd v(b.size() + 1);
+  v << -b, 1.0;
+  double sum = 0.0;
+  for (const int set : sets) {
+    const auto& s = bank.sets[static_cast<std::size_t>(set)];
+    if (s.weight.empty()) continue;
+    double points = 0.0;
+    for (const double w : s.weight) points += w;
+    for (const auto& g : s.gram) sum += v.dot(g(at, at) * v);
+    sum += points / static_cast<double>(s.weight.size()) * v.dot(s.top[0](at, at) * v);
+    if (count != nullptr) *count += points;
+  }
+  return std::fmax(0.0, sum);
+}
+
+std::vector<Member> members_of(const std::vector<Confirmed>& confirmed) {
+  std::vector<Member> all;
+  for (const Confirmed& c : confirmed) all.push_back(c.member);
+  return all;
+}
+
+std::vector<Member> without(std::vector<Member> members, std::size_t k) {
+  members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
+  return members;
+}
+
+/// What is in no point of the observations that lie in `odd` squares.
+std::vector<Observation> outside(const std::vector<Observation>& all, const detail::Squares& odd) {
+  std::vector<Observation> kept;
+  for (const Observation& o : all)
+    if (!odd.holds(o.place.x, o.place.y)) kept.push_back(o);
+  return kept;
+}
+
+std::vector<double> residuals_of(const std::vector<Observation>& all,
+                                 const std::vector<Member>& members, const Bank& bank,
+                                 const Fit& f) {
+  const auto model = detail::columns_of(bank, members);
+  std::vector<double> r(all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    double v = all[i].residual_mm;
+    for (std::size_t k = 0; k < model.size(); ++k)
+      v -= f.coefficients(static_cast<Eigen::Index>(k)) *
+           bank.columns[static_cast<std::size_t>(model[k])].value(all[i]);
+    r[i] = v;
+  }
+  return r;
+}
+
+void add_dependences(Diagnosis& d, const std::vector<Observation>& all,
+                     const std::vector<double>& before, const std::vector<double>& after) {
+  struct Covariate {
+    const char* name;
+    double (*value)(const Observation&);
+  };
+  for (const Covariate c :
+       {Covariate{"slope, degrees",
+                  [](const Observation& o) {
+                    return std::acos(std::fmin(1.0, o.normal.z)) * 57.29577951308232;
+                  }},
+        Covariate{"share of the program's time", [](const Observation& o) { return o.path_share; }},
+        Covariate{"x, mm", [](const Observation& o) { return o.place.x; }},
+        Covariate{"y, mm", [](const Observation& o) { return o.place.y; }},
+        Covariate{"incidence, degrees",
+                  [](const Observation& o) {
+                    return o.has_station
+                               ? std::acos(std::clamp(-dot(o.beam, o.normal), -1.0, 1.0)) *
+                                     57.29577951308232
+                               : NAN;
+                  }},
+        Covariate{"range, mm",
+                  [](const Observation& o) { return o.has_station ? o.range_mm : NAN; }},
+        Covariate{"rise of the feed", [](const Observation& o) { return o.feed.z; }}}) {
+    double low = INFINITY, high = -INFINITY;
+    for (const Observation& o : all) {
+      const double v = c.value(o);
+      if (!std::isfinite(v)) continue;
+      low = std::fmin(low, v);
+      high = std::fmax(high, v);
+    }
+    if (!(high > low)) continue;
+    constexpr std::size_t kClasses = 24;
+    std::vector<double> n(kClasses, 0.0), b(kClasses, 0.0), a(kClasses, 0.0), q(kClasses, 0.0);
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const double v = c.value(all[i]);
+      if (!std::isfinite(v)) continue;
+      const auto k =
+          std::min(kClasses - 1, static_cast<std::size_t>((v - low) / (high - low) * kClasses));
+      n[k] += 1.0;
+      b[k] += before[i];
+      a[k] += after[i];
+      q[k] += after[i] * after[i];
+    }
+    Dependence p;
+    p.covariate = c.name;
+    for (std::size_t k = 0; k < kClasses; ++k)
+      if (n[k] >= 20.0) {
+        p.at.push_back(low + (static_cast<double>(k) + 0.5) * (high - low) / kClasses);
+        p.before.push_back(b[k] / n[k]);
+        p.after.push_back(a[k] / n[k]);
+        p.sigma.push_back(std::sqrt(q[k]) / n[k]);
+      }
+    d.dependences.push_back(std::move(p));
+  }
+}
+
+}  // namespace
+
+Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunContext& run) {
+  Diagnosis d;
+  d.notes = m.notes;
+  Scene scene = m.scene;
+  const Layout layout = detail::lay_out(scene.box, seed);
+  const auto nuisances = nuisances_of(m);
+  // Waves along the passes are looked for in what the nuisances leave.
+  if (scene.has_path) {
+    const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
+    const Fit f = detail::fit(plain, detail::columns_of(plain, {}), {kChoose});
+    const auto r = residuals_of(m.observations, {}, plain, f);
+    scene.waves_x = detail::strongest_waves(m.observations, r, layout, 0, 2.0 * scene.half_mm());
+    scene.waves_y = detail::strongest_waves(m.observations, r, layout, 1, 2.0 * scene.half_mm());
+  }
+  detail::Search search{m.observations, nuisances, layout, candidates_of(scene, d)};
+  Bank bank = detail::sum_up(m.observations, nuisances, all_columns(search.candidates), layout);
+  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  run.progress(0.3);
+
+  auto members = detail::choose(search, bank, run);
+  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  run.progress(0.7);
+  // Tests that could be made: as many as there are causes in the largest model, in each round.
+  const double level = kFamilyLevel / 20.0;
+  auto confirmed = detail::confirm(bank, members, level);
+  for (const Member& member : members)
+    if (std::none_of(confirmed.begin(), confirmed.end(),
+                     [&](const Confirmed& c) { return c.member.effect == member.effect; }))
+      d.rejected.push_back({member.effect->name,
+                            "chosen on one third of the blocks, not confirmed on another", 0.0});
+
+  // What remains, and whether the causes stand without the odd places.
+  const auto empty = detail::columns_of(bank, {});
+  const Fit null_fit = detail::fit(bank, empty, kAll);
+  const auto r_before = residuals_of(m.observations, {}, bank, null_fit);
+  detail::Squares odd;
+  double null_squares = squares(bank, empty, null_fit.coefficients, kAll, nullptr);
+  while (true) {
+    members = members_of(confirmed);
+    const auto model = detail::columns_of(bank, members);
+    const Fit f = detail::fit(bank, model, kAll);
+    const auto r = residuals_of(m.observations, members, bank, f);
+    d.remainder = detail::judge(m.observations, r, layout, bank, f, odd);
+    double points = 0.0;
+    const double left_squares = squares(bank, model, f.coefficients, kAll, &points);
+    const double structured =
+        d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
+                          : 0.0;
+    const double excess = std::fmax(1e-300, null_squares - left_squares + structured);
+    d.remainder.share = structured / excess;
+    std::size_t drop = members.size();
+    std::string why;
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      const auto fewer = without(members, k);
+      const auto small = detail::columns_of(bank, fewer);
+      const Fit g = detail::fit(bank, small, kAll);
+      const double explained = squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
+      const double floor =
+          std::fmax(kSimulationFloor_mm,
+                    kLinearError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points));
+      if (!(explained > points * floor * floor)) {
+        drop = k;
+        why = fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
+                          floor);
+      } else if (d.remainder.found && explained < 0.5 * structured) {
+        drop = k;
+        why = "explains less than what remains unexplained beside it";
+      }
+    }
+    if (drop == members.size() && d.remainder.found && odd.count() > 0 && !members.empty()) {
+      const auto kept = outside(m.observations, odd);
+      std::vector<Column> columns;
+      for (const Member& c : members)
+        columns.insert(columns.end(), c.form.columns.begin(), c.form.columns.end());
+      const Bank masked = detail::sum_up(kept, nuisances, columns, layout);
+      const auto at = detail::columns_of(masked, members);
+      const double full = detail::fit(masked, at, kAll).objective;
+      for (std::size_t k = 0; k < members.size(); ++k) {
+        const auto small = detail::columns_of(masked, without(members, k));
+        const double gain = detail::fit(masked, small, kAll).objective - full;
+        if (detail::chi2_tail(gain, std::max(1, static_cast<int>(at.size() - small.size()))) >
+            1e-6) {
+          drop = k;
+          why = "hangs on a few odd places";
+        }
+      }
+    }
+    if (drop == members.size()) break;
+    d.rejected.push_back({members[drop].effect->name, why, 0.0});
+    confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
+  }
+  run.progress(0.8);
+
+  members = members_of(confirmed);
+  const auto model = detail::columns_of(bank, members);
+  const Fit f = detail::fit(bank, model, kAll);
+  const auto r_after = residuals_of(m.observations, members, bank, f);
+  double points = 0.0;
+  const double left_squares = squares(bank, model, f.coefficients, kAll, &points);
+  const double structured =
+      d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
+                        : 0.0;
+  const double excess = std::fmax(1e-300, null_squares - left_squares + structured);
+  std::set<std::string> named;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    const Member& member = members[k];
+    const auto others = without(members, k);
+    const auto small = detail::columns_of(bank, others);
+    const Fit g = detail::fit(bank, small, kAll);
+    Cause c;
+    c.effect = member.effect->name;
+    c.law = member.form.law;
+    c.fixed = member.form.fixed;
+    c.separate_by = member.effect->separate_by;
+    c.p_value = std::fmax(confirmed[k].p_value, 1e-300);
+    c.share = std::clamp(
+        (squares(bank, small, g.coefficients, kAll, nullptr) - left_squares) / excess, 0.0, 1.0);
+    for (const Column& column : member.form.columns) {
+      const auto at =
+          std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin();
+      c.parameters.push_back({column.parameter.name,
+                              f.coefficients(at) * column.parameter.per_column,
+                              std::sqrt(std::fmax(0.0, f.covariance(at, at))) *
+                                  std::abs(column.parameter.per_column)});
+    }
+    const double gain = g.objective - f.objective;
+    for (const Candidate& other : search.candidates) {
+      if (std::any_of(members.begin(), members.end(),
+                      [&](const Member& x) { return x.effect == other.effect; }))
+        continue;
+      const auto found = detail::best_form(bank, others, other, kAll, false);
+      const double worse = found.objective - f.objective;
+      if (worse < std::fmax(kEquivalent, kEquivalentShare * gain))
+        c.equivalent.push_back(other.effect->name);
+      else if (g.objective - found.objective > 20.0)
+        d.rejected.push_back(
+            {other.effect->name,
+             fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
+                         c.effect, worse / 4.605),
+             g.objective - found.objective});
+    }
+    named.insert(c.effect);
+    d.causes.push_back(std::move(c));
+  }
+  std::sort(d.causes.begin(), d.causes.end(),
+            [](const Cause& a, const Cause& b) { return a.share > b.share; });
+
+  // Gain on blocks that had no part in choosing or confirming; causes held as fitted elsewhere.
+  {
+    const Fit trained = detail::fit(bank, model, {kChoose, kConfirm});
+    const Fit report_null = detail::fit(bank, empty, {kReport});
+    double n = 0.0;
+    d.rms_before_mm = std::sqrt(squares(bank, empty, report_null.coefficients, {kReport}, &n) /
+                                std::fmax(1.0, n));
+    d.n_report = static_cast<std::size_t>(n);
+    const Eigen::VectorXd& b = trained.coefficients;
+    d.rms_after_mm = std::sqrt(squares(bank, model, b, {kReport}, nullptr) / std::fmax(1.0, n));
+    const Fit free_fit = detail::fit(bank, model, {kReport});
+    d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kScales - 1]);
+  }
+  for (std::size_t s = 0; s < m.set_ups.size(); ++s) {
+    PoseEstimate p;
+    p.set_up = m.set_ups[s].name;
+    const auto at = static_cast<Eigen::Index>(6 * s);
+    const double turn = 1e6 / m.scene.half_mm();
+    // The file's points are off by what the model adds to them.
+    const RigidTransform& start = m.set_ups[s].model_from_file;
+    const Vec3 c = m.set_ups[s].centre_mm;
+    const Vec3 moved = c - start.inverse().point(c);
+    p.shift_mm =
+        -1.0 * moved + Vec3{f.coefficients(at), f.coefficients(at + 1), f.coefficients(at + 2)};
+    p.turn_urad = {2e6 * -start.rotation.x + turn * f.coefficients(at + 3),
+                   2e6 * -start.rotation.y + turn * f.coefficients(at + 4),
+                   2e6 * -start.rotation.z + turn * f.coefficients(at + 5)};
+    const auto sigma = [&](int k) {
+      return std::sqrt(std::fmax(0.0, f.covariance(at + k, at + k)));
+    };
+    p.shift_sigma_mm = {sigma(0), sigma(1), sigma(2)};
+    p.turn_sigma_urad = {turn * sigma(3), turn * sigma(4), turn * sigma(5)};
+    d.poses.push_back(std::move(p));
+  }
+  d.map = detail::draw(m.observations, r_before, r_after, scene.box);
+  add_dependences(d, m.observations, r_before, r_after);
+  d.verdict = d.causes.empty() ? (d.remainder.found ? "unexplained" : "consistent")
+                               : (d.remainder.found ? "partly_explained" : "explained");
+  run.progress(1.0);
+  return d;
+}
+
+}  // namespace maquette::diagnosis

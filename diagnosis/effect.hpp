@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file effect.hpp
+/// The library of causes. One file per family in diagnosis/effects, one entry here.
+///
+/// A cause has one or more forms: laws that its physics may follow (a thermal time constant, a
+/// moment at which a step was lost, a spray direction). A form is linear in its parameters: its
+/// columns say how far an observation moves for one unit of each. What is not linear is a grid of
+/// forms, refined around the best.
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "diagnosis/observation.hpp"
+
+namespace maquette::diagnosis {
+
+struct Parameter {
+  std::string name;         ///< with its unit: "width_mm"
+  double per_column = 1.0;  ///< value of the parameter for a coefficient of 1
+  double plausible = 1.0;   ///< largest absolute value a workshop would believe
+};
+
+/// mm of residual for one unit of a coefficient.
+struct Column {
+  std::string key;  ///< columns of one key are the same column
+  Parameter parameter;
+  std::function<double(const Observation&)> value;
+};
+
+struct Form {
+  std::string law;  ///< "time constant 3.2 min"
+  std::vector<Column> columns;
+  /// Values that the law fixes, reported beside the parameters.
+  std::vector<std::pair<std::string, double>> fixed{};
+  /// 1 or -1: only coefficients of that sign are physical (first column); 0: any.
+  int sign = 0;
+  /// Neighbours of this form, closer than the grid's; empty: nothing to refine.
+  std::function<std::vector<Form>()> finer{};
+};
+
+enum class Needs { nothing, path, station };
+
+struct Effect {
+  std::string name;     ///< as users write it: "machine.backlash_x"
+  std::string says;     ///< what happened, one sentence
+  std::string source;   ///< of physics and size
+  std::string acts_on;  ///< link of the chain: commanded, machine, cutter, stock, coat, scanner
+  std::string depends_on;
+  std::vector<std::string> looks_like;
+  std::string separate_by;  ///< the measurement that tells it from those
+  std::string correction;   ///< what to change at the machine; empty: nothing
+  Needs needs = Needs::nothing;
+  std::function<std::vector<Form>(const Scene&)> forms;
+};
+
+/// All effects, in fixed order.
+[[nodiscard]] const std::vector<Effect>& library();
+/// nullptr if there is none.
+[[nodiscard]] const Effect* find_effect(const std::string& name);
+
+}  // namespace maquette::diagnosis

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The spindle warms up and grows: the tip sinks by A (1 - exp(-t / tau)). 25 to 40 um, 15 to 30
+// minutes; Z. Li et al., CIRP Annals 58 (2009), doi:10.1016/j.cirp.2009.03.034 for the order of
+// size.
+#include "diagnosis/detail/forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_machine_thermal_growth(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "machine.thermal_growth_z";
+  e.says = "the spindle grew as it warmed up";
+  e.source = "exponential warm-up; 25 to 40 um in 15 to 30 min";
+  e.acts_on = "machine";
+  e.depends_on = "time since the program's start";
+  e.looks_like = {"tool.wear", "machine.straightness_y", "stock.warp", "machine.step_loss_z"};
+  e.separate_by = "cut the first strip again at the end";
+  e.correction = "let the spindle run warm before the finish";
+  e.needs = Needs::path;
+  e.forms = [](const Scene& scene) {
+    struct Make {
+      double minutes;
+      Form operator()(double tau, double step) const {
+        Form f{fmt::format("time constant {:.3g} of the program", tau),
+               {column(fmt::format("thermal{:.5f}", tau), {"growth_mm", 1.0, 1.0},
+                       [tau](const Observation& o) {
+                         return -o.along.z * (1.0 - std::exp(-o.path_share / tau));
+                       })}};
+        f.fixed = {{"time_constant_min", tau * minutes}};
+        if (step > 1.01)
+          f.finer = [make = *this, tau, step] {
+            std::vector<Form> near;
+            const double fine = std::pow(step, 0.25);
+            for (const int k : {-3, -2, -1, 0, 1, 2, 3})
+              near.push_back(make(tau * std::pow(fine, k), fine));
+            return near;
+          };
+        return f;
+      }
+    };
+    std::vector<Form> forms;
+    for (const double tau : {0.03, 0.07, 0.15, 0.3, 0.6, 1.2})
+      forms.push_back(Make{scene.duration_min}(tau, 2.1));
+    return forms;
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The cutter or the work swings at a steady frequency: a wave along the path of wavelength feed
+// over frequency, upright. Two phases: counted along the path (steady in time) or along the axis of
+// the passes (locked to the machine's travel, as of a screw or a rack). 1 to 20 um.
+#include "diagnosis/detail/forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_process_chatter(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "process.chatter";
+  e.says = "a wave along the passes: vibration at a steady frequency";
+  e.source = "Altintas 2012, ch. 4; 1 to 20 um";
+  e.acts_on = "cutter";
+  e.depends_on = "way along the path";
+  e.looks_like = {"tool.runout", "machine.straightness_x"};
+  e.separate_by = "the same patch at another feed or speed: chatter changes its wavelength";
+  e.correction = "another spindle speed, shorter tool";
+  e.needs = Needs::path;
+  e.forms = [](const Scene& scene) {
+    struct Make {
+      int along;  // 0: x, 1: y, 2: path
+      double span;
+      Form operator()(double waves, double step) const {
+        const double k = 2.0 * 3.14159265358979323846 * waves / span;
+        const auto phase = [along = along, k](const Observation& o) {
+          return k * (along == 0 ? o.tip.x : along == 1 ? o.tip.y : o.path_mm);
+        };
+        const auto key = fmt::format("chatter{}{:.4f}", along, waves);
+        const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
+        Form f{fmt::format("wavelength {:.4f} mm along {}", span / waves, where),
+               {column(key + "s", {"sine_mm", 1.0, 1.0},
+                       [=](const Observation& o) { return o.along.z * std::sin(phase(o)); }),
+                column(key + "c", {"cosine_mm", 1.0, 1.0},
+                       [=](const Observation& o) { return o.along.z * std::cos(phase(o)); })}};
+        f.fixed = {{"wavelength_mm", span / waves}};
+        if (step > 0.02)
+          f.finer = [make = *this, waves, step] {
+            std::vector<Form> near;
+            for (int i = -3; i <= 3; ++i) near.push_back(make(waves + i * step / 4.0, step / 4.0));
+            return near;
+          };
+        return f;
+      }
+    };
+    std::vector<Form> forms;
+    for (const double waves : scene.waves_x)
+      forms.push_back(Make{0, 2.0 * scene.half_mm()}(waves, 0.5));
+    for (const double waves : scene.waves_y)
+      forms.push_back(Make{1, 2.0 * scene.half_mm()}(waves, 0.5));
+    return forms;
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// All ranges too long by a share k: d = k range along the beam. About the station what swelling is
+// about the centre; the difference is a shift. 10 to 50 ppm.
+#include "diagnosis/detail/forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_scanner_range_scale(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "scanner.range_scale";
+  e.says = "ranges are too long or too short in proportion";
+  e.source = "scale of the instrument's oscillator; 10 to 50 ppm";
+  e.acts_on = "scanner";
+  e.depends_on = "range";
+  e.looks_like = {"stock.swelling"};
+  e.separate_by = "a scale bar in the scene";
+  e.needs = Needs::station;
+  e.forms = [](const Scene& scene) {
+    const double half = scene.half_mm();
+    return std::vector<Form>{
+        {"proportional",
+         {column("range_scale", {"error_um_per_m", 1e6 / half, 20000.0}, [=](const Observation& o) {
+           return o.has_station ? dot(o.along, o.beam) * o.range_mm / half : 0.0;
+         })}}};
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The ball is larger than said by dR, its tip touched off right: the surface moves by dR (n_z - 1)
+// along its normal, nothing on flats. Up to a shift in z this is a coat of -dR. 10 to 100 um.
+#include "diagnosis/detail/forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_tool_radius_error(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "tool.radius_error";
+  e.says = "the cutter's radius is not the one programmed";
+  e.source = "offset of the ball's envelope; 10 to 100 um";
+  e.acts_on = "cutter";
+  e.depends_on = "slope, whatever its direction";
+  e.looks_like = {"coating.thickness", "tool.runout", "scanner.incidence_bias", "tool.wear"};
+  e.separate_by = "measure the cutter; or scan before the coat";
+  e.correction = "program with the measured radius";
+  e.forms = [](const Scene&) {
+    return std::vector<Form>{
+        {"offset, tip held", {column("radius", {"error_mm", 1.0, 1.0}, [](const Observation& o) {
+           return o.on_surface ? dot(o.along, o.normal) * (o.normal.z - 1.0) : 0.0;
+         })}}};
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// A ball that runs out by e sweeps a body e wider in plan: slopes move by -e sqrt(1 - n_z^2).
+#include "diagnosis/detail/forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_tool_runout(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "tool.runout";
+  e.says = "the cutter runs out of true and cuts wider than its diameter";
+  e.source = "envelope of an eccentric ball; 5 to 20 um";
+  e.acts_on = "cutter";
+  e.depends_on = "slope";
+  e.looks_like = {"tool.radius_error", "tool.deflection"};
+  e.separate_by = "dial gauge on the cutter; marks at one tooth per turn under a microscope";
+  e.correction = "clean or change the collet";
+  e.forms = [](const Scene&) {
+    return std::vector<Form>{
+        {"eccentric ball",
+         {column("runout", {"eccentricity_mm", 1.0, 0.5}, [](const Observation& o) {
+           return o.on_surface ? -dot(o.along, o.normal) * std::hypot(o.normal.x, o.normal.y) : 0.0;
+         })}}};
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The ball loses w over the program, evenly with the cut length, fast at first, or late. What is
+// worn from all sides leaves the surface higher by w along the normal; after wear the tip is still
+// where the control thinks it is if lengths are measured again: w (1 - n_z). 10 to 100 um.
+#include "diagnosis/detail/forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_tool_wear(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "tool.wear";
+  e.says = "the cutter wore off during the program";
+  e.source = "radius falling with the length cut; 10 to 100 um";
+  e.acts_on = "cutter";
+  e.depends_on = "length cut so far, slope";
+  e.looks_like = {"machine.thermal_growth_z", "tool.radius_error", "coating.thickness"};
+  e.separate_by = "cut the first strip again with a new cutter";
+  e.correction = "change the cutter earlier";
+  e.needs = Needs::path;
+  e.forms = [](const Scene&) {
+    struct Law {
+      const char* name;
+      double power;
+    };
+    std::vector<Form> forms;
+    for (const Law law : {Law{"even", 1.0}, Law{"fast at first", 0.5}, Law{"late", 2.0}})
+      for (const bool tip_held : {true, false})
+        forms.push_back({fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
+                         {column(fmt::format("wear{}{}", law.power, tip_held),
+                                 {"radius_loss_mm", 1.0, 1.0}, [=](const Observation& o) {
+                                   return o.on_surface ? dot(o.along, o.normal) *
+                                                             std::pow(o.cut_share, law.power) *
+                                                             (tip_held ? 1.0 - o.normal.z : 1.0)
+                                                       : 0.0;
+                                 })}});
+    return forms;
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,223 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/model_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+
+#include <oneapi/tbb/parallel_for.h>
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+constexpr std::size_t kBeam = 4;
+constexpr std::size_t kMostCauses = 5;
+
+double price(const Bank& bank, const std::vector<Member>& members) {
+  return kPricePerColumn * static_cast<double>(columns_of(bank, members).size() -
+                                               static_cast<std::size_t>(bank.nuisances)) +
+         kPricePerCause * static_cast<double>(members.size());
+}
+
+bool physical(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f) {
+  for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
+    const Column& c = member.form.columns[k];
+    const auto at = std::find(model.begin(), model.end(), bank.index.at(c.key)) - model.begin();
+    const double value = f.coefficients(at);
+    if (k == 0 && member.form.sign != 0 && value * member.form.sign < 0.0) return false;
+    if (std::abs(value * c.parameter.per_column) > c.parameter.plausible) return false;
+  }
+  return true;
+}
+
+struct State {
+  std::vector<Member> members;
+  double score = INFINITY;
+};
+
+double score_of(const Bank& bank, const std::vector<Member>& members, const std::vector<int>& sets,
+                bool priced) {
+  const auto model = columns_of(bank, members);
+  const Fit f = fit(bank, model, sets);
+  for (const Member& m : members)
+    if (!physical(bank, model, m, f)) return INFINITY;
+  return f.objective + (priced ? price(bank, members) : 0.0);
+}
+
+/// Replaces the form of the last member by the best of its neighbours, as often as there are any.
+void refine(const Search& search, const Bank& bank, State& state) {
+  const Fit now = fit(bank, columns_of(bank, state.members), {kChoose});
+  const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta)]};
+  for (int round = 0; round < 4; ++round) {
+    Member& last = state.members.back();
+    if (!last.form.finer) return;
+    const auto near = last.form.finer();
+    if (near.empty()) return;
+    std::vector<Column> columns;
+    for (const Member& m : state.members)
+      columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
+    for (const Form& f : near) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
+    const Bank small =
+        sum_up(search.observations, search.nuisances, columns, search.layout, &theta, kChoose);
+    std::vector<double> scores(near.size());
+    oneapi::tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t k) {
+      auto members = state.members;
+      members.back().form = near[k];
+      scores[k] = score_of(small, members, {kChoose}, true);
+    });
+    const auto best =
+        static_cast<std::size_t>(std::min_element(scores.begin(), scores.end()) - scores.begin());
+    if (!std::isfinite(scores[best])) return;
+    last.form = near[best];  // neighbours include the form itself
+    state.score = scores[best];
+  }
+}
+
+}  // namespace
+
+std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members) {
+  std::vector<int> model;
+  for (int i = 0; i < bank.nuisances; ++i) model.push_back(i);
+  for (const Member& m : members)
+    for (const Column& c : m.form.columns) {
+      const int i = bank.index.at(c.key);
+      if (std::find(model.begin(), model.end(), i) == model.end()) model.push_back(i);
+    }
+  return model;
+}
+
+double chi2_tail(double x, int degrees) {
+  if (!(x > 0.0)) return 1.0;
+  // Regularised upper incomplete gamma of half-integer order, by recurrence.
+  const double h = 0.5 * x;
+  double q = degrees % 2 == 0 ? std::exp(-h) : std::erfc(std::sqrt(h));
+  double a = degrees % 2 == 0 ? 1.0 : 0.5;
+  for (; a + 0.75 < 0.5 * degrees; a += 1.0)
+    q += std::exp(a * std::log(h) - h - std::lgamma(a + 1.0));
+  return std::clamp(q, 0.0, 1.0);
+}
+
+BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Candidate& candidate,
+                   const std::vector<int>& sets, bool priced) {
+  std::vector<double> scores(candidate.forms.size(), INFINITY);
+  oneapi::tbb::parallel_for(std::size_t{0}, candidate.forms.size(), [&](std::size_t k) {
+    auto members = others;
+    members.push_back({candidate.effect, candidate.forms[k]});
+    scores[k] = score_of(bank, members, sets, priced);
+  });
+  BestForm best;
+  for (std::size_t k = 0; k < scores.size(); ++k)
+    if (scores[k] < best.objective) best = {scores[k], k};
+  return best;
+}
+
+std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
+  State best{{}, score_of(bank, {}, {kChoose}, true)};
+  std::vector<State> beam{best};
+  for (std::size_t step = 0; step < kMostCauses; ++step) {
+    std::vector<State> next;
+    for (const State& from : beam)
+      for (const Candidate& c : search.candidates) {
+        if (std::any_of(from.members.begin(), from.members.end(),
+                        [&](const Member& m) { return m.effect == c.effect; }))
+          continue;
+        const BestForm found = best_form(bank, from.members, c, {kChoose}, true);
+        if (!(found.objective < from.score)) continue;
+        State s = from;
+        s.members.push_back({c.effect, c.forms[found.form]});
+        s.score = found.objective;
+        next.push_back(std::move(s));
+      }
+    if (run.stopped() || next.empty()) break;
+    std::sort(next.begin(), next.end(),
+              [](const State& a, const State& b) { return a.score < b.score; });
+    // The same causes in another order are the same model.
+    std::vector<State> kept;
+    const auto names = [](const State& s) {
+      std::vector<const Effect*> all;
+      for (const Member& m : s.members) all.push_back(m.effect);
+      std::sort(all.begin(), all.end());
+      return all;
+    };
+    for (State& s : next) {
+      if (kept.size() == kBeam) break;
+      if (std::none_of(kept.begin(), kept.end(),
+                       [&](const State& k) { return names(k) == names(s); }))
+        kept.push_back(std::move(s));
+    }
+    // Refined forms become columns of the bank, and candidates for all that follow.
+    std::vector<Column> added;
+    for (State& s : kept) {
+      const std::string before = s.members.back().form.law;
+      if (&s - kept.data() < 2 && s.score < kept.front().score + 1000.0) refine(search, bank, s);
+      if (s.members.back().form.law == before) continue;
+      added.insert(added.end(), s.members.back().form.columns.begin(),
+                   s.members.back().form.columns.end());
+      for (Candidate& c : search.candidates)
+        if (c.effect == s.members.back().effect) c.forms.push_back(s.members.back().form);
+    }
+    if (!added.empty()) {
+      std::vector<Column> columns(bank.columns.begin() + bank.nuisances, bank.columns.end());
+      columns.insert(columns.end(), added.begin(), added.end());
+      bank = sum_up(search.observations, search.nuisances, columns, search.layout);
+    }
+    // Backward: what the newest has made superfluous goes.
+    for (State& s : kept)
+      for (std::size_t k = 0; k + 1 < s.members.size();) {
+        auto fewer = s.members;
+        fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
+        const double without = score_of(bank, fewer, {kChoose}, true);
+        if (without < s.score) {
+          s.members = std::move(fewer);
+          s.score = without;
+        } else {
+          ++k;
+        }
+      }
+    std::sort(kept.begin(), kept.end(),
+              [](const State& a, const State& b) { return a.score < b.score; });
+    const bool better = kept.front().score < best.score;
+    if (better) best = kept.front();
+    beam = std::move(kept);
+    if (!better) break;
+  }
+  return best.members;
+}
+
+std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, double level) {
+  std::vector<Confirmed> good;
+  while (!members.empty()) {
+    good.clear();
+    const auto model = columns_of(bank, members);
+    const double full = fit(bank, model, {kConfirm}).objective;
+    const Fit chosen = fit(bank, model, {kChoose});
+    const double predicted =
+        objective_held(bank, model, chosen.coefficients, bank.nuisances, {kConfirm});
+    std::size_t worst = 0;
+    double worst_p = -1.0;
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      auto fewer = members;
+      fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
+      const auto small = columns_of(bank, fewer);
+      const double gain = fit(bank, small, {kConfirm}).objective - full;
+      const int degrees = static_cast<int>(model.size() - small.size());
+      double p = chi2_tail(gain, std::max(1, degrees));
+      // The first third's coefficients, without this one's own refit, must predict the second.
+      const Fit chosen_fewer = fit(bank, small, {kChoose});
+      const double without =
+          objective_held(bank, small, chosen_fewer.coefficients, bank.nuisances, {kConfirm});
+      if (!(without - predicted > 0.5 * gain) || !(without - predicted > 0.0)) p = std::max(p, 0.5);
+      good.push_back({members[k], p});
+      if (p > worst_p) {
+        worst_p = p;
+        worst = k;
+      }
+    }
+    if (worst_p < level) break;
+    members.erase(members.begin() + static_cast<std::ptrdiff_t>(worst));
+    good.clear();
+  }
+  return good;
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,357 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/path_contact.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+
+#include "cnc/gcode_reader.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+constexpr double kChord_mm = 0.002;
+constexpr double kRapid_mm_min = 10'000.0;
+constexpr double kBin_mm = 1.5;
+constexpr double kPiece_mm = 1.0;  // the lag is interpolated along pieces of this length
+using Play = std::array<CutState::Small, kPlayWidths_mm.size()>;
+using Lag = std::array<CutState::Small, kLagLengths_mm.size()>;
+
+struct Move {
+  Vec3 from, to;
+  double start_min, end_min;
+  double start_mm, end_mm;  // cutting length
+  std::int32_t section;
+  std::uint32_t state;  // of its end; that of its start is one before
+};
+
+Vec3 between(Vec3 a, Vec3 b, double share) {
+  return a + share * (b - a);
+}
+
+double follow(double& slack, double step, double width) {
+  slack = std::clamp(slack + step, -0.5 * width, 0.5 * width);
+  return 2.0 * slack / width;
+}
+}  // namespace
+
+struct CutPath::Moves {
+  double radius = 3.0;
+  std::vector<Move> moves;
+  std::vector<Play> play;  // at the end of each chord
+  std::array<Vec3, kPlayWidths_mm.size()> play_mean{};
+  std::vector<Lag> lag;
+  std::vector<double> section_start_min;
+  double total_min = 0.0, total_mm = 0.0;
+  double x0 = 0.0, y0 = 0.0;
+  std::ptrdiff_t rows = 0, cols = 0;
+  std::vector<std::uint32_t> start, items;
+  std::vector<double> lowest;  // tip of the moves of a bin
+
+  void bin();
+  template <class Visit>
+  void each_near(double x, double y, const double& limit, const Visit& visit) const;
+  [[nodiscard]] CutState state(std::uint32_t index, double share) const;
+  [[nodiscard]] Vec3 normal(const CutState& s, double x, double y, double height) const;
+  void trail(const std::vector<Vec3>& all, const std::vector<std::uint32_t>& state_at);
+};
+
+CutPath::CutPath(std::unique_ptr<Moves> moves) : moves_(std::move(moves)) {}
+CutPath::CutPath(CutPath&&) noexcept = default;
+CutPath::~CutPath() = default;
+
+/// First-order lag of the whole motion, rapids included: p' = (c - p) / e in arc length, exact
+/// along lines. Off the path: p(s + e) - c(s), for delay along the path is no error of form.
+void CutPath::Moves::trail(const std::vector<Vec3>& all,
+                           const std::vector<std::uint32_t>& state_at) {
+  const std::size_t n = all.size();
+  std::vector<double> s(n, 0.0);
+  for (std::size_t i = 1; i < n; ++i) s[i] = s[i - 1] + norm(all[i] - all[i - 1]);
+  std::vector<Vec3> p(n);
+  for (std::size_t k = 0; k < kLagLengths_mm.size(); ++k) {
+    const double e = kLagLengths_mm[k];
+    p[0] = all[0];
+    const auto advance = [e](Vec3 p0, Vec3 c0, Vec3 u, double length) {
+      return c0 + length * u - e * u + std::exp(-length / e) * (p0 - c0 + e * u);
+    };
+    for (std::size_t i = 1; i < n; ++i) {
+      const double length = s[i] - s[i - 1];
+      p[i] = length > 0.0
+                 ? advance(p[i - 1], all[i - 1], (1.0 / length) * (all[i] - all[i - 1]), length)
+                 : p[i - 1];
+    }
+    std::size_t j = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double ahead = s[i] + e;
+      while (j + 1 < n && s[j + 1] < ahead) ++j;
+      Vec3 there = p[j];
+      if (j + 1 < n && s[j + 1] > s[j])
+        there =
+            advance(p[j], all[j], (1.0 / (s[j + 1] - s[j])) * (all[j + 1] - all[j]), ahead - s[j]);
+      lag[state_at[i]][k] = there - all[i];
+    }
+  }
+}
+
+void CutPath::Moves::bin() {
+  Box3 box;
+  for (const Move& m : moves) {
+    box.add(m.from);
+    box.add(m.to);
+  }
+  if (box.empty()) return;
+  x0 = box.min.x;
+  y0 = box.min.y;
+  cols = static_cast<std::ptrdiff_t>((box.max.x - x0) / kBin_mm) + 1;
+  rows = static_cast<std::ptrdiff_t>((box.max.y - y0) / kBin_mm) + 1;
+  const auto each_bin = [&](const Move& m, const auto& visit) {
+    const auto index = [](double v, double o) {
+      return static_cast<std::ptrdiff_t>((v - o) / kBin_mm);
+    };
+    const auto c0 = index(std::fmin(m.from.x, m.to.x), x0),
+               c1 = index(std::fmax(m.from.x, m.to.x), x0);
+    const auto r0 = index(std::fmin(m.from.y, m.to.y), y0),
+               r1 = index(std::fmax(m.from.y, m.to.y), y0);
+    for (auto r = r0; r <= r1; ++r)
+      for (auto c = c0; c <= c1; ++c) visit(static_cast<std::size_t>(r * cols + c));
+  };
+  const auto bins = static_cast<std::size_t>(rows * cols);
+  start.assign(bins + 1, 0);
+  lowest.assign(bins, INFINITY);
+  for (const Move& m : moves)
+    each_bin(m, [&](std::size_t b) {
+      ++start[b + 1];
+      lowest[b] = std::fmin(lowest[b], std::fmin(m.from.z, m.to.z));
+    });
+  std::partial_sum(start.begin(), start.end(), start.begin());
+  items.resize(start.back());
+  auto next = start;
+  for (std::uint32_t i = 0; i < moves.size(); ++i)
+    each_bin(moves[i], [&](std::size_t b) { items[next[b]++] = i; });
+}
+
+Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
+                              double ball_radius_mm, const RunContext& run) {
+  auto made = std::make_unique<Moves>();
+  Moves& m = *made;
+  m.radius = ball_radius_mm;
+  Play play{};
+  std::array<Vec3, kPlayWidths_mm.size()> slack{};
+  std::vector<Vec3> all;                // every place of the command, rapids too
+  std::vector<std::uint32_t> state_at;  // its state
+  int tool = -1;
+  std::int32_t section = -1;
+  std::size_t program_of_section = 0;
+  for (std::size_t program = 0; program < programs.size(); ++program) {
+    const auto take = [&](std::span<const cnc::Motion> motions) -> Result<void> {
+      for (const cnc::Motion& motion : motions) {
+        if (motion.probe) continue;
+        const bool rapid = motion.kind == cnc::Motion::Kind::rapid;
+        if (section < 0 || (!rapid && (motion.tool != tool || program != program_of_section))) {
+          ++section;
+          tool = motion.tool;
+          program_of_section = program;
+          m.section_start_min.push_back(m.total_min);
+        }
+        const auto take_piece = [&](Vec3 a, Vec3 b) {
+          const double length = norm(b - a);
+          if (all.empty() || !(all.back() == a)) {
+            all.push_back(a);
+            state_at.push_back(static_cast<std::uint32_t>(m.play.size()));
+            m.play.push_back(play);
+          }
+          for (std::size_t k = 0; k < play.size(); ++k) {
+            const double w = kPlayWidths_mm[k];
+            play[k] = Vec3{follow(slack[k].x, b.x - a.x, w), follow(slack[k].y, b.y - a.y, w),
+                           follow(slack[k].z, b.z - a.z, w)};
+          }
+          const double minutes =
+              length / (rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min);
+          const auto state = static_cast<std::uint32_t>(m.play.size());
+          m.play.push_back(play);
+          all.push_back(b);
+          state_at.push_back(state);
+          if (!rapid) {
+            m.moves.push_back({a, b, m.total_min, m.total_min + minutes, m.total_mm,
+                               m.total_mm + length, section, state});
+            m.total_mm += length;
+          }
+          m.total_min += minutes;
+        };
+        cnc::for_each_chord(motion, kChord_mm, [&](Vec3 a, Vec3 b) {
+          const double length = norm(b - a);
+          if (!(length > 0.0)) return;
+          const int pieces =
+              rapid ? 1 : static_cast<int>(std::fmin(1e6, std::ceil(length / kPiece_mm)));
+          Vec3 from = a;
+          for (int i = 1; i <= pieces; ++i) {
+            const Vec3 to = i == pieces ? b : a + (static_cast<double>(i) / pieces) * (b - a);
+            take_piece(from, to);
+            from = to;
+          }
+        });
+      }
+      return {};
+    };
+    MAQUETTE_TRY(const auto summary, cnc::read_gcode(programs[program], take, run));
+    (void)summary;
+  }
+  // What is the same for all of the cut is a shift, which belongs to registration.
+  for (std::size_t k = 0; k < kPlayWidths_mm.size() && m.total_mm > 0.0; ++k) {
+    Vec3 mean;
+    for (const Move& move : m.moves)
+      mean += ((move.end_mm - move.start_mm) / m.total_mm) * Vec3(m.play[move.state][k]);
+    m.play_mean[k] = mean;
+  }
+  m.lag.resize(m.play.size());
+  if (!all.empty()) m.trail(all, state_at);
+  m.bin();
+  return CutPath(std::move(made));
+}
+
+namespace {
+
+/// A move's underside over a place, and where along the move it is.
+struct Under {
+  double height = INFINITY, share = 0.0;
+};
+
+Under under(const Move& move, double x, double y, double radius) {
+  const double r2 = radius * radius;
+  const double ax = x - move.from.x, ay = y - move.from.y;
+  const double ux = move.to.x - move.from.x, uy = move.to.y - move.from.y;
+  const double plan = std::hypot(ux, uy);
+  if (plan <= 1e-9) {
+    const double q = r2 - ax * ax - ay * ay;
+    if (!(q > 0.0)) return {};
+    return {std::fmin(move.from.z, move.to.z) + radius - std::sqrt(q),
+            move.from.z < move.to.z ? 0.0 : 1.0};
+  }
+  const double s = (ax * ux + ay * uy) / plan, d = (ax * uy - ay * ux) / plan;
+  const double rho2 = r2 - d * d;
+  if (!(rho2 > 0.0)) return {};
+  const double rise = (move.to.z - move.from.z) / plan;
+  const double t = std::clamp(s - rise / std::sqrt(1.0 + rise * rise) * std::sqrt(rho2), 0.0, plan);
+  const double q = rho2 - (s - t) * (s - t);
+  if (!(q > 0.0)) return {};
+  return {move.from.z + rise * t + radius - std::sqrt(q), t / plan};
+}
+
+}  // namespace
+
+/// Calls visit(move, its underside) for all moves that come below `limit`, a reference that the
+/// visitor may lower.
+template <class Visit>
+void CutPath::Moves::each_near(double x, double y, const double& limit, const Visit& visit) const {
+  const double r2 = radius * radius;
+  const auto try_bin = [&](std::ptrdiff_t r, std::ptrdiff_t c) {
+    if (r < 0 || c < 0 || r >= rows || c >= cols) return;
+    const auto b = static_cast<std::size_t>(r * cols + c);
+    if (!(lowest[b] < limit)) return;
+    const double bx = x0 + kBin_mm * static_cast<double>(c),
+                 by = y0 + kBin_mm * static_cast<double>(r);
+    const double gx = std::fmax(0.0, std::fmax(bx - x, x - bx - kBin_mm));
+    const double gy = std::fmax(0.0, std::fmax(by - y, y - by - kBin_mm));
+    const double near2 = gx * gx + gy * gy;
+    if (near2 >= r2 || lowest[b] + radius - std::sqrt(r2 - near2) >= limit) return;
+    for (std::uint32_t i = start[b]; i < start[b + 1]; ++i) {
+      const Under u = under(moves[items[i]], x, y, radius);
+      if (u.height < limit) visit(items[i], u);
+    }
+  };
+  const auto c = static_cast<std::ptrdiff_t>(std::floor((x - x0) / kBin_mm));
+  const auto r = static_cast<std::ptrdiff_t>(std::floor((y - y0) / kBin_mm));
+  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(radius / kBin_mm));
+  for (std::ptrdiff_t ring = 0; ring <= reach; ++ring)
+    for (std::ptrdiff_t i = -ring; i <= ring; ++i)
+      for (std::ptrdiff_t j = -ring; j <= ring;
+           j += (std::abs(i) == ring || ring == 0) ? 1 : 2 * ring)
+        try_bin(r + i, c + j);
+}
+
+CutState CutPath::Moves::state(std::uint32_t index, double share) const {
+  const Move& move = moves[index];
+  CutState s;
+  s.tip = move.from + share * (move.to - move.from);
+  s.feed = normalized(move.to - move.from);
+  const double minutes = move.start_min + share * (move.end_min - move.start_min);
+  s.path_mm = move.start_mm + share * (move.end_mm - move.start_mm);
+  s.path_share = total_min > 0.0 ? minutes / total_min : 0.0;
+  s.cut_share = total_mm > 0.0 ? s.path_mm / total_mm : 0.0;
+  s.section = move.section;
+  const std::uint32_t end = move.state, begin = end > 0 ? end - 1 : 0;
+  for (std::size_t k = 0; k < s.play.size(); ++k) {
+    // Slack is taken up at once, not evenly along the move.
+    const auto taken = [&](double before, double step) {
+      return std::clamp(before + 2.0 * share * step / kPlayWidths_mm[k], -1.0, 1.0);
+    };
+    const Vec3 before = play[begin][k], step = move.to - move.from;
+    s.play[k] = Vec3{taken(before.x, step.x), taken(before.y, step.y), taken(before.z, step.z)} -
+                play_mean[k];
+  }
+  for (std::size_t k = 0; k < s.lag.size(); ++k)
+    s.lag[k] = between(lag[begin][k], lag[end][k], share);
+  return s;
+}
+
+Vec3 CutPath::Moves::normal(const CutState& s, double x, double y, double height) const {
+  return (1.0 / radius) * (s.tip + Vec3{0.0, 0.0, radius} - Vec3{x, y, height});
+}
+
+std::optional<Contact> CutPath::at(double x, double y) const {
+  const Moves& m = *moves_;
+  double best = INFINITY, share = 0.0;
+  std::uint32_t found = 0;
+  m.each_near(x, y, best, [&](std::uint32_t i, const Under& u) {
+    best = u.height;
+    share = u.share;
+    found = i;
+  });
+  if (!std::isfinite(best)) return std::nullopt;
+  Contact contact;
+  static_cast<CutState&>(contact) = m.state(found, share);
+  contact.height_mm = best;
+  contact.normal = m.normal(contact, x, y, best);
+  return contact;
+}
+
+std::vector<Rival> CutPath::rivals(double x, double y) const {
+  const Moves& m = *moves_;
+  double best = INFINITY;
+  m.each_near(x, y, best, [&](std::uint32_t, const Under& u) { best = u.height; });
+  std::vector<std::pair<std::uint32_t, Under>> near;
+  const double limit = best + kRivalHeight_mm;
+  m.each_near(x, y, limit, [&](std::uint32_t i, const Under& u) { near.emplace_back(i, u); });
+  // Moves that follow each other are one pass: its lowest stands for it.
+  std::sort(near.begin(), near.end(),
+            [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<std::pair<std::uint32_t, Under>> passes;
+  for (std::size_t i = 0; i < near.size(); ++i)
+    if (i > 0 && near[i].first - near[i - 1].first <= 3)
+      passes.back() = near[i].second.height < passes.back().second.height ? near[i] : passes.back();
+    else
+      passes.push_back(near[i]);
+  std::sort(passes.begin(), passes.end(),
+            [](const auto& a, const auto& b) { return a.second.height < b.second.height; });
+  std::vector<Rival> rivals;
+  for (std::size_t i = 1; i < passes.size() && i <= 8; ++i) {
+    Rival r;
+    r.state = m.state(passes[i].first, passes[i].second.share);
+    r.normal = m.normal(r.state, x, y, passes[i].second.height);
+    r.above_mm = passes[i].second.height - best;
+    if (r.normal.z > 0.05) rivals.push_back(std::move(r));
+  }
+  return rivals;
+}
+
+double CutPath::duration_min() const {
+  return moves_->total_min;
+}
+
+std::vector<double> CutPath::section_starts() const {
+  std::vector<double> starts;
+  for (std::size_t i = 1; i < moves_->section_start_min.size(); ++i)
+    starts.push_back(moves_->section_start_min[i] / moves_->total_min);
+  return starts;
+}
+
+}  // namespace maquette::diagnosis

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file path_contact.hpp
+/// Which place of the program made a point of the surface, and what the machine was doing then.
+///
+/// Takes   programs (G-code), the ball's radius
+/// Gives   at (x, y): height of the cut surface, the tip that made it, time, direction, play
+///
+/// Method. The surface of a ball swept along the path is the least underside over all cutting
+/// moves; the one that is least made the point. Moves are lines (arcs as chords within 2 um), with
+/// the underside in closed form (cnc/swept_cutter.hpp); squares of the plan hold their moves and
+/// their lowest tip, so that those too high are passed over.
+/// The normal is that of the ball, so displacing the tip by d moves the surface by normal . d to
+/// first order (envelope theorem), also where two passes meet.
+///
+/// Time is length over feed; rapids take 10 m/min. Accelerations are left out.
+/// Cost: 150 bytes a move; about 3 us a point at 0.5 mm between passes and a 6 mm ball.
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "diagnosis/observation.hpp"
+
+namespace maquette::diagnosis {
+
+struct Contact : CutState {
+  double height_mm = 0.0;
+  Vec3 normal;
+};
+
+class CutPath {
+ public:
+  /// @return the path, or an error of the G-code reader
+  [[nodiscard]] static Result<CutPath> read(std::span<const std::filesystem::path> programs,
+                                            double ball_radius_mm, const RunContext& run);
+  CutPath(CutPath&&) noexcept;
+  ~CutPath();
+  /// none: no cutting move within a radius.
+  [[nodiscard]] std::optional<Contact> at(double x_mm, double y_mm) const;
+  /// The other passes that come within kRivalHeight_mm of the surface there, lowest first, at
+  /// most 8.
+  [[nodiscard]] std::vector<Rival> rivals(double x_mm, double y_mm) const;
+  [[nodiscard]] double duration_min() const;
+  /// Shares of the time at which a new tool, program or band begins; the first is left out.
+  [[nodiscard]] std::vector<double> section_starts() const;
+
+ private:
+  struct Moves;
+  explicit CutPath(std::unique_ptr<Moves> moves);
+  std::unique_ptr<Moves> moves_;
+};
+
+}  // namespace maquette::diagnosis

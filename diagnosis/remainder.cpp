@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/remainder.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <numbers>
+
+#include <oneapi/tbb/parallel_for.h>
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+constexpr double kLonely = 7.0;  // robust standard deviations
+constexpr double kEdge = 7.5;
+constexpr double kLine = 22.0;  // over the mean of its ring; exponential: e^-22 each
+constexpr double kRing = 7.0;   // standard deviations of a ring's mean
+
+struct Means {
+  double side;
+  Grid<double> value, count;
+};
+
+Means means_of(const std::vector<Observation>& all, const std::vector<double>& r, const Layout& l,
+               double side) {
+  const auto cols =
+      static_cast<std::ptrdiff_t>(std::ceil(static_cast<double>(l.cols) * l.cell_mm / side - 1e-9));
+  const auto rows =
+      static_cast<std::ptrdiff_t>(std::ceil(static_cast<double>(l.rows) * l.cell_mm / side - 1e-9));
+  Means m{side, Grid<double>(rows, cols, 0.0), Grid<double>(rows, cols, 0.0)};
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (!all[i].on_surface) continue;
+    const auto c = static_cast<std::ptrdiff_t>((all[i].place.x - l.x0) / side),
+               row = static_cast<std::ptrdiff_t>((all[i].place.y - l.y0) / side);
+    if (!m.value.contains(row, c)) continue;
+    m.value(row, c) += r[i];
+    m.count(row, c) += 1.0;
+  }
+  for (std::size_t i = 0; i < m.value.cells().size(); ++i)
+    if (m.count.cells()[i] > 0.0) m.value.cells()[i] /= m.count.cells()[i];
+  return m;
+}
+
+double median(std::vector<double> v) {
+  if (v.empty()) return 0.0;
+  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+  std::nth_element(v.begin(), middle, v.end());
+  return *middle;
+}
+
+/// Values over their robust spread, each scaled by the number of its points.
+struct Scores {
+  std::vector<double> score;
+  std::vector<std::size_t> cell;
+  double spread = 0.0;
+};
+
+Scores scored(const std::vector<double>& value, const std::vector<double>& information,
+              const std::vector<std::size_t>& cell) {
+  // Variance = a + b / n by medians in halves of n would be finer; the larger of both is enough:
+  // squares with few points are compared with the spread that few points have.
+  Scores s{{}, cell, 0.0};
+  std::vector<double> absolute;
+  for (std::size_t i = 0; i < value.size(); ++i) absolute.push_back(std::abs(value[i]));
+  s.spread = 1.4826 * median(absolute);
+  const double typical = median(information);
+  for (std::size_t i = 0; i < value.size(); ++i)
+    s.score.push_back(
+        std::abs(value[i]) /
+        std::fmax(1e-12, s.spread * std::sqrt(std::fmax(1.0, typical / information[i]))));
+  return s;
+}
+
+}  // namespace
+
+Remainder judge(const std::vector<Observation>& all, const std::vector<double>& residual,
+                const Layout& l, const Bank& bank, const Fit& f, Squares& odd) {
+  Remainder rest;
+  const Theta& theta = bank.theta[static_cast<std::size_t>(f.theta)];
+  rest.smooth_mm = std::sqrt(theta.ratio * f.top_variance);
+  rest.smooth_length_mm = theta.length_mm;
+  const auto note = [&](const char* kind) {
+    if (std::find(rest.kinds.begin(), rest.kinds.end(), kind) == rest.kinds.end())
+      rest.kinds.emplace_back(kind);
+    rest.found = true;
+  };
+  odd = {l.x0, l.y0, 0.5 * l.cell_mm, {}};
+  double structured = 0.0;
+  for (const double share : {0.25, 0.5, 1.0}) {
+    const Means m = means_of(all, residual, l, share * l.cell_mm);
+    const std::ptrdiff_t rows = m.value.rows(), cols = m.value.cols();
+    if (share == 0.5) odd.in = Grid<std::uint8_t>(rows, cols, 0);
+    std::vector<double> counts;
+    for (const double c : m.count.cells())
+      if (c > 0.0) counts.push_back(c);
+    const double enough = std::fmax(3.0, 0.25 * median(counts));
+    std::vector<double> value, information;
+    std::vector<std::size_t> cell;
+    for (std::size_t i = 0; i < m.value.cells().size(); ++i)
+      if (m.count.cells()[i] >= enough) {
+        value.push_back(m.value.cells()[i]);
+        information.push_back(m.count.cells()[i]);
+        cell.push_back(i);
+      }
+    if (value.size() < 50) continue;
+    const Scores lonely = scored(value, information, cell);
+    for (std::size_t i = 0; i < lonely.score.size(); ++i)
+      if (lonely.score[i] > kLonely) note("lonely places");
+    if (share == 0.5)
+      for (std::size_t i = 0; i < lonely.score.size(); ++i)
+        if (lonely.score[i] > 4.5) {
+          const auto r = static_cast<std::ptrdiff_t>(lonely.cell[i]) / cols,
+                     c = static_cast<std::ptrdiff_t>(lonely.cell[i]) % cols;
+          for (std::ptrdiff_t dr = -1; dr <= 1; ++dr)
+            for (std::ptrdiff_t dc = -1; dc <= 1; ++dc)
+              if (odd.in.contains(r + dr, c + dc)) odd.in(r + dr, c + dc) = 1;
+        }
+    // Structure: variance of the means beyond what their points' scatter gives, from neighbours.
+    std::vector<double> step, step_information;
+    std::vector<std::size_t> step_cell;
+    double products = 0.0, pairs = 0.0, squares = 0.0;
+    for (std::ptrdiff_t r = 0; r < rows; ++r)
+      for (std::ptrdiff_t c = 0; c < cols; ++c)
+        for (const auto& [dr, dc] : {std::pair<std::ptrdiff_t, std::ptrdiff_t>{0, 1}, {1, 0}}) {
+          if (!m.value.contains(r + dr, c + dc) || m.count(r, c) < enough ||
+              m.count(r + dr, c + dc) < enough)
+            continue;
+          const double a = m.value(r, c), b = m.value(r + dr, c + dc);
+          step.push_back(a - b);
+          step_information.push_back(1.0 / (1.0 / m.count(r, c) + 1.0 / m.count(r + dr, c + dc)));
+          step_cell.push_back(static_cast<std::size_t>(r * cols + c));
+          products += a * b;
+          squares += 0.5 * (a * a + b * b);
+          pairs += 1.0;
+        }
+    const Scores edges = scored(step, step_information, step_cell);
+    std::size_t sharp = 0;
+    for (const double s : edges.score) sharp += s > kEdge ? 1 : 0;
+    if (sharp >= 2) note("edges");
+    if (pairs > 0.0) structured = std::fmax(structured, products / pairs);
+    if (share == 0.25 && squares > 0.0) {
+      rest.morans_i = products / squares;
+      rest.p_white = std::erfc(std::fmax(0.0, rest.morans_i) * std::sqrt(0.5 * pairs));
+    }
+    if (share != 0.25) continue;
+    // Periodogram of the map; places without points are zero.
+    const std::ptrdiff_t n = std::max(rows, cols), half = n / 2;
+    using Complex = std::complex<double>;
+    const auto turn = [n](std::ptrdiff_t k, std::ptrdiff_t i) {
+      return std::polar(
+          1.0, -2.0 * std::numbers::pi * static_cast<double>((k * i) % n) / static_cast<double>(n));
+    };
+    Grid<Complex> partial(rows, n), spectrum(n, n);
+    std::vector<Complex> table(static_cast<std::size_t>(n));
+    for (std::ptrdiff_t i = 0; i < n; ++i) table[static_cast<std::size_t>(i)] = turn(1, i);
+    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+      for (std::ptrdiff_t k = 0; k < n; ++k) {
+        Complex sum = 0.0;
+        for (std::ptrdiff_t c = 0; c < cols; ++c)
+          if (m.count(r, c) >= enough)
+            sum += m.value(r, c) * table[static_cast<std::size_t>((k * c) % n)];
+        partial(r, k) = sum;
+      }
+    });
+    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, n, [&](std::ptrdiff_t k) {
+      for (std::ptrdiff_t q = 0; q < n; ++q) {
+        Complex sum = 0.0;
+        for (std::ptrdiff_t r = 0; r < rows; ++r)
+          sum += partial(r, k) * table[static_cast<std::size_t>((q * r) % n)];
+        spectrum(q, k) = sum;
+      }
+    });
+    const auto signed_wave = [&](std::ptrdiff_t k) { return k > half ? k - n : k; };
+    std::vector<std::vector<double>> rings(static_cast<std::size_t>(half + 1));
+    for (std::ptrdiff_t q = 0; q < n; ++q)
+      for (std::ptrdiff_t k = 0; k < n; ++k) {
+        const double radius =
+            std::hypot(static_cast<double>(signed_wave(q)), static_cast<double>(signed_wave(k)));
+        const auto ring = static_cast<std::size_t>(std::lround(radius));
+        if (ring < rings.size()) rings[ring].push_back(std::norm(spectrum(q, k)));
+      }
+    std::vector<double> level(rings.size(), 0.0), mean(rings.size(), 0.0);
+    for (std::size_t i = 0; i < rings.size(); ++i) {
+      if (rings[i].empty()) continue;
+      level[i] = median(rings[i]) / 0.693;
+      for (const double p : rings[i]) mean[i] += p / static_cast<double>(rings[i].size());
+    }
+    // Short waves of few points a ring are compared with both neighbours' level as well.
+    for (std::size_t i = 4; i + 2 < rings.size(); ++i) {
+      const double about = std::max({level[i], 0.5 * (level[i - 1] + level[i - 2]), 1e-300});
+      for (const double p : rings[i])
+        if (p > kLine * about) note("a wave");
+      const double sides = std::fmax(mean[i - 2], mean[i + 2]);
+      const double n_ring = 0.5 * static_cast<double>(rings[i].size());  // half are mirror images
+      if (mean[i] > 1.5 * sides && (mean[i] / sides - 1.0) * std::sqrt(n_ring) > kRing * 1.4)
+        note("rings");
+    }
+  }
+  rest.structured_rms_mm = std::sqrt(std::fmax(0.0, structured));
+  return rest;
+}
+
+Map draw(const std::vector<Observation>& all, const std::vector<double>& before,
+         const std::vector<double>& after, const Box3& box) {
+  Map map;
+  const double wide = box.max.x - box.min.x, high = box.max.y - box.min.y;
+  map.cell_mm = std::fmax(wide, high) / 120.0;
+  map.x0_mm = box.min.x;
+  map.y0_mm = box.min.y;
+  const auto rows = static_cast<std::ptrdiff_t>(std::ceil(high / map.cell_mm)),
+             cols = static_cast<std::ptrdiff_t>(std::ceil(wide / map.cell_mm));
+  Grid<double> b(rows, cols, 0.0), a(rows, cols, 0.0), n(rows, cols, 0.0);
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const auto c = std::clamp<std::ptrdiff_t>(
+        static_cast<std::ptrdiff_t>((all[i].place.x - map.x0_mm) / map.cell_mm), 0, cols - 1);
+    const auto r = std::clamp<std::ptrdiff_t>(
+        static_cast<std::ptrdiff_t>((all[i].place.y - map.y0_mm) / map.cell_mm), 0, rows - 1);
+    b(r, c) += before[i];
+    a(r, c) += after[i];
+    n(r, c) += 1.0;
+  }
+  map.before = Grid<float>(rows, cols, NAN);
+  map.after = Grid<float>(rows, cols, NAN);
+  for (std::size_t i = 0; i < n.cells().size(); ++i)
+    if (n.cells()[i] > 0.0) {
+      map.before.cells()[i] = static_cast<float>(b.cells()[i] / n.cells()[i]);
+      map.after.cells()[i] = static_cast<float>(a.cells()[i] / n.cells()[i]);
+    }
+  return map;
+}
+
+}  // namespace maquette::diagnosis::detail

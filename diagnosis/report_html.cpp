@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "diagnosis/diagnose.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+std::string escaped(const std::string& s) {
+  std::string out;
+  for (const char c : s) {
+    if (c == '<')
+      out += "&lt;";
+    else if (c == '>')
+      out += "&gt;";
+    else if (c == '&')
+      out += "&amp;";
+    else
+      out += c;
+  }
+  return out;
+}
+
+std::string colour(double v, double limit) {
+  const double t = std::clamp(v / limit, -1.0, 1.0);
+  const auto mix = [](double a, double b, double k) {
+    return static_cast<int>(std::lround(a + k * (b - a)));
+  };
+  return t < 0.0 ? fmt::format("#{:02x}{:02x}{:02x}", mix(247, 33, -t), mix(247, 102, -t),
+                               mix(247, 172, -t))
+                 : fmt::format("#{:02x}{:02x}{:02x}", mix(247, 178, t), mix(247, 24, t),
+                               mix(247, 43, t));
+}
+
+/// Runs of equal colour as rectangles: a map of 120 x 120 in some 100 kB.
+std::string map_svg(const Map& m, const Grid<float>& v, double limit) {
+  std::string s =
+      fmt::format("<svg viewBox=\"0 0 {} {}\" class=\"map\" shape-rendering=\"crispEdges\">",
+                  v.cols(), v.rows());
+  for (std::ptrdiff_t r = 0; r < v.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < v.cols();) {
+      const auto at = [&](std::ptrdiff_t i) {
+        return std::isnan(v(r, i))
+                   ? std::string("#bbb")
+                   : colour(std::round(16.0 * static_cast<double>(v(r, i)) / limit) / 16.0 * limit,
+                            limit);
+      };
+      const std::string now = at(c);
+      std::ptrdiff_t e = c + 1;
+      while (e < v.cols() && at(e) == now) ++e;
+      s += fmt::format("<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"1\" fill=\"{}\"/>", c,
+                       v.rows() - 1 - r, e - c, now);
+      c = e;
+    }
+  (void)m;
+  return s + "</svg>";
+}
+
+std::string plot_svg(const Dependence& p) {
+  if (p.at.size() < 2) return "";
+  double limit = 1e-4;
+  for (std::size_t i = 0; i < p.at.size(); ++i)
+    limit = std::fmax(limit, std::fmax(std::abs(p.before[i]), std::abs(p.after[i])));
+  const double w = 300.0, h = 140.0;
+  const auto x = [&](std::size_t i) {
+    return 40.0 + (w - 50.0) * (p.at[i] - p.at.front()) / (p.at.back() - p.at.front());
+  };
+  const auto y = [&](double v) { return 0.5 * h - 0.42 * h * v / limit; };
+  std::string s = fmt::format(
+      "<figure><svg viewBox=\"0 0 {} {}\" class=\"plot\"><line x1=\"40\" x2=\"{}\" y1=\"{}\" "
+      "y2=\"{}\" stroke=\"#ccc\"/>",
+      w, h, w - 10.0, y(0.0), y(0.0));
+  const auto line = [&](const std::vector<double>& v, const char* c) {
+    s += fmt::format("<polyline fill=\"none\" stroke=\"{}\" stroke-width=\"1.5\" points=\"", c);
+    for (std::size_t i = 0; i < v.size(); ++i) s += fmt::format("{:.1f},{:.1f} ", x(i), y(v[i]));
+    s += "\"/>";
+  };
+  line(p.before, "#b2182b");
+  line(p.after, "#2166ac");
+  s += fmt::format(
+      "<text x=\"2\" y=\"{}\">{:.3f}</text><text x=\"2\" y=\"{}\">{:.3f}</text><text x=\"40\" "
+      "y=\"{}\">{:.3g}</text><text x=\"{}\" y=\"{}\" text-anchor=\"end\">{:.3g}</text>",
+      y(limit) + 4.0, limit, y(-limit), -limit, h - 1.0, p.at.front(), w - 10.0, h - 1.0,
+      p.at.back());
+  return s + fmt::format("</svg><figcaption>mean residual, mm, against {}</figcaption></figure>",
+                         escaped(p.covariate));
+}
+
+}  // namespace
+
+std::string to_html(const Diagnosis& d) {
+  std::vector<double> sizes;
+  for (const float v : d.map.before.cells())
+    if (!std::isnan(v)) sizes.push_back(std::abs(static_cast<double>(v)));
+  std::sort(sizes.begin(), sizes.end());
+  const double limit =
+      sizes.empty()
+          ? 0.05
+          : std::fmax(
+                0.005,
+                sizes[static_cast<std::size_t>(0.98 * static_cast<double>(sizes.size() - 1))]);
+  std::string s =
+      "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Diagnosis</title><style>"
+      "body{font:15px/1.45 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 "
+      "1em;color:#222}"
+      "table{border-collapse:collapse}td,th{padding:.25em .7em;border-bottom:1px solid "
+      "#ddd;text-align:left;vertical-align:top}"
+      ".map{width:100%;border:1px solid #999}.pair{display:grid;grid-template-columns:1fr "
+      "1fr;gap:1em}"
+      ".plots{display:flex;flex-wrap:wrap}.plot{width:320px}figure{margin:.3em}text{font-size:10px;"
+      "fill:#555}"
+      "figcaption{color:#555;font-size:13px}.verdict{font-size:1.3em}</style>";
+  s += fmt::format(
+      "<h1>Diagnosis</h1><p class=\"verdict\">{}</p>",
+      d.verdict == "consistent"
+          ? "Consistent: beyond noise the data show nothing that the simulation lacks."
+      : d.verdict == "explained"
+          ? "Explained: the causes below account for what the simulation lacked."
+      : d.verdict == "partly_explained"
+          ? "Partly explained: beside the causes below something remains that no cause of the "
+            "library explains."
+          : "Unexplained: there is more than noise, and no cause of the library explains it.");
+  if (!d.causes.empty()) {
+    s += "<h2>Causes</h2><table><tr><th>cause</th><th>what "
+         "happened</th><th>parameters</th><th>share of the excess</th><th>p</th><th>cannot be told "
+         "from</th><th>next measurement</th></tr>";
+    for (const Cause& c : d.causes) {
+      std::string parameters = escaped(c.law), equivalent;
+      for (const Estimate& p : c.parameters)
+        parameters += fmt::format("<br>{} = {:.4g} &plusmn; {:.2g}", p.name, p.value, p.sigma);
+      for (const auto& [name, value] : c.fixed)
+        parameters += fmt::format("<br>{} = {:.4g}", name, value);
+      for (const auto& e : c.equivalent) equivalent += e + "<br>";
+      const Effect* effect = find_effect(c.effect);
+      s += fmt::format(
+          "<tr><td><b>{}</b></td><td>{}{}</td><td>{}</td><td>{:.0f} "
+          "%</td><td>{:.1e}</td><td>{}</td><td>{}</td></tr>",
+          c.effect, effect ? escaped(effect->says) : "",
+          effect && !effect->correction.empty()
+              ? "<br><i>Correction: " + escaped(effect->correction) + "</i>"
+              : "",
+          parameters, 100.0 * c.share, c.p_value, equivalent.empty() ? "-" : equivalent,
+          escaped(c.separate_by));
+    }
+    s += "</table>";
+  }
+  s += fmt::format(
+      "<h2>Gain</h2><p>On {} points in blocks that had no part in choosing or confirming: {:.4f} "
+      "mm rms before, {:.4f} mm after; noise alone gives {:.4f} mm.</p>",
+      d.n_report, d.rms_before_mm, d.rms_after_mm, d.rms_noise_mm);
+  s += fmt::format(
+      "<div class=\"pair\"><figure>{}<figcaption>residual before, full colour at &plusmn;{:.3f} mm "
+      "(red: too high)</figcaption></figure><figure>{}<figcaption>after, same "
+      "scale</figcaption></figure></div>",
+      map_svg(d.map, d.map.before, limit), limit, map_svg(d.map, d.map.after, limit));
+  s += "<h2>What the residual depends on</h2><p>Red before, blue after.</p><div class=\"plots\">";
+  for (const Dependence& p : d.dependences) s += plot_svg(p);
+  s += "</div><h2>What remains</h2>";
+  if (d.remainder.found) {
+    std::string kinds;
+    for (const auto& k : d.remainder.kinds) kinds += (kinds.empty() ? "" : ", ") + k;
+    s += fmt::format(
+        "<p>More than noise: {}. {:.4f} mm rms, {:.0f} % of the excess variance. It has no name "
+        "here.</p>",
+        kinds, d.remainder.structured_rms_mm, 100.0 * d.remainder.share);
+  } else {
+    s += "<p>Nothing that a stationary random process would not give.</p>";
+  }
+  s += fmt::format(
+      "<p>Smooth random part {:.4f} mm (correlation length {:.0f} mm); neighbours' correlation "
+      "{:.3f}.</p>",
+      d.remainder.smooth_mm, d.remainder.smooth_length_mm, d.remainder.morans_i);
+  s += "<h2>Poses of the measurements</h2><table><tr><th>file</th><th>shift x, y, z, "
+       "mm</th><th>turn x, y, z, urad</th></tr>";
+  for (const PoseEstimate& p : d.poses)
+    s += fmt::format(
+        "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f}</td><td>{:.0f}, {:.0f}, {:.0f}</td></tr>",
+        escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, p.turn_urad.x, p.turn_urad.y,
+        p.turn_urad.z);
+  s += "</table><h2>Ruled out</h2><table>";
+  for (const Rejected& r : d.rejected)
+    s += fmt::format("<tr><td>{}</td><td>{}</td></tr>", r.effect, escaped(r.why));
+  s += "</table>";
+  if (!d.untestable.empty()) {
+    s += "<h2>Cannot be tested with these data</h2><p>";
+    for (const auto& e : d.untestable) s += e + " ";
+    s += "</p>";
+  }
+  for (const auto& n : d.notes) s += "<p>" + escaped(n) + "</p>";
+  return s + "</html>\n";
+}
+
+}  // namespace maquette::diagnosis

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "diagnosis/diagnose.hpp"
+
+namespace maquette::diagnosis {
+
+std::string to_json(const Diagnosis& d) {
+  using nlohmann::ordered_json;
+  const auto vector = [](Vec3 v) { return ordered_json::array({v.x, v.y, v.z}); };
+  ordered_json j;
+  j["schema"] = "maquette.diagnosis/1";
+  j["verdict"] = d.verdict;
+  j["causes"] = ordered_json::array();
+  for (const Cause& c : d.causes) {
+    ordered_json parameters = ordered_json::object();
+    for (const Estimate& p : c.parameters)
+      parameters[p.name] = {{"value", p.value}, {"sigma", p.sigma}};
+    for (const auto& [name, value] : c.fixed)
+      parameters[name] = {{"value", value}, {"sigma", nullptr}};
+    j["causes"].push_back({{"effect", c.effect},
+                           {"law", c.law},
+                           {"parameters", parameters},
+                           {"share_of_excess_variance", c.share},
+                           {"p_value", c.p_value},
+                           {"equivalent", c.equivalent},
+                           {"separate_by", c.separate_by}});
+  }
+  j["gain"] = {{"rms_before", d.rms_before_mm},
+               {"rms_after", d.rms_after_mm},
+               {"rms_expected_from_noise", d.rms_noise_mm},
+               {"n_confirm", d.n_report},
+               {"data", "blocks never used for the choice"}};
+  j["residual_after"] = {
+      {"morans_i", d.remainder.morans_i},
+      {"p_white", d.remainder.p_white},
+      {"unexplained_share", d.remainder.found ? d.remainder.share : 0.0},
+      {"unexplained_kinds", d.remainder.kinds},
+      {"unexplained_rms_mm", d.remainder.found ? d.remainder.structured_rms_mm : 0.0},
+      {"smooth_noise_mm", d.remainder.smooth_mm},
+      {"smooth_noise_length_mm", d.remainder.smooth_length_mm}};
+  j["extended_model"] = "extended.toml";
+  j["poses"] = ordered_json::array();
+  for (const PoseEstimate& p : d.poses)
+    j["poses"].push_back({{"points", p.set_up},
+                          {"shift_mm", vector(p.shift_mm)},
+                          {"shift_sigma_mm", vector(p.shift_sigma_mm)},
+                          {"turn_urad", vector(p.turn_urad)},
+                          {"turn_sigma_urad", vector(p.turn_sigma_urad)}});
+  j["ruled_out"] = ordered_json::array();
+  for (const Rejected& r : d.rejected)
+    j["ruled_out"].push_back({{"effect", r.effect}, {"why", r.why}});
+  j["cannot_be_tested"] = d.untestable;
+  j["notes"] = d.notes;
+  return j.dump(1);
+}
+
+std::string extension_toml(const Diagnosis& d) {
+  std::string text = "\n# What the diagnosis has added to the model.\n";
+  for (const Cause& c : d.causes) {
+    text += fmt::format("\n[[cause]]\neffect = \"{}\"\nlaw = \"{}\"\n", c.effect, c.law);
+    for (std::size_t k = 0; k < c.parameters.size(); ++k)
+      text += fmt::format("{}{}{}", k == 0 ? "names = [\"" : ", \"", c.parameters[k].name,
+                          k + 1 == c.parameters.size() ? "\"]\n" : "\"");
+    for (std::size_t k = 0; k < c.parameters.size(); ++k)
+      text += fmt::format("{}{}{}", k == 0 ? "values = [" : ", ", c.parameters[k].value,
+                          k + 1 == c.parameters.size() ? "]\n" : "");
+  }
+  return text;
+}
+
+}  // namespace maquette::diagnosis

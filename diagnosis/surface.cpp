@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/surface.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <oneapi/tbb/parallel_for.h>
+
+namespace maquette::diagnosis {
+namespace {
+using heightmap::ModelField;
+constexpr double kMostNodes = 640.0;  // of a side, of the grids that curvature is taken from
+
+/// Separable Gaussian; nodes without height count for nothing.
+Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
+  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(3.5 * sigma_nodes));
+  std::vector<double> kernel(static_cast<std::size_t>(2 * reach + 1));
+  for (std::ptrdiff_t i = -reach; i <= reach; ++i) {
+    const double u = static_cast<double>(i) / std::fmax(sigma_nodes, 1e-3);
+    kernel[static_cast<std::size_t>(i + reach)] = std::exp(-0.5 * u * u);
+  }
+  const auto pass = [&](const Grid<float>& in, bool along_rows) {
+    Grid<float> out(in.rows(), in.cols(), NAN);
+    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, in.rows(), [&](std::ptrdiff_t r) {
+      for (std::ptrdiff_t c = 0; c < in.cols(); ++c) {
+        double sum = 0.0, weight = 0.0;
+        for (std::ptrdiff_t k = -reach; k <= reach; ++k) {
+          // Reflected at the border, so that a slope stays a slope there as well as it can.
+          std::ptrdiff_t rr = along_rows ? r : r + k, cc = along_rows ? c + k : c;
+          if (!in.contains(rr, cc)) continue;
+          const float v = in(rr, cc);
+          if (std::isnan(v)) continue;
+          sum += kernel[static_cast<std::size_t>(k + reach)] * static_cast<double>(v);
+          weight += kernel[static_cast<std::size_t>(k + reach)];
+        }
+        if (weight > 0.0) out(r, c) = static_cast<float>(sum / weight);
+      }
+    });
+    return out;
+  };
+  return pass(pass(z, true), false);
+}
+
+double median(std::vector<double>& v) {
+  if (v.empty()) return NAN;
+  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+  std::nth_element(v.begin(), middle, v.end());
+  return *middle;
+}
+}  // namespace
+
+std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y) const {
+  const double z = heightmap::height_at(design_, x, y);
+  if (std::isnan(z)) return std::nullopt;
+  if (path_ == nullptr) {
+    const double h = 0.5 * design_.spacing.value();
+    const double x0 = design_.x0.value(), x1 = design_.x_mm(design_.z_mm.cols() - 1);
+    const double y0 = design_.y0.value(), y1 = design_.y_mm(design_.z_mm.rows() - 1);
+    const double xa = std::fmax(x0, x - h), xb = std::fmin(x1, x + h);
+    const double ya = std::fmax(y0, y - h), yb = std::fmin(y1, y + h);
+    const double gx =
+        (heightmap::height_at(design_, xb, y) - heightmap::height_at(design_, xa, y)) / (xb - xa);
+    const double gy =
+        (heightmap::height_at(design_, x, yb) - heightmap::height_at(design_, x, ya)) / (yb - ya);
+    if (std::isnan(gx) || std::isnan(gy)) return std::nullopt;
+    return Place{z, normalized(Vec3{-gx, -gy, 1.0}), std::nullopt, z};
+  }
+  auto contact = path_->at(x, y);
+  if (!contact) return std::nullopt;
+  return Place{contact->height_mm, contact->normal, contact, z};
+}
+
+SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path, const RunContext&)
+    : design_(design), path_(path) {
+  const double wide = design.x_mm(design.z_mm.cols() - 1) - design.x0.value();
+  const double high = design.y_mm(design.z_mm.rows() - 1) - design.y0.value();
+  const double step = std::fmax(design.spacing.value(), std::fmax(wide, high) / kMostNodes);
+  ModelField cut{Grid<float>(static_cast<std::ptrdiff_t>(high / step) + 1,
+                             static_cast<std::ptrdiff_t>(wide / step) + 1, NAN),
+                 Millimetres{step}, design.x0, design.y0};
+  Grid<float> off(cut.z_mm.rows(), cut.z_mm.cols(), NAN);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, cut.z_mm.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < cut.z_mm.cols(); ++c)
+      if (const auto place = at(cut.x_mm(c), cut.y_mm(r))) {
+        cut.z_mm(r, c) = static_cast<float>(place->height_mm);
+        off(r, c) = static_cast<float>(place->height_mm - place->design_mm);
+      }
+  });
+  std::vector<double> d;
+  for (const float v : off.cells())
+    if (!std::isnan(v)) d.push_back(static_cast<double>(v));
+  cut_share_ = static_cast<double>(d.size()) / static_cast<double>(off.cells().size());
+  const double middle = median(d);
+  for (double& v : d) v = std::abs(v - middle);
+  misfit_ = d.empty() ? INFINITY : 1.4826 * median(d);
+  for (std::size_t k = 0; k < smooth_.size(); ++k)
+    smooth_[k] = {smoothed(cut.z_mm, kCurvatureScales_mm[k] / step), cut.spacing, cut.x0, cut.y0};
+}
+
+std::array<Curvature, kCurvatureScales_mm.size()> SimulatedSurface::curvature(double x,
+                                                                              double y) const {
+  std::array<Curvature, kCurvatureScales_mm.size()> all;
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    const ModelField& f = smooth_[k];
+    const double s = f.spacing.value();
+    const double u = (x - f.x0.value()) / s, v = (y - f.y0.value()) / s;
+    const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
+    if (rows < 4 || cols < 4) continue;
+    const auto c = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(u), 1, cols - 3);
+    const auto r = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(v), 1, rows - 3);
+    const double a = std::clamp(u - static_cast<double>(c), 0.0, 1.0),
+                 b = std::clamp(v - static_cast<double>(r), 0.0, 1.0);
+    double xx = 0.0, xy = 0.0, yy = 0.0;
+    for (const std::ptrdiff_t i : {0, 1})
+      for (const std::ptrdiff_t j : {0, 1}) {
+        const double w = (i == 0 ? 1.0 - b : b) * (j == 0 ? 1.0 - a : a);
+        const auto z = [&](std::ptrdiff_t dr, std::ptrdiff_t dc) {
+          return static_cast<double>(f.z_mm(r + i + dr, c + j + dc));
+        };
+        xx += w * (z(0, 1) - 2.0 * z(0, 0) + z(0, -1));
+        yy += w * (z(1, 0) - 2.0 * z(0, 0) + z(-1, 0));
+        xy += w * 0.25 * (z(1, 1) - z(1, -1) - z(-1, 1) + z(-1, -1));
+      }
+    const double q = 1.0 / (s * s);
+    const auto safe = [](double h) { return std::isfinite(h) ? static_cast<float>(h) : 0.0F; };
+    all[k] = {safe(q * xx), safe(q * xy), safe(q * yy)};
+  }
+  return all;
+}
+
+}  // namespace maquette::diagnosis

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/waves.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <numbers>
+
+#include <oneapi/tbb/parallel_for.h>
+
+namespace maquette::diagnosis::detail {
+
+std::vector<double> strongest_waves(const std::vector<Observation>& all,
+                                    const std::vector<double>& residual, const Layout& layout,
+                                    int axis, double span) {
+  constexpr double kStep = 0.5, kFirst = 6.0;
+  const auto count =
+      static_cast<std::size_t>(std::clamp((span / 0.8 - kFirst) / kStep, 1.0, 1200.0));
+  // Sorted into bins finer than the shortest wave: a sum for each bin stands for its points.
+  const double bin = span / 2048.0;
+  std::vector<double> sum(2048, 0.0);
+  double squares = 0.0, n = 0.0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Observation& o = all[i];
+    if (layout.set_of(o.place.x, o.place.y) != kChoose) continue;
+    const double at = (axis == 0 ? o.tip.x - layout.x0 : o.tip.y - layout.y0) / bin;
+    if (!(at >= 0.0 && at < 2048.0)) continue;
+    sum[static_cast<std::size_t>(at)] += residual[i];
+    squares += residual[i] * residual[i];
+    n += 1.0;
+  }
+  std::vector<double> power(count, 0.0);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    const double waves = kFirst + kStep * static_cast<double>(k);
+    std::complex<double> total = 0.0,
+                         turn = std::polar(1.0, 2.0 * std::numbers::pi * waves / 2048.0), now = 1.0;
+    for (std::size_t b = 0; b < sum.size(); ++b) {
+      total += sum[b] * now;
+      now *= turn;
+    }
+    power[k] = std::norm(total) / std::fmax(1e-300, squares);
+  });
+  // Against the line's surroundings: correlated noise has no even spectrum.
+  std::vector<std::pair<double, double>> found;
+  for (std::size_t k = 0; k < count; ++k) {
+    std::vector<double> near;
+    for (std::size_t j = k > 30 ? k - 30 : 0; j < std::min(count, k + 31); ++j)
+      if (j + 4 < k || j > k + 4) near.push_back(power[j]);
+    if (near.empty()) continue;
+    std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2),
+                     near.end());
+    const double level = near[near.size() / 2] / 0.693;
+    const bool peak =
+        (k == 0 || power[k] >= power[k - 1]) && (k + 1 == count || power[k] >= power[k + 1]);
+    if (peak && power[k] > 14.0 * level)
+      found.emplace_back(power[k], kFirst + kStep * static_cast<double>(k));
+  }
+  std::sort(found.rbegin(), found.rend());
+  std::vector<double> waves;
+  for (const auto& [p, w] : found)
+    if (waves.size() < 4) waves.push_back(w);
+  return waves;
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// Inference on observations made by hand: what is hidden is known, the surface is a formula.
+//
+//   nothing hidden, white, rough and smooth noise ... nothing is claimed
+//   registration errors alone ....................... nothing is claimed
+//   one cause ....................................... named, with a size within its errors
+//   two causes ...................................... both, no third
+//   a coat .......................................... not eaten by registration
+//   a bow and a drift, near-collinear ............... told apart, or named together
+//   dents, rings .................................... unexplained, no name
+//   chi-squared tail ................................ tabulated values
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "core/random.hpp"
+#include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/diagnose.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+struct Noise {
+  double white_mm = 0.05;
+  double smooth_mm = 0.0, smooth_length_mm = 20.0;
+  double wrong_pose_mm = 0.02;
+};
+
+/// Two set-ups of 20 000 points on a wavy part of 160 mm, cut along x.
+Measurements part(std::uint64_t seed, const Noise& noise,
+                  const std::function<double(const Observation&)>& hidden) {
+  Measurements m;
+  m.scene.box.add({0, 0, 0});
+  m.scene.box.add({160, 160, 20});
+  m.scene.has_path = true;
+  m.scene.duration_min = 20.0;
+  m.scene.has_station = {true, true};
+  m.scene.stations = {{80, -900, 900}, {980, 80, 900}};
+  struct Wave {
+    double kx, ky, phase;
+  };
+  std::vector<Wave> waves;
+  for (std::uint64_t i = 0; i < 80; ++i)
+    waves.push_back({random_normal(seed + 5, 3 * i) / noise.smooth_length_mm,
+                     random_normal(seed + 5, 3 * i + 1) / noise.smooth_length_mm,
+                     6.283 * random_uniform(seed + 5, 7000 + i)});
+  for (std::uint32_t s = 0; s < 2; ++s) {
+    SetUp set_up;
+    set_up.name = "scan";
+    set_up.centre_mm = {80, 80, 10};
+    m.set_ups.push_back(set_up);
+    Vec3 shift{}, turn{};
+    shift = {noise.wrong_pose_mm * random_normal(seed + s, 1),
+             noise.wrong_pose_mm * random_normal(seed + s, 2),
+             noise.wrong_pose_mm * random_normal(seed + s, 3)};
+    turn = (noise.wrong_pose_mm / 80.0) *
+           Vec3{random_normal(seed + s, 4), random_normal(seed + s, 5), random_normal(seed + s, 6)};
+    for (std::uint64_t i = 0; i < 20'000; ++i) {
+      Observation o;
+      const std::uint64_t k = i + 20'000 * s;
+      const double x = 2.0 + 156.0 * random_uniform(seed + 1, 2 * k),
+                   y = 2.0 + 156.0 * random_uniform(seed + 1, 2 * k + 1);
+      const double gx = 0.35 * std::cos(x / 7.0) + 0.2 * std::cos(0.09 * x + 0.13 * y),
+                   gy = 0.3 * std::sin(y / 9.0 + 0.02 * x) + 0.28 * std::cos(0.09 * x + 0.13 * y);
+      o.place = {x, y,
+                 10.0 + 2.45 * std::sin(x / 7.0) - 2.7 * std::cos(y / 9.0) +
+                     2.2 * std::sin(0.09 * x + 0.13 * y)};
+      o.normal = o.along = normalized(Vec3{-gx, -gy, 1.0});
+      o.tip = o.place + 3.0 * (o.normal - Vec3{0, 0, 1});
+      const double pass = std::floor(y / 0.5), way = std::fmod(pass, 2.0) == 0.0 ? 1.0 : -1.0;
+      o.feed = normalized(Vec3{way, 0.0, way * gx});
+      o.path_share = o.cut_share = (pass + (way > 0 ? x : 160.0 - x) / 160.0) / 320.0;
+      o.path_mm = o.path_share * 51'200.0;
+      for (auto& p : o.play) p = Vec3{way, 1.0, gx * way > 0 ? 1.0 : -1.0};
+      o.set_up = s;
+      const Vec3 v = o.place - m.scene.stations[s];
+      o.has_station = true;
+      o.range_mm = norm(v);
+      o.beam = (1.0 / o.range_mm) * v;
+      double smooth = 0.0;
+      if (noise.smooth_mm > 0.0)
+        for (const Wave& w : waves)
+          smooth +=
+              std::sqrt(2.0 / 80.0) * noise.smooth_mm * std::cos(w.kx * x + w.ky * y + w.phase);
+      o.residual_mm = noise.white_mm * random_normal(seed + 2, k) + smooth * o.normal.z +
+                      dot(o.along, shift + cross(turn, o.place - set_up.centre_mm)) + hidden(o);
+      m.observations.push_back(o);
+    }
+  }
+  return m;
+}
+
+double nothing(const Observation&) {
+  return 0.0;
+}
+
+bool names(const Cause& c, const std::string& name) {
+  return c.effect == name ||
+         std::find(c.equivalent.begin(), c.equivalent.end(), name) != c.equivalent.end();
+}
+
+class InferenceSeeded : public testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Seed, InferenceSeeded, testing::Range(1, 3));
+
+TEST_P(InferenceSeeded, ClaimsNothingOnNoise) {
+  const auto seed = static_cast<std::uint64_t>(100 * GetParam());
+  for (const Noise noise :
+       {Noise{}, Noise{0.05, 0.01, 12.0, 0.02}, Noise{0.04, 0.015, 60.0, 0.1}}) {
+    const auto d = diagnose(part(seed, noise, nothing), 1);
+    ASSERT_TRUE(d.has_value());
+    EXPECT_TRUE(d->causes.empty())
+        << d->causes[0].effect << " with smooth noise of " << noise.smooth_length_mm << " mm";
+  }
+}
+
+TEST_P(InferenceSeeded, NamesOneCauseWithItsSize) {
+  const auto seed = static_cast<std::uint64_t>(100 * GetParam() + 7);
+  const auto d =
+      diagnose(part(seed, {0.05, 0.005, 15.0, 0.02},
+                    [](const Observation& o) { return 0.0005 * o.normal.x * (o.tip.x - 80.0); }),
+               1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U);
+  EXPECT_EQ(d->causes[0].effect, "machine.scale_x");
+  EXPECT_EQ(d->verdict, "explained");
+  const Estimate& p = d->causes[0].parameters.at(0);
+  EXPECT_EQ(p.name, "error_um_per_m");
+  EXPECT_NEAR(p.value, 500.0, 4.5 * p.sigma);  // three seeds at 4.5 sigma: 2e-5
+  EXPECT_LT(p.sigma, 100.0);
+  EXPECT_LT(d->rms_after_mm, d->rms_before_mm);
+}
+
+TEST(Inference, NamesTwoCausesAndNoThird) {
+  const auto d = diagnose(part(42, {},
+                               [](const Observation& o) {
+                                 return -0.06 * o.normal.x * o.play[0].x -
+                                        0.08 * o.normal.z * (1.0 - std::exp(-o.path_share / 0.2));
+                               }),
+                          1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 2U);
+  EXPECT_TRUE(names(d->causes[0], "machine.thermal_growth_z") ||
+              names(d->causes[1], "machine.thermal_growth_z"));
+  EXPECT_TRUE(names(d->causes[0], "machine.backlash_x") ||
+              names(d->causes[1], "machine.backlash_x"));
+}
+
+TEST(Inference, KeepsACoatFromRegistration) {
+  const auto d =
+      diagnose(part(43, {}, [](const Observation& o) { return 0.08 * dot(o.along, o.normal); }), 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U);
+  EXPECT_TRUE(names(d->causes[0], "coating.thickness"));
+}
+
+TEST(Inference, TellsABowFromADriftOrNamesBoth) {
+  for (const std::uint64_t seed : {44U, 45U}) {
+    const auto d =
+        diagnose(part(seed, {0.05, 0.01, 40.0, 0.02},
+                      [](const Observation& o) {
+                        return 0.05 * o.normal.z * std::pow((o.place.y - 80.0) / 80.0, 2);
+                      }),
+                 1);
+    ASSERT_TRUE(d.has_value());
+    for (const Cause& c : d->causes)
+      EXPECT_TRUE(names(c, "stock.warp") || names(c, "machine.straightness_y")) << c.effect;
+  }
+}
+
+TEST(Inference, GivesNoNameToDents) {
+  const auto d = diagnose(
+      part(46, {},
+           [](const Observation& o) {
+             double v = 0.0;
+             for (const Vec3 c : {Vec3{40, 60, 0}, Vec3{120, 90, 0}, Vec3{70, 130, 0}})
+               v -= 0.2 *
+                    std::exp(-0.5 * (std::pow(o.place.x - c.x, 2) + std::pow(o.place.y - c.y, 2)) /
+                             16.0);
+             return v * o.normal.z;
+           }),
+      1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty());
+  EXPECT_EQ(d->verdict, "unexplained");
+}
+
+TEST(Inference, GivesNoNameToRings) {
+  const auto d =
+      diagnose(part(47, {},
+                    [](const Observation& o) {
+                      return 0.05 * std::sin(0.7 * std::hypot(o.place.x - 50.0, o.place.y - 90.0));
+                    }),
+               1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty());
+  EXPECT_EQ(d->verdict, "unexplained");
+}
+
+TEST(Inference, SameSeedSameAnswer) {
+  const auto m = part(48, {}, [](const Observation& o) {
+    return 0.05 * o.normal.z * (o.path_share > 0.4 ? 1.0 : 0.0);
+  });
+  const auto a = diagnose(m, 3), b = diagnose(m, 3);
+  ASSERT_TRUE(a && b);
+  EXPECT_EQ(to_json(*a), to_json(*b));
+  const auto j = nlohmann::json::parse(to_json(*a));
+  EXPECT_EQ(j["schema"], "maquette.diagnosis/1");
+  EXPECT_EQ(j["gain"]["data"], "blocks never used for the choice");
+  ASSERT_FALSE(j["causes"].empty());
+  EXPECT_TRUE(names(a->causes[0], "machine.step_loss_z")) << a->causes[0].effect;
+  EXPECT_FALSE(j["causes"][0]["parameters"].empty());
+}
+
+TEST(Chi2, MatchesTables) {
+  EXPECT_NEAR(detail::chi2_tail(3.841, 1), 0.05, 2e-5);
+  EXPECT_NEAR(detail::chi2_tail(9.210, 2), 0.01, 1e-5);
+  EXPECT_NEAR(detail::chi2_tail(11.345, 3), 0.01, 1e-5);
+  EXPECT_NEAR(detail::chi2_tail(18.307, 10), 0.05, 1e-5);
+  EXPECT_NEAR(detail::chi2_tail(22.458, 7), 0.00209, 2e-4);
+  EXPECT_EQ(detail::chi2_tail(-1.0, 3), 1.0);
+}
+
+}  // namespace
+}  // namespace maquette::diagnosis

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// From files to observations, and what is refused.
+
+#include <cmath>
+#include <fstream>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "core/random.hpp"
+#include "diagnosis/case_input.hpp"
+#include "diagnosis/probe_table.hpp"
+#include "heightmap/field_io.hpp"
+#include "scan/cloud.hpp"
+#include "scan/register.hpp"
+#include "support/matchers.hpp"
+#include "support/scan_terrain.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+using testing_support::FailsWith;
+using testing_support::points_on;
+using testing_support::rough_part;
+using testing_support::ScratchFolder;
+using testing_support::Succeeds;
+
+struct Files {
+  ScratchFolder folder;
+  heightmap::ModelField design = rough_part(1, 121, 121, 0.5);
+  CaseInput input;
+  Files() {
+    input.design = folder / "design.tif";
+    EXPECT_THAT(heightmap::write_model_field(design, input.design), Succeeds());
+  }
+  void scan(scan::Cloud cloud, std::optional<Vec3> station = Vec3{30, -500, 500}) {
+    const auto file = folder / fmt::format("scan{}.ply", input.scans.size());
+    EXPECT_THAT(scan::write_cloud(cloud, file), Succeeds());
+    input.scans.push_back({file, station, 0.05});
+  }
+  std::filesystem::path text(const char* name, const std::string& content) const {
+    std::ofstream(folder / name) << content;
+    return folder / name;
+  }
+};
+
+TEST(Measure, GivesResidualsAlongTheNormal) {
+  Files f;
+  auto cloud = points_on(f.design, 20'000, 1);
+  for (Vec3& p : cloud.points_mm)
+    p.z += 0.02 * random_normal(5, static_cast<std::uint64_t>(&p - cloud.points_mm.data()));
+  f.scan(cloud);
+  const auto m = measure(f.input);
+  ASSERT_THAT(m, Succeeds());
+  EXPECT_GT(m->observations.size(), 18'000U);
+  double squares = 0.0;
+  for (const Observation& o : m->observations) {
+    squares += o.residual_mm * o.residual_mm / (o.normal.z * o.normal.z);
+    EXPECT_NEAR(norm(o.normal), 1.0, 1e-9);
+    EXPECT_TRUE(o.has_station);
+  }
+  EXPECT_NEAR(std::sqrt(squares / static_cast<double>(m->observations.size())), 0.02, 0.001);
+  ASSERT_EQ(m->notes.size(), 1U) << "no program: said";
+}
+
+TEST(Measure, SaysWhatAScanWithoutStationCannotTell) {
+  Files f;
+  f.scan(points_on(f.design, 20'000, 1), std::nullopt);
+  const auto m = measure(f.input);
+  ASSERT_THAT(m, Succeeds());
+  bool said = false;
+  for (const auto& n : m->notes) said |= n.find("no scanner position") != std::string::npos;
+  EXPECT_TRUE(said);
+  EXPECT_FALSE(m->observations[0].has_station);
+}
+
+TEST(Measure, RefusesAnotherPart) {
+  Files f;
+  f.scan(points_on(rough_part(77, 121, 121, 0.5), 20'000, 1));
+  EXPECT_THAT(measure(f.input), FailsWith(kOtherPart));
+}
+
+TEST(Measure, RefusesAUnitSlip) {
+  Files f;
+  auto cloud = points_on(f.design, 20'000, 1);
+  for (Vec3& p : cloud.points_mm) p = 0.001 * p;
+  f.scan(cloud);
+  EXPECT_THAT(measure(f.input), FailsWith(scan::kUnitSlip));
+}
+
+TEST(Measure, RefusesAProgramOfAnotherPart) {
+  Files f;
+  f.scan(points_on(f.design, 20'000, 1));
+  std::string program = "G21 G90 F1000\nG0 X0 Y0 Z30\n";
+  for (int i = 0; i <= 120; ++i)
+    program += fmt::format("G1 X{} Y{}\n", i % 2 == 0 ? 60 : 0, 0.5 * i);
+  f.input.programs = {f.text("part.ngc", program + "M30\n")};
+  EXPECT_THAT(measure(f.input), FailsWith(kOtherProgram));
+}
+
+TEST(Measure, RefusesTooFewAndTooNarrow) {
+  Files few;
+  few.scan(points_on(few.design, 40, 1));
+  EXPECT_THAT(measure(few.input), FailsWith(kTooFewMeasurements));
+  Files narrow;
+  auto cloud = points_on(narrow.design, 40'000, 1);
+  std::erase_if(cloud.points_mm, [](Vec3 p) { return p.x > 9.0 || p.y > 9.0; });
+  const auto file = narrow.folder / "probe.csv";
+  std::string rows = "x_nominal_mm,y_nominal_mm,x_mm,y_mm,z_mm\n";
+  for (std::size_t i = 0; i < 200; ++i)
+    rows += fmt::format("{0},{1},{0},{1},{2}\n", cloud.points_mm[i].x, cloud.points_mm[i].y,
+                        cloud.points_mm[i].z);
+  narrow.input.probes = {narrow.text("probe.csv", rows)};
+  EXPECT_THAT(measure(narrow.input), FailsWith(kTooFewMeasurements));
+}
+
+TEST(Probes, AreReadByTheNamesOfTheirColumns) {
+  Files f;
+  const auto rows = read_probe_table(f.text(
+      "cmm.csv",
+      "# by hand\nsigma_mm; "
+      "Y_nominal_mm;X_nominal_mm;x_mm;y_mm;remark\n0,004;20;10;10,01;20,02;a\n;30;11;11;30;b\n"));
+  ASSERT_THAT(rows, Succeeds());
+  ASSERT_EQ(rows->size(), 2U);
+  EXPECT_DOUBLE_EQ((*rows)[0].x_nominal_mm, 10.0);
+  EXPECT_DOUBLE_EQ((*rows)[0].y_mm, 20.02);
+  EXPECT_DOUBLE_EQ((*rows)[0].sigma_mm.value(), 0.004);
+  EXPECT_FALSE((*rows)[0].z_mm.has_value());
+  EXPECT_FALSE((*rows)[1].sigma_mm.has_value());
+}
+
+TEST(Probes, SayWhereATableIsWrong) {
+  Files f;
+  const auto missing = read_probe_table(f.text("a.csv", "x_nominal_mm,x_mm,y_mm\n1,2,3\n"));
+  ASSERT_THAT(missing, FailsWith(kProbeTable));
+  EXPECT_NE(missing.error().message.find("y_nominal_mm"), std::string::npos);
+  const auto word = read_probe_table(
+      f.text("b.csv", "x_nominal_mm,y_nominal_mm,x_mm,y_mm\n1,2,3,4\n1,2,three,4\n"));
+  ASSERT_THAT(word, FailsWith(kProbeTable));
+  EXPECT_NE(word.error().message.find(":3:"), std::string::npos);
+  EXPECT_THAT(read_probe_table(f.text("c.csv", "x_nominal_mm,y_nominal_mm,x_mm,y_mm\n")),
+              FailsWith(kProbeTable));
+}
+
+TEST(Probes, MarksInPlanMeasureBothWays) {
+  Files f;
+  std::string rows = "x_nominal_mm,y_nominal_mm,x_mm,y_mm\n";
+  for (int i = 0; i < 100; ++i) {
+    const double x = 3.0 + 54.0 * random_uniform(3, static_cast<std::uint64_t>(2 * i)),
+                 y = 3.0 + 54.0 * random_uniform(3, static_cast<std::uint64_t>(2 * i + 1));
+    rows += fmt::format("{},{},{},{}\n", x, y, x + 0.01, y - 0.02);
+  }
+  f.input.probes = {f.text("cmm.csv", rows)};
+  const auto m = measure(f.input);
+  ASSERT_THAT(m, Succeeds());
+  ASSERT_EQ(m->observations.size(), 200U);
+  EXPECT_NEAR(m->observations[0].residual_mm, 0.01, 1e-9);
+  EXPECT_NEAR(m->observations[1].residual_mm, -0.02, 1e-9);
+  EXPECT_FALSE(m->observations[0].on_surface);
+}
+
+}  // namespace
+}  // namespace maquette::diagnosis

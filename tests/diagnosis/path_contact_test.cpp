@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// What is claimed in diagnosis/path_contact.hpp, and how:
+//
+//   height and normal ... against the least of dense samples of the path (shares no code)
+//   tip, time, length ... of a straight program by hand
+//   play ................ sign of the last motion of each axis, by hand
+//   lag ................. circle: half the square of the lag over the radius, inwards
+//   sections ............ tool changes start new ones
+
+#include "diagnosis/path_contact.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "core/random.hpp"
+#include "support/matchers.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+using testing_support::ScratchFolder;
+
+CutPath path_of(const ScratchFolder& scratch, const std::string& text, double radius = 3.0) {
+  const auto file = scratch / "part.ngc";
+  std::ofstream(file) << text;
+  const std::vector<std::filesystem::path> files{file};
+  auto path = CutPath::read(files, radius, {});
+  EXPECT_TRUE(path.has_value());
+  return std::move(*path);
+}
+
+class CutPathSeeded : public testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Seed, CutPathSeeded, testing::Range(1, 5));
+
+TEST_P(CutPathSeeded, IsTheLeastOfDenseSamples) {
+  const auto seed = static_cast<std::uint64_t>(GetParam());
+  const ScratchFolder scratch;
+  std::vector<Vec3> places;
+  std::string text = "G21 G90 G94\nF1000\nG0 X0 Y0 Z9\n";
+  places.push_back({0, 0, 9});
+  for (int i = 0; i < 60; ++i) {
+    const auto u = [&](int k) {
+      return random_uniform(seed, static_cast<std::uint64_t>(4 * i + k));
+    };
+    places.push_back({20.0 * u(0), 20.0 * u(1), 4.0 * u(2)});
+    text += fmt::format("G1 X{:.9f} Y{:.9f} Z{:.9f}\n", places.back().x, places.back().y,
+                        places.back().z);
+  }
+  const CutPath path = path_of(scratch, text + "M30\n");
+  for (int q = 0; q < 60; ++q) {
+    const double x = 20.0 * random_uniform(seed + 99, static_cast<std::uint64_t>(2 * q));
+    const double y = 20.0 * random_uniform(seed + 99, static_cast<std::uint64_t>(2 * q + 1));
+    double least = INFINITY;
+    Vec3 normal;
+    for (std::size_t i = 1; i < places.size(); ++i)
+      for (int k = 0; k <= 4000; ++k) {
+        const Vec3 t = places[i - 1] + (k / 4000.0) * (places[i] - places[i - 1]);
+        const double q2 = 9.0 - (x - t.x) * (x - t.x) - (y - t.y) * (y - t.y);
+        if (q2 <= 0.0) continue;
+        const double z = t.z + 3.0 - std::sqrt(q2);
+        if (z >= least) continue;
+        least = z;
+        normal = (1.0 / 3.0) * (t + Vec3{0, 0, 3.0} - Vec3{x, y, z});
+      }
+    const auto contact = path.at(x, y);
+    ASSERT_EQ(contact.has_value(), std::isfinite(least));
+    if (!contact) continue;
+    // Samples are 0.007 mm apart at most; near the rim heights change fast.
+    EXPECT_LE(contact->height_mm, least + 1e-7) << "written with 9 decimals";
+    EXPECT_NEAR(contact->height_mm, least, 2e-5 / std::fmax(0.02, normal.z));
+    EXPECT_NEAR(norm(contact->normal), 1.0, 1e-9);
+    EXPECT_NEAR(norm(contact->tip + Vec3{0, 0, 3.0} - Vec3{x, y, contact->height_mm}), 3.0, 1e-9);
+  }
+}
+
+TEST(CutPath, CountsTimeLengthAndSections) {
+  const ScratchFolder scratch;
+  const CutPath path = path_of(scratch,
+                               "G21 G90\nT1 M6\nG0 X0 Y0 Z0\nG1 X100 F1000\nG0 Z10\nT2 M6\nG0 X0 "
+                               "Y50\nG1 Z0 F100\nG1 X100 F500\nM30\n");
+  const double first = 0.1, up = 0.001, over = std::hypot(100.0, 50.0) / 10'000.0, down = 0.1,
+               last = 0.2;
+  EXPECT_NEAR(path.duration_min(), first + up + over + down + last, 1e-9);
+  const auto a = path.at(25.0, 1.0);
+  ASSERT_TRUE(a.has_value());
+  EXPECT_NEAR(a->path_share, 0.025 / path.duration_min(), 1e-9);
+  EXPECT_NEAR(a->path_mm, 25.0, 1e-9);
+  EXPECT_EQ(a->section, 0);
+  const auto b = path.at(50.0, 50.0);
+  ASSERT_TRUE(b.has_value());
+  EXPECT_EQ(b->section, 1);
+  EXPECT_NEAR(b->path_share, 1.0 - 0.1 / path.duration_min(), 1e-9);
+  ASSERT_EQ(path.section_starts().size(), 1U);
+  EXPECT_FALSE(path.at(50.0, 25.0).has_value());
+}
+
+TEST(CutPath, FollowsThePlay) {
+  const ScratchFolder scratch;
+  const CutPath path =
+      path_of(scratch, "G21 G90 F1000\nG0 X0 Y0 Z0\nG1 X50 Z5\nG1 Y20 Z5.0\nG1 X0 Z0\nM30\n");
+  const auto there = path.at(25.0, 0.0), across = path.at(50.0, 10.0), back = path.at(25.0, 20.0);
+  ASSERT_TRUE(there && across && back);
+  for (std::size_t k = 0; k < kPlayWidths_mm.size(); ++k) {
+    // The mean over the cut is taken off, so differences count.
+    const Vec3 a = there->play[k], b = across->play[k], c = back->play[k];
+    EXPECT_NEAR(b.x - a.x, 0.0, 1e-6) << "x stands: the slack stays where it was";
+    EXPECT_NEAR(b.y - a.y, 1.0, 1e-6) << "y has not moved before";
+    EXPECT_NEAR(c.x - a.x, -2.0, 1e-6);
+    EXPECT_NEAR(c.y - b.y, 0.0, 1e-6);
+    EXPECT_NEAR(c.z - a.z, -2.0, 1e-6);
+  }
+}
+
+TEST(CutPath, LagsInwardsInABend) {
+  const ScratchFolder scratch;
+  const CutPath path = path_of(
+      scratch, "G21 G90 G17 F1000\nG0 X40 Y0 Z0\nG3 X40 Y0 I-40 J0\nG3 X40 Y0 I-40 J0\nM30\n", 1.0);
+  const auto contact = path.at(0.0, 40.0);
+  ASSERT_TRUE(contact.has_value());
+  for (std::size_t k = 0; k < kLagLengths_mm.size(); ++k) {
+    // A first-order lag of a circle of radius r is a circle of radius r / sqrt(1 + (e / r)^2).
+    const double e = kLagLengths_mm[k], radius = 40.0 / std::sqrt(1.0 + e * e / 1600.0);
+    const Vec3 lag = contact->lag[k];
+    EXPECT_NEAR(lag.y, radius - 40.0, 0.02 * (40.0 - radius) + 2e-3);
+    EXPECT_LT(lag.y, 0.0);
+  }
+}
+
+}  // namespace
+}  // namespace maquette::diagnosis

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// diagnose
+
+#include <CLI/CLI.hpp>
+
+#include "tools/commands/commands.hpp"
+#include "tools/jobs.hpp"
+
+namespace maquette::tools {
+
+Command add_diagnose(CLI::App& root, const CommonOptions& common) {
+  struct Options {
+    fs::path case_file, out = "diagnosis";
+    bool require_cause = false;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "diagnose",
+      "What the simulation gets wrong, and why: diagnosis.json, extended.toml, report.html.\n"
+      "Example: maquette diagnose case.toml --out diagnosis");
+  app->add_option("case", o->case_file, "case file")->required();
+  app->add_option("--out", o->out, "folder")->capture_default_str();
+  app->add_flag("--require-cause", o->require_cause, "exit code 1 if no cause is named");
+  return {app, [o, &common](Console& console) {
+            const auto seed = static_cast<std::uint64_t>(common.seed < 0 ? 1 : common.seed);
+            return finish(console, "diagnose", [&](const RunContext& run) {
+              return diagnose_job(o->case_file, o->out, seed, o->require_cause, run);
+            });
+          }};
+}
+
+}  // namespace maquette::tools

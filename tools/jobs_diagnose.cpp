@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "core/files.hpp"
+#include "diagnosis/diagnose.hpp"
+#include "tools/jobs.hpp"
+#include "tools/milling.hpp"
+
+namespace maquette::tools {
+namespace {
+
+diagnosis::CaseInput input_of(const Case& c, std::uint64_t seed) {
+  diagnosis::CaseInput input;
+  input.design = c.design;
+  if (!c.gcode.empty()) input.programs = parts_of(c.gcode);
+  input.ball_diameter_mm = c.ball_diameter_mm;
+  input.coat_mm = c.coating_thickness_mm;
+  input.coat_sigma_mm = c.coating_roughness_sigma_mm;
+  input.coat_correlation_mm = c.coating_roughness_correlation_mm;
+  for (const CaseScan& s : c.scans) {
+    const bool known = std::isfinite(s.scanner_position_mm.x) &&
+                       std::isfinite(s.scanner_position_mm.y) &&
+                       std::isfinite(s.scanner_position_mm.z);
+    input.scans.push_back(
+        {s.points, known ? std::optional(s.scanner_position_mm) : std::nullopt, s.range_sigma_mm});
+  }
+  for (const CaseProbe& p : c.probes) input.probes.push_back(p.points);
+  input.seed = seed;
+  return input;
+}
+
+}  // namespace
+
+Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder,
+                               std::uint64_t seed, bool require_cause, const RunContext& run) {
+  MAQUETTE_TRY(const auto c, read_case(case_path));
+  MAQUETTE_TRY(const auto measurements, diagnosis::measure(input_of(*c, seed), run));
+  MAQUETTE_TRY(const auto d, diagnosis::diagnose(measurements, seed, run));
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  JobResult result;
+  result.outputs = {folder / "diagnosis.json", folder / "extended.toml", folder / "report.html"};
+  MAQUETTE_TRY_VOID(write_file(result.outputs[0], diagnosis::to_json(d)));
+  MAQUETTE_TRY(std::string text, read_file(case_path));
+  text += diagnosis::extension_toml(d);
+  MAQUETTE_TRY_VOID(write_file(result.outputs[1], text));
+  MAQUETTE_TRY_VOID(write_file(result.outputs[2], diagnosis::to_html(d)));
+  result.figures_json = diagnosis::to_json(d);
+  result.note = d.verdict;
+  for (const auto& cause : d.causes) {
+    result.note += fmt::format("; {}", cause.effect);
+    for (const auto& p : cause.parameters)
+      result.note += fmt::format(" {} {:.4g}", p.name, p.value);
+  }
+  result.note +=
+      fmt::format("; {:.4f} mm rms before, {:.4f} after", d.rms_before_mm, d.rms_after_mm);
+  for (const auto& n : d.notes) run.warn(n);
+  if (require_cause && d.causes.empty()) result.unmet = "no cause of the library explains the data";
+  return result;
+}
+
+}  // namespace maquette::tools

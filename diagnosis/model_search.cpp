@@ -149,7 +149,7 @@ std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
     std::vector<Column> added;
     for (State& s : kept) {
       const std::string before = s.members.back().form.law;
-      if (&s - kept.data() < 2 && s.score < kept.front().score + 1000.0) refine(search, bank, s);
+      if (s.score < kept.front().score + 1000.0) refine(search, bank, s);
       if (s.members.back().form.law == before) continue;
       added.insert(added.end(), s.members.back().form.columns.begin(),
                    s.members.back().form.columns.end());

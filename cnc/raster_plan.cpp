@@ -53,26 +53,25 @@ RasterPlanner::RasterPlanner(const ModelField& design, const MillOptions& o, dou
       allowed_mm_(centre_distance_of_ridge_mm(tool_, o.scallop_limit.value())),
       air_worth_mm_(air_worth_mm) {}
 
-  /// Exact cutter locations and moves of a segment; the samples stay in `samples`, ascending.
+/// Exact cutter locations and moves of a segment; the samples stay in `samples`, ascending.
 PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across,
- std::vector<PathSample>& samples) {
-    PlannedCut piece;
-    piece.cut = cut;
-    piece.across = across;
-    FitLimits limits;
-    limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
-    limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
-    limits.arcs = options_.arcs && (cut.line.dx == 0 || cut.line.dy == 0) &&
-                  std::abs(cut.line.dx + cut.line.dy) == kResolution;
-    const auto [low, high] = std::minmax({cut.from, cut.to});
-    sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
-                {shares_.sampling_mm, dip_share(limits.arcs) * options_.tolerance.value()},
-                samples);
-    piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
-    piece.sampled = samples.size();
-    if (cut.from > cut.to) reverse_moves(piece.moves);  // the segment is turned already
-    return piece;
-  }
+                               std::vector<PathSample>& samples) {
+  PlannedCut piece;
+  piece.cut = cut;
+  piece.across = across;
+  FitLimits limits;
+  limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
+  limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
+  limits.arcs = options_.arcs && (cut.line.dx == 0 || cut.line.dy == 0) &&
+                std::abs(cut.line.dx + cut.line.dy) == kResolution;
+  const auto [low, high] = std::minmax({cut.from, cut.to});
+  sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
+              {shares_.sampling_mm, dip_share(limits.arcs) * options_.tolerance.value()}, samples);
+  piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
+  piece.sampled = samples.size();
+  if (cut.from > cut.to) reverse_moves(piece.moves);  // the segment is turned already
+  return piece;
+}
 
 PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across) {
   std::vector<PathSample> samples;
@@ -80,106 +79,106 @@ PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across) {
 }
 
 PlannedRow RasterPlanner::plan_row(const RasterRow& row) {
-    PlannedRow out;
-    std::vector<PathSample> samples;
-    out.row = row;
-    const LatticeLine line = frame_.row(row.across);
-    out.cut = plan({line, row.first, row.last}, row.across, samples);
-    out.first_index = row.first >= 0 ? (row.first + grain_ - 1) / grain_ : -(-row.first / grain_);
-    std::size_t k = 1;
-    for (std::int64_t g = out.first_index; g * grain_ <= row.last; ++g) {
-      while (samples[k].place < g * grain_) ++k;
-      const PathSample &a = samples[k - 1], &b = samples[k];
-      const double t =
-          static_cast<double>(g * grain_ - a.place) / static_cast<double>(b.place - a.place);
-      out.tips.push_back(static_cast<float>(a.tip_mm + t * (b.tip_mm - a.tip_mm)));
-    }
-    return out;
+  PlannedRow out;
+  std::vector<PathSample> samples;
+  out.row = row;
+  const LatticeLine line = frame_.row(row.across);
+  out.cut = plan({line, row.first, row.last}, row.across, samples);
+  out.first_index = row.first >= 0 ? (row.first + grain_ - 1) / grain_ : -(-row.first / grain_);
+  std::size_t k = 1;
+  for (std::int64_t g = out.first_index; g * grain_ <= row.last; ++g) {
+    while (samples[k].place < g * grain_) ++k;
+    const PathSample &a = samples[k - 1], &b = samples[k];
+    const double t =
+        static_cast<double>(g * grain_ - a.place) / static_cast<double>(b.place - a.place);
+    out.tips.push_back(static_cast<float>(a.tip_mm + t * (b.tip_mm - a.tip_mm)));
   }
+  return out;
+}
 
-  /// What the ridge will be between two rows, and what must be cut besides.
+/// What the ridge will be between two rows, and what must be cut besides.
 PlannedGap RasterPlanner::plan_gap(const PlannedRow& a, const PlannedRow& b) {
-    PlannedGap gap;
-    const auto end = [](const PlannedRow& r) {
-      return r.first_index + static_cast<std::int64_t>(r.tips.size());
-    };
-    const std::int64_t first = std::max(a.first_index, b.first_index);
-    const std::int64_t size = std::min(end(a), end(b)) - first;
-    gap.first_index = first;
-    if (size < 2) return gap;
-    const auto tip = [&](const PlannedRow& r, std::int64_t i) {
-      return static_cast<double>(r.tips[static_cast<std::size_t>(first + i - r.first_index)]);
-    };
-    const double step = frame_.step_mm();
-    const double apart = step * static_cast<double>(b.row.across - a.row.across);
-    std::vector<int> halved(static_cast<std::size_t>(size), 0);
-    gap.ridges.resize(halved.size());
-    for (std::int64_t i = 0; i < size; ++i) {
-      const std::int64_t i0 = std::max<std::int64_t>(i - 1, 0), i1 = std::min(i + 1, size - 1);
-      const double run = step * static_cast<double>((i1 - i0) * grain_);
-      const double along = 0.5 * (tip(a, i1) - tip(a, i0) + tip(b, i1) - tip(b, i0)) / run;
-      const double across = (tip(b, i) - tip(a, i)) / apart;
-      const double distance = centre_distance_mm(apart, along, across);
-      const auto at = static_cast<std::size_t>(i);
-      if (options_.constant_scallop) halved[at] = halvings(distance, allowed_mm_, kMostHalvings);
-      gap.ridges[at] = ridge_mm(tool_, std::ldexp(distance, -halved[at]));
-    }
-    if (options_.constant_scallop) add_passes(a, b, halved, gap);
-    return gap;
+  PlannedGap gap;
+  const auto end = [](const PlannedRow& r) {
+    return r.first_index + static_cast<std::int64_t>(r.tips.size());
+  };
+  const std::int64_t first = std::max(a.first_index, b.first_index);
+  const std::int64_t size = std::min(end(a), end(b)) - first;
+  gap.first_index = first;
+  if (size < 2) return gap;
+  const auto tip = [&](const PlannedRow& r, std::int64_t i) {
+    return static_cast<double>(r.tips[static_cast<std::size_t>(first + i - r.first_index)]);
+  };
+  const double step = frame_.step_mm();
+  const double apart = step * static_cast<double>(b.row.across - a.row.across);
+  std::vector<int> halved(static_cast<std::size_t>(size), 0);
+  gap.ridges.resize(halved.size());
+  for (std::int64_t i = 0; i < size; ++i) {
+    const std::int64_t i0 = std::max<std::int64_t>(i - 1, 0), i1 = std::min(i + 1, size - 1);
+    const double run = step * static_cast<double>((i1 - i0) * grain_);
+    const double along = 0.5 * (tip(a, i1) - tip(a, i0) + tip(b, i1) - tip(b, i0)) / run;
+    const double across = (tip(b, i) - tip(a, i)) / apart;
+    const double distance = centre_distance_mm(apart, along, across);
+    const auto at = static_cast<std::size_t>(i);
+    if (options_.constant_scallop) halved[at] = halvings(distance, allowed_mm_, kMostHalvings);
+    gap.ridges[at] = ridge_mm(tool_, std::ldexp(distance, -halved[at]));
   }
+  if (options_.constant_scallop) add_passes(a, b, halved, gap);
+  return gap;
+}
 
-void RasterPlanner::add_passes(const PlannedRow& a, const PlannedRow& b, const std::vector<int>& halved,
- PlannedGap& gap) {
-    const std::int64_t across = b.row.across - a.row.across;
-    const auto places = [this](double mm) {
-      return static_cast<std::int64_t>(std::ceil(mm / frame_.step_mm()));
+void RasterPlanner::add_passes(const PlannedRow& a, const PlannedRow& b,
+                               const std::vector<int>& halved, PlannedGap& gap) {
+  const std::int64_t across = b.row.across - a.row.across;
+  const auto places = [this](double mm) {
+    return static_cast<std::int64_t>(std::ceil(mm / frame_.step_mm()));
+  };
+  const std::int64_t overlap = places(kAddedOverlap_mm), least = places(air_worth_mm_);
+  std::vector<PathSample> samples;
+  constexpr std::int64_t kParts = std::int64_t{1} << kMostHalvings;
+  for (std::int64_t part = 1; part < kParts; ++part) {
+    int level = kMostHalvings;  // at which this line first appears
+    for (std::int64_t p = part; p % 2 == 0; p /= 2) --level;
+    const std::int64_t j = a.row.across + (across * part + kParts / 2) / kParts;
+    if (j <= a.row.across || j >= b.row.across) continue;
+    const RasterRow row = clip_row(frame_, area_, j);
+    std::optional<std::pair<std::int64_t, std::int64_t>> open;
+    const auto close = [&] {
+      const std::int64_t from = std::max(open->first - overlap, row.first);
+      const std::int64_t to = std::min(open->second + overlap, row.last);
+      if (to - from >= places(0.01))
+        gap.added.push_back(plan({frame_.row(j), from, to}, j, samples));
     };
-    const std::int64_t overlap = places(kAddedOverlap_mm), least = places(air_worth_mm_);
-    std::vector<PathSample> samples;
-    constexpr std::int64_t kParts = std::int64_t{1} << kMostHalvings;
-    for (std::int64_t part = 1; part < kParts; ++part) {
-      int level = kMostHalvings;  // at which this line first appears
-      for (std::int64_t p = part; p % 2 == 0; p /= 2) --level;
-      const std::int64_t j = a.row.across + (across * part + kParts / 2) / kParts;
-      if (j <= a.row.across || j >= b.row.across) continue;
-      const RasterRow row = clip_row(frame_, area_, j);
-      std::optional<std::pair<std::int64_t, std::int64_t>> open;
-      const auto close = [&] {
-        const std::int64_t from = std::max(open->first - overlap, row.first);
-        const std::int64_t to = std::min(open->second + overlap, row.last);
-        if (to - from >= places(0.01))
-          gap.added.push_back(plan({frame_.row(j), from, to}, j, samples));
-      };
-      for (std::size_t i = 0; i < halved.size(); ++i) {
-        if (halved[i] < level) continue;
-        const std::int64_t m = (gap.first_index + static_cast<std::int64_t>(i)) * grain_;
-        if (open && m - open->second > least + 2 * overlap) {
-          close();
-          open.reset();
-        }
-        if (open)
-          open->second = m;
-        else
-          open = {m, m};
+    for (std::size_t i = 0; i < halved.size(); ++i) {
+      if (halved[i] < level) continue;
+      const std::int64_t m = (gap.first_index + static_cast<std::int64_t>(i)) * grain_;
+      if (open && m - open->second > least + 2 * overlap) {
+        close();
+        open.reset();
       }
-      if (open) close();
+      if (open)
+        open->second = m;
+      else
+        open = {m, m};
     }
+    if (open) close();
   }
+}
 
-  /// Rows at an angle end a stepover or more apart along the outline: cut it first.
+/// Rows at an angle end a stepover or more apart along the outline: cut it first.
 std::vector<PlannedCut> RasterPlanner::outline() {
-    std::vector<PathSample> samples;
-    std::vector<PlannedCut> pieces;
-    const std::int64_t width = (area_.right - area_.left) / kResolution,
-                       depth = (area_.top - area_.bottom) / kResolution;
-    if (width == 0 || depth == 0) return pieces;
-    const LatticeLine bottom{area_.left, area_.bottom, kResolution, 0},
-        right{area_.right, area_.bottom, 0, kResolution},
-        top{area_.left, area_.top, kResolution, 0}, left{area_.left, area_.bottom, 0, kResolution};
-    for (const LineSegment& side : {LineSegment{bottom, 0, width}, LineSegment{right, 0, depth},
-                                    LineSegment{top, width, 0}, LineSegment{left, depth, 0}})
-      pieces.push_back(plan(side, 0, samples));
-    return pieces;
-  }
+  std::vector<PathSample> samples;
+  std::vector<PlannedCut> pieces;
+  const std::int64_t width = (area_.right - area_.left) / kResolution,
+                     depth = (area_.top - area_.bottom) / kResolution;
+  if (width == 0 || depth == 0) return pieces;
+  const LatticeLine bottom{area_.left, area_.bottom, kResolution, 0},
+      right{area_.right, area_.bottom, 0, kResolution}, top{area_.left, area_.top, kResolution, 0},
+      left{area_.left, area_.bottom, 0, kResolution};
+  for (const LineSegment& side : {LineSegment{bottom, 0, width}, LineSegment{right, 0, depth},
+                                  LineSegment{top, width, 0}, LineSegment{left, depth, 0}})
+    pieces.push_back(plan(side, 0, samples));
+  return pieces;
+}
 
 }  // namespace maquette::cnc

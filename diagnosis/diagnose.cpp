@@ -237,6 +237,9 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     d.remainder = detail::judge(m.observations, r, layout, bank, f, odd);
     double points = 0.0;
     const double left_squares = squares(bank, model, f.coefficients, kAll, &points);
+    const double moved = std::sqrt(std::fmax(0.0, null_squares - left_squares) / points);
+    if (d.remainder.structured_rms_mm < std::fmax(kSimulationFloor_mm, kLinearError * moved))
+      d.remainder.found = false;
     const double structured =
         d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
                           : 0.0;

@@ -113,6 +113,7 @@ BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Ca
 
 std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
   State best{{}, score_of(bank, {}, {kChoose}, true)};
+  const double null = best.score;
   std::vector<State> beam{best};
   for (std::size_t step = 0; step < kMostCauses; ++step) {
     std::vector<State> next;
@@ -176,7 +177,8 @@ std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
       }
     std::sort(kept.begin(), kept.end(),
               [](const State& a, const State& b) { return a.score < b.score; });
-    const bool better = kept.front().score < best.score;
+    const bool better =
+        kept.front().score < best.score - kPriceOfGain * std::fmax(0.0, null - best.score);
     if (better) best = kept.front();
     beam = std::move(kept);
     if (!better) break;

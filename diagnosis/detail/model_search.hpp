@@ -27,6 +27,9 @@ struct Candidate {
 /// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
 inline constexpr double kPricePerColumn = 10.0;
 inline constexpr double kPricePerCause = 10.0;
+/// And as a share of what the causes before it gain: signatures are linear, and what a large cause
+/// leaves of second order is not to be named after a small one.
+inline constexpr double kPriceOfGain = 0.02;
 
 struct Search {
   const std::vector<Observation>& observations;

@@ -37,9 +37,9 @@ struct Declared {
 };
 
 std::map<std::string, Declared> declared() {
-  const std::string text =
-      all_of({"core", "heightmap", "assets", "meshing", "cnc", "export", "camera", "scan", "diagnosis", "tools"},
-             {".hpp", ".cpp"});
+  const std::string text = all_of({"core", "heightmap", "assets", "meshing", "cnc", "export",
+                                   "camera", "scan", "diagnosis", "tools"},
+                                  {".hpp", ".cpp"});
   const std::regex pattern(
       R"re(ErrorCode\s+(k\w+)\s*\{\s*"([A-Z0-9_]+)"\s*(?:,\s*ErrorKind::(\w+)\s*)?\})re");
   const std::map<std::string, int> exit_codes{

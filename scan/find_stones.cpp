@@ -161,6 +161,8 @@ std::string_view name_of(StoneState state) {
       return "swapped";
     case StoneState::unclear:
       return "unclear";
+    case StoneState::present:
+      return "present";
     default:
       return "unseen";
   }
@@ -236,6 +238,9 @@ std::vector<StoneFinding> find_stones(std::span<const Vec3> points,
         f.state = StoneState::unclear;
         f.noise_mm = own.noise_mm;
       }
+    }
+    if (f.state == StoneState::unseen && over >= 5 && f.height_share > 0.5) {
+      f.state = StoneState::present;
     }
     findings.push_back(f);
   }

@@ -23,7 +23,7 @@
 
 namespace maquette::scan {
 
-enum class StoneState { as_planned, moved, missing, swapped, unclear, unseen };
+enum class StoneState { as_planned, moved, missing, swapped, unclear, present, unseen };
 [[nodiscard]] std::string_view name_of(StoneState state);
 
 struct StoneFinding {

@@ -127,7 +127,7 @@ struct ExportOptions {
 [[nodiscard]] Result<JobResult> case_job(const Site& site, const fs::path& folder,
                                          std::span<const fs::path> programs,
                                          std::span<const fs::path> scans);
-/// summary.json, deviation.tif, deviation.ply, deviation.png, report.html.
+/// summary.json, deviation.tif, deviation.ply, deviation.png, significant.png, report.html.
 [[nodiscard]] Result<JobResult> deviate_job(const fs::path& case_file, const fs::path& folder,
                                             const RunContext& run);
 

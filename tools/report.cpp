@@ -169,30 +169,6 @@ std::string page(const std::string& title, const std::string& body) {
   return head(title) + body + kPageEnd;
 }
 
-Result<void> write_deviation_page(const scan::Deviation& deviation, const std::string& summary_json,
-                                  double limit_mm, const fs::path& map_png, const fs::path& out) {
-  const json summary = json::parse(summary_json);
-  std::string html = head("Scan against design");
-  html += deviation_rows(summary) + kRegistrationRemark;
-  html +=
-      "<table><tr><th>scan</th><th>iterations</th><th>RMS before, mm</th><th>RMS after, "
-      "mm</th><th>pose uncertainty, mm</th><th>not determined by the relief</th></tr>";
-  for (const json& r : summary["registrations"])
-    html += fmt::format(
-        "<tr><td>{}</td><td class='n'>{}</td><td class='n'>{}</td><td class='n'>{}</td><td "
-        "class='n'>{}</td><td>{}</td></tr>",
-        number(r["points"]), number(r["iterations"]), number(r["rms_before_mm"]),
-        number(r["rms_after_mm"]), number(r["sigma_translation_mm"]),
-        r["free_directions"].empty() ? "nothing" : escape(r["free_directions"].dump()));
-  html += "</table>\n<h2>Deviation</h2>\n" +
-          picture(map_png, "measured minus design along the normal; grey: not measured", 700) +
-          signed_legend_svg(limit_mm, "mm") + "\n<h2>Distribution</h2>\n" +
-          histogram_svg(deviation.histogram, deviation.histogram_limit_mm,
-                        deviation.statistics.mean_mm, deviation.statistics.sigma_mm, "mm") +
-          "<p>Line: normal distribution of the same mean and standard deviation.</p>\n";
-  return write_file(out, html + kPageEnd);
-}
-
 Result<void> write_run_page(const Site& site, std::span<const UnitRecord> records,
                             const fs::path& folder, const fs::path& out) {
   const auto figures_of = [&](const std::string& unit) {

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "core/result.hpp"
-#include "scan/deviate.hpp"
 #include "tools/pipeline.hpp"
 #include "tools/site.hpp"
 
@@ -18,12 +17,6 @@ namespace maquette::tools {
 
 /// A whole page round a body.
 [[nodiscard]] std::string page(const std::string& title, const std::string& body);
-
-/// The deviation report of one case.
-[[nodiscard]] Result<void> write_deviation_page(const scan::Deviation& deviation,
-                                                const std::string& summary_json, double limit_mm,
-                                                const std::filesystem::path& map_png,
-                                                const std::filesystem::path& out);
 
 /// report.html of a run: for each scale hillshade, mesh and toolpath figures, the paths in three
 /// dimensions, machining time, picture, deviation map and histogram. `folder` is the run's, with

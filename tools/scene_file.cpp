@@ -52,11 +52,30 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   t.add({"schema", &c.schema_name, "", -kInf, kInf, {"maquette.case/1"}});
   t.add({"design", &c.design, "designed surface, model frame, mm", -kInf, kInf, {}, true});
   t.add({"gcode", &c.gcode, "the program that was run"});
+  t.add(
+      {"ground", &c.ground, "the design without stones; with `stones`, their poses are measured"});
+  t.add({"stones", &c.stones, "plan of the stones"});
   t.add({"tool.ball_diameter_mm", &c.ball_diameter_mm, "", 0.01, 1000});
   t.add({"coating.thickness_mm", &c.coating_thickness_mm, "as declared", 0, 100});
   t.add({"coating.roughness_sigma_mm", &c.coating_roughness_sigma_mm, "", 0, 10});
   t.add({"coating.roughness_correlation_mm", &c.coating_roughness_correlation_mm, "", 0, 1000});
   t.add({"deviation.reach_mm", &c.reach_mm, "farther points are off the part", 0.01, 1000});
+  t.add({"deviation.regions", &c.regions, "GeoJSON polygons in mm, with name, lower_mm, upper_mm"});
+  t.add({"deviation.band_width_mm", &c.band_width_mm, "statistics per strip along x; 0: none", 0,
+         1e5});
+  t.array("datum", "features that tie the pose: bare pads, spheres, dowels", [&c] {
+    CaseDatum& datum = c.datums.emplace_back();
+    Schema e;
+    e.add({"kind", &datum.kind, "", -kInf, kInf, {"pad", "sphere", "dowel"}, true});
+    e.add({"name", &datum.name, ""});
+    e.add({"at_mm", &datum.at_mm, "middle of a pad, centre of a sphere, end of a dowel"});
+    e.add({"axis", &datum.axis, "of a dowel, from its end", -1, 1});
+    e.add({"radius_mm", &datum.radius_mm, "sphere, dowel", 0, 1000});
+    e.add({"length_mm", &datum.length_mm, "dowel", 0, 1000});
+    e.add({"half_x_mm", &datum.half_x_mm, "pad", 0, 1e5});
+    e.add({"half_y_mm", &datum.half_y_mm, "pad", 0, 1e5});
+    return e;
+  });
   t.array("scan", "measured point clouds", [&c] {
     CaseScan& scan = c.scans.emplace_back();
     Schema e;

@@ -41,6 +41,12 @@ struct CaseScan {
   Vec3 scanner_position_mm{NAN, NAN, NAN};
   double range_sigma_mm = 0.05;
 };
+/// A feature that no coat has changed: tools/scene_file.cpp says what each kind needs.
+struct CaseDatum {
+  std::string kind = "pad", name;
+  Vec3 at_mm, axis{0.0, 0.0, 1.0};
+  double radius_mm = 0.0, length_mm = 0.0, half_x_mm = 0.0, half_y_mm = 0.0;
+};
 struct CaseProbe {
   std::filesystem::path points;
 };
@@ -59,11 +65,15 @@ struct CasePhoto {
 struct Case {
   std::string schema_name = "maquette.case/1";
   std::filesystem::path design, gcode;
+  std::filesystem::path ground, stones;  ///< design without its stones, and their plan
+  std::filesystem::path regions;         ///< GeoJSON
+  double band_width_mm = 0.0;            ///< 0: no table of bands
   double ball_diameter_mm = 6.0;
   double coating_thickness_mm = 0.0, coating_roughness_sigma_mm = 0.04,
          coating_roughness_correlation_mm = 0.25;
   double reach_mm = 5.0;
   std::deque<CaseScan> scans;
+  std::deque<CaseDatum> datums;
   std::deque<CaseProbe> probes;
   std::deque<CasePhoto> photos;
 };

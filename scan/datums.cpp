@@ -103,8 +103,8 @@ Result<DatumRegistration> register_datums(const Cloud& cloud, const ModelField& 
   detail::Level level;
   level.surface = &surface;
   level.spacing_mm = design.spacing.value();
-  MAQUETTE_TRY(const detail::Rest rest,
-               detail::come_to_rest(near, some, start, level, surface, frame, false, run));
+  MAQUETTE_TRY(const detail::Rest rest, detail::come_to_rest(near, some, start, level, surface,
+                                                             frame, RegisterOptions{}, run));
   DatumRegistration result;
   detail::state(result.registration, near, some, rest, surface, frame);
   std::size_t within = 0;

@@ -7,11 +7,12 @@
 /// Points   of a stone are those over its footprint (and a margin) that stand above the ground by
 ///          more than five times the noise.
 /// Pose     Gauss-Newton, point to triangle plane at the nearest point of the mesh, Huber, from
-///          24 headings if the planned one does not fit. Covariance from the residuals; the
+///          16 headings if the planned one does not fit. Covariance from the residuals; the
 ///          scan's own pose is added.
 /// State    as planned or moved (beyond 99 % of its covariance), missing (the ground is there
 ///          instead), swapped (another stone of the plan fits clearly better), unclear (nothing
-///          fits), unseen (no points).
+///          fits), present (something as high stands there, with too few points for a pose),
+///          unseen (no points).
 
 #include <span>
 #include <string_view>

@@ -150,7 +150,7 @@ Result<Registration> register_scan(const Cloud& cloud, const ModelField& design,
   const detail::SmoothFieldSurface smooth(design);
   MAQUETTE_TRY(const detail::Rest rest,
                detail::come_to_rest(cloud.points_mm, some, place.pose, level, smooth,
-                                    place.fit.frame, options.scale, run));
+                                    place.fit.frame, options, run));
   const Fit fit = detail::fit_of(some, rest.pose, *level.surface);
   if (!fit.good(least)) return poor_fit(fit, least, options.anywhere);
   detail::state(result, cloud.points_mm, some, rest, *level.surface, place.fit.frame);

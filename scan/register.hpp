@@ -57,6 +57,7 @@ struct RegisterOptions {
   bool anywhere = true;
   bool scale = false;           ///< estimate the scan's scale too
   double least_overlap = 0.30;  ///< share of the points that must lie on the design's surface
+  int most_iterations = 100;    ///< with all points; then it is refused
 };
 
 struct Registration {

@@ -13,7 +13,6 @@
 namespace maquette::scan::detail {
 namespace {
 
-constexpr int kFullIterations = 100;
 constexpr double kAtRestMm = 1e-6;
 constexpr double kAtRestSigmas = 0.01;
 constexpr std::ptrdiff_t kFinestBlocks = 256;  // a side; halved down to 16
@@ -69,13 +68,14 @@ tl::unexpected<Error> too_few(std::size_t count) {
 
 Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>& some,
                           const Pose& start, const Level& level, const Surface& smooth,
-                          const Frame& frame, bool scale, const RunContext& run) {
+                          const Frame& frame, const RegisterOptions& options,
+                          const RunContext& run) {
   Rest r;
   r.pose = start;
   double noise = 0.0, damping = 1.0;
   Vector7 last = Vector7::Zero();
   Matrix7 shape;
-  while (r.iterations < kFullIterations) {
+  while (r.iterations < options.most_iterations) {
     if (run.stopped()) return fail(kCancelled, "the registration was cancelled");
     // Later the limit is kept: one that follows the residuals moves the solution and never
     // comes quite to rest.
@@ -89,7 +89,7 @@ Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>&
     r.sums = accumulate(points, r.pose, *level.surface, frame, r.loss);
     if (r.sums.count < kLeastPoints) return too_few(r.sums.count);
     r.solution = solve(r.sums, {noise, level.flat, level.spacing_mm,
-                                static_cast<double>(r.sums.count), scale, &shape});
+                                static_cast<double>(r.sums.count), options.scale, &shape});
     if (r.solution.free.cols() > 3)
       return fail(kUnderDetermined,
                   fmt::format("the points determine only {} of 6 directions (do they lie on a "
@@ -97,7 +97,7 @@ Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>&
                               6 - r.solution.free.cols(),
                               fmt::join(name_directions(r.solution.free, frame), ", ")));
     ++r.iterations;
-    run.progress(0.5 + 0.4 * r.iterations / kFullIterations);
+    run.progress(0.5 + 0.4 * r.iterations / options.most_iterations);
     const double full = r.solution.step.norm();
     // Back and forth over the edges of triangles: halve until it rests between them.
     if (r.solution.step.dot(last) < 0.0 && full > 0.7 * last.norm()) damping *= 0.5;

@@ -102,8 +102,8 @@ struct Rest {
 /// @param smooth  the surface with smooth normals
 [[nodiscard]] Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>& some,
                                         const Pose& start, const Level& level,
-                                        const Surface& smooth, const Frame& frame, bool scale,
-                                        const RunContext& run);
+                                        const Surface& smooth, const Frame& frame,
+                                        const RegisterOptions& options, const RunContext& run);
 /// Fills in pose, covariance, free directions and what else the rest says.
 void state(Registration& result, std::span<const Vec3> points, std::span<const Vec3> some,
            const Rest& rest, const Surface& surface, const Frame& frame);

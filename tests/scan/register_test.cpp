@@ -466,6 +466,17 @@ TEST(RegisterRefuses, AHalfTurnIfItMayOnlyLookNear) {
   EXPECT_LT(worst_error(truth, seen, found->model_from_scan), 0.02);
 }
 
+TEST(RegisterRefuses, ToCallAPoseFoundThatStillMoves) {
+  const ModelField part = rough_part(3, 151, 151, 1.0);
+  const Cloud seen =
+      seen_from(points_on(part, 40'000, 4, 0.05), random_pose(5, {75.0, 75.0, 10.0}, 0.01, 2.0));
+  RegisterOptions once;
+  once.most_iterations = 1;
+  const auto found = register_scan(seen, part, once);
+  ASSERT_THAT(found, FailsWith(kNotConverged));
+  EXPECT_THAT(found.error().message, testing::HasSubstr("after 1 iterations"));
+}
+
 TEST(RegisterRefuses, ToGoOnWhenStopped) {
   const ModelField part = rough_part(1, 51, 51, 1.0);
   std::stop_source stop;

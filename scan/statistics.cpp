@@ -2,10 +2,10 @@
 #include "scan/statistics.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/parallel_sort.h>
 
 namespace maquette::scan {
 namespace {
@@ -47,6 +47,28 @@ Moments join(const Moments& a, const Moments& b) {
   m.min = std::fmin(a.min, b.min);
   m.max = std::fmax(a.max, b.max);
   return m;
+}
+
+/// Ascending, by three passes of 11 bits over the order-preserving pattern of floats (Herf 2001): a
+/// fifth of the time of comparing. Not NaN.
+void sort_floats(std::vector<float>& values) {
+  constexpr std::uint32_t kDigits = 1U << 11;
+  std::vector<std::uint32_t> keys(values.size()), next(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto bits = std::bit_cast<std::uint32_t>(values[i]);
+    keys[i] = (bits >> 31) != 0 ? ~bits : bits | 0x80000000U;
+  }
+  for (const unsigned shift : {0U, 11U, 22U}) {
+    std::vector<std::size_t> start(kDigits + 1, 0);
+    for (const std::uint32_t k : keys) ++start[((k >> shift) & (kDigits - 1)) + 1];
+    for (std::uint32_t d = 0; d < kDigits; ++d) start[d + 1] += start[d];
+    for (const std::uint32_t k : keys) next[start[(k >> shift) & (kDigits - 1)]++] = k;
+    keys.swap(next);
+  }
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::uint32_t k = keys[i];
+    values[i] = std::bit_cast<float>((k >> 31) != 0 ? k & 0x7fffffffU : ~k);
+  }
 }
 
 double quantile(std::span<const float> ascending, double q) {
@@ -114,7 +136,7 @@ DeviationStatistics summarize(std::span<const float> deviations, std::vector<flo
   ascending.reserve(s.points);
   for (const float v : deviations)
     if (!std::isnan(v)) ascending.push_back(v);
-  oneapi::tbb::parallel_sort(ascending);
+  sort_floats(ascending);
   s.median_mm = quantile(ascending, 0.5);
   s.p05_mm = quantile(ascending, 0.05);
   s.p95_mm = quantile(ascending, 0.95);

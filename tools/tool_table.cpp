@@ -43,8 +43,7 @@ Schema tool_schema(ToolEntry& e) {
   t.add({"flute_length_mm", &e.flute_length_mm, "above the tip", 0.01, 1000});
   t.add({"shank_diameter_mm", &e.shank_diameter_mm, "above the flutes", 0.01, 500});
   t.add({"stick_out_mm", &e.stick_out_mm, "tip to the holder's lower face", 0.01, 1000});
-  t.array("holder", "frusta upwards",
-          [&e] { return holder_schema(e.holder.emplace_back()); });
+  t.array("holder", "frusta upwards", [&e] { return holder_schema(e.holder.emplace_back()); });
   return t;
 }
 
@@ -126,13 +125,13 @@ std::string tool_table_text(std::span<const cnc::Tool> tools) {
       "schema = \"maquette.tools/1\"\n";
   for (const cnc::Tool& tool : tools) {
     const cnc::Cutter& c = tool.cutter;
-    text += fmt::format(
-        "\n[[tool]]\nnumber = {}\nname = \"{}\"\nshape = \"{}\"\ndiameter_mm = {}\n", tool.number,
-        tool.name.empty() ? shape_name(c) : tool.name,
-        c.is_ball()                ? "ball"
-        : c.corner_radius_mm > 0.0 ? "bull"
-                                   : "flat",
-        2.0 * c.radius_mm);
+    text +=
+        fmt::format("\n[[tool]]\nnumber = {}\nname = \"{}\"\nshape = \"{}\"\ndiameter_mm = {}\n",
+                    tool.number, tool.name.empty() ? shape_name(c) : tool.name,
+                    c.is_ball()                ? "ball"
+                    : c.corner_radius_mm > 0.0 ? "bull"
+                                               : "flat",
+                    2.0 * c.radius_mm);
     if (!c.is_ball() && c.corner_radius_mm > 0.0)
       text += fmt::format("corner_radius_mm = {}\n", c.corner_radius_mm);
     text += fmt::format("teeth = {}\n", tool.teeth);

@@ -168,6 +168,7 @@ struct Traversal {
   Axis x, y;
   ShearedRay sheared;
   double oz, dz, slack_z, from;
+  double end = kInf;  // the ray leaves the field's box
   Best best;
 
   /// Can the ray between distances t0 and t1 be between heights low and high?
@@ -192,11 +193,35 @@ struct Traversal {
     if (left > from && left < best.distance) best = {left, r, c, false};
   }
 
-  void leaf(std::ptrdiff_t leaf_row, std::ptrdiff_t leaf_col, double t_in, double t_out) {
+  /// The cells of a leaf that the ray can meet between the leaf's least and greatest height.
+  void leaf(const Level& leaves, std::ptrdiff_t leaf_row, std::ptrdiff_t leaf_col) {
     const Grid<float>& z = field.z_mm;
-    const std::ptrdiff_t r0 = leaf_row * kLeafCells, c0 = leaf_col * kLeafCells;
-    const std::ptrdiff_t r1 = std::min(r0 + kLeafCells, z.rows() - 1) - 1;
-    const std::ptrdiff_t c1 = std::min(c0 + kLeafCells, z.cols() - 1) - 1;
+    const std::ptrdiff_t row0 = leaf_row * kLeafCells, col0 = leaf_col * kLeafCells;
+    const std::ptrdiff_t row1 = std::min(row0 + kLeafCells, z.rows() - 1) - 1;
+    const std::ptrdiff_t col1 = std::min(col0 + kLeafCells, z.cols() - 1) - 1;
+    const auto [x_in, x_out] = x.slab(static_cast<double>(col0), static_cast<double>(col1 + 1));
+    const auto [y_in, y_out] = y.slab(static_cast<double>(row0), static_cast<double>(row1 + 1));
+    double t_in = std::max({from, x_in, y_in});
+    double t_out = std::min({x_out, y_out, end, best.distance});
+    const std::size_t box = leaves.box(leaf_row, leaf_col);
+    const auto lowest = static_cast<double>(leaves.low[box]),
+               highest = static_cast<double>(leaves.high[box]);
+    if (std::abs(dz) >= kParallel) {
+      const double a = (lowest - slack_z - oz) / dz, b = (highest + slack_z - oz) / dz;
+      t_in = std::max(t_in, std::min(a, b));
+      t_out = std::min(t_out, std::max(a, b));
+    } else if (!meets(0.0, 0.0, lowest, highest)) {
+      return;
+    }
+    if (!(t_in <= t_out)) return;
+    const auto between = [&](const Axis& a, std::ptrdiff_t first, std::ptrdiff_t last) {
+      const double p = a.u + t_in * a.du, q = a.u + t_out * a.du;
+      return std::pair{
+          std::max(first, static_cast<std::ptrdiff_t>(std::floor(std::min(p, q) - 2.0 * a.slack))),
+          std::min(last, static_cast<std::ptrdiff_t>(std::floor(std::max(p, q) + 2.0 * a.slack)))};
+    };
+    const auto [r0, r1] = between(y, row0, row1);
+    const auto [c0, c1] = between(x, col0, col1);
     for (std::ptrdiff_t i = 0; i <= r1 - r0; ++i) {
       const std::ptrdiff_t r = y.du < 0.0 ? r1 - i : r0 + i;
       const auto [row_in, row_out] = y.slab(static_cast<double>(r), static_cast<double>(r + 1));
@@ -329,12 +354,11 @@ std::size_t FieldTracer::memory_bytes() const {
   return bytes;
 }
 
-std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double from_mm) const {
-  const ModelField& f = *field_;
-  const auto& levels = pyramid_->levels;
-  const std::ptrdiff_t cells_x = f.z_mm.cols() - 1, cells_y = f.z_mm.rows() - 1;
-  if (!(pyramid_->low <= pyramid_->high)) return std::nullopt;  // nothing but voids
+namespace {
 
+Traversal make_traversal(const ModelField& f, double low, double high, Vec3 origin, Vec3 direction,
+                         double from_mm, double radius_mm) {
+  const auto cells_x = f.z_mm.cols() - 1, cells_y = f.z_mm.rows() - 1;
   Traversal t{f,
               make_axis(origin.x, direction.x, f.x0.value(), f.spacing.value(), cells_x),
               make_axis(origin.y, direction.y, f.y0.value(), f.spacing.value(), cells_y),
@@ -343,38 +367,46 @@ std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double f
               direction.z,
               0.0,
               from_mm,
+              kInf,
               {}};
   // Clip to the field's box. Whatever is left is finite, because a unit direction
   // leaves the box along its longest axis.
   const double dx = std::abs(t.x.u) + static_cast<double>(cells_x);
   const double dy = std::abs(t.y.u) + static_cast<double>(cells_y);
-  const double heights = std::abs(origin.z) + std::abs(pyramid_->low) + std::abs(pyramid_->high);
-  const double reach = (dx + dy) * f.spacing.value() + heights;
-  t.slack_z = kSlack * (heights + reach * std::abs(direction.z));
+  const double heights = std::abs(origin.z) + std::abs(low) + std::abs(high);
+  const double reach = (dx + dy) * f.spacing.value() + heights + radius_mm;
+  t.slack_z = kSlack * (heights + reach * std::abs(direction.z)) + radius_mm;
+  t.x.slack += radius_mm / f.spacing.value();
+  t.y.slack += radius_mm / f.spacing.value();
   const auto [x_in, x_out] = t.x.slab(0.0, static_cast<double>(cells_x));
   const auto [y_in, y_out] = t.y.slab(0.0, static_cast<double>(cells_y));
-  double t_in = std::max({from_mm, x_in, y_in}), t_out = std::min({x_out, y_out, 4.0 * reach});
+  t.from = std::max({from_mm, x_in, y_in});
+  t.end = std::min({x_out, y_out, 4.0 * reach});
   if (std::abs(direction.z) < kParallel) {
-    if (!t.meets(0.0, 0.0, pyramid_->low, pyramid_->high)) return std::nullopt;
+    if (!t.meets(0.0, 0.0, low, high)) t.end = -kInf;
   } else {
-    const double a = (pyramid_->low - t.slack_z - origin.z) / direction.z;
-    const double b = (pyramid_->high + t.slack_z - origin.z) / direction.z;
-    t_in = std::max(t_in, std::min(a, b));
-    t_out = std::min(t_out, std::max(a, b));
+    const double a = (low - t.slack_z - origin.z) / direction.z;
+    const double b = (high + t.slack_z - origin.z) / direction.z;
+    t.from = std::max(t.from, std::min(a, b));
+    t.end = std::min(t.end, std::max(a, b));
   }
-  if (!(t_in <= t_out)) return std::nullopt;
+  return t;
+}
 
+/// Leaves that `t` meets, front to back, until they lie beyond limit().
+template <class Visit, class Limit>
+void walk(const std::vector<Level>& levels, const Traversal& t, bool mirror_x, bool mirror_y,
+          const Visit& visit, const Limit& limit) {
   // At most seven boxes of a block lie on a ray (plus what the slack adds), so 16 per
   // level is ample; 16 levels of branching 4 are more nodes than can be addressed.
   std::array<Waiting, 256> stack;
   std::size_t waiting = 0;
-  stack[waiting++] = {t_in, t_out, static_cast<std::int32_t>(levels.size()) - 1, 0, 0};
-  const bool mirror_x = direction.x < 0.0, mirror_y = direction.y < 0.0;
+  stack[waiting++] = {t.from, t.end, static_cast<std::int32_t>(levels.size()) - 1, 0, 0};
   while (waiting > 0) {
     const Waiting box = stack[--waiting];
-    if (box.t_in > t.best.distance) continue;
+    if (box.t_in > limit()) continue;
     if (box.level < 0) {
-      t.leaf(box.row, box.col, box.t_in, box.t_out);
+      visit(box.row, box.col);
       continue;
     }
     const Level& level = levels[static_cast<std::size_t>(box.level)];
@@ -383,7 +415,7 @@ std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double f
     four_slabs(t.x, static_cast<double>(box.col) * 4.0 * width, width, col_in, col_out);
     four_slabs(t.y, static_cast<double>(box.row) * 4.0 * width, width, row_in, row_out);
     const std::size_t block = level.block(box.row, box.col);
-    const double nearest = std::min(box.t_out, t.best.distance);
+    const double nearest = std::min(box.t_out, limit());
     // The ray is monotonic in both directions, so going through rows and columns the
     // ray's way is front to back; the stack takes them back to front.
     for (std::size_t i = 0; i < 4; ++i) {
@@ -403,8 +435,11 @@ std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double f
       }
     }
   }
-  if (t.best.row < 0) return std::nullopt;
+}
 
+std::optional<FieldHit> hit_of(const Traversal& t, Vec3 origin, Vec3 direction) {
+  if (t.best.row < 0) return std::nullopt;
+  const ModelField& f = t.field;
   const std::ptrdiff_t r = t.best.row, c = t.best.col;
   const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) {
     return static_cast<double>(f.z_mm(r + i, c + j));
@@ -413,6 +448,52 @@ std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double f
   const double rise_y = t.best.lower_right ? z(1, 1) - z(0, 1) : z(1, 0) - z(0, 0);
   return FieldHit{t.best.distance, origin + t.best.distance * direction,
                   normalized(Vec3{-rise_x, -rise_y, f.spacing.value()})};
+}
+
+}  // namespace
+
+std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double from_mm) const {
+  const Pyramid& p = *pyramid_;
+  if (!(p.low <= p.high)) return std::nullopt;  // nothing but voids
+  Traversal t = make_traversal(*field_, p.low, p.high, origin, direction, from_mm, 0.0);
+  if (!(t.from <= t.end)) return std::nullopt;
+  walk(
+      p.levels, t, direction.x < 0.0, direction.y < 0.0,
+      [&](std::ptrdiff_t row, std::ptrdiff_t col) { t.leaf(p.levels.front(), row, col); },
+      [&] { return t.best.distance; });
+  return hit_of(t, origin, direction);
+}
+
+void FieldTracer::trace_bundle(const Ray& axis, double radius_mm, std::span<const Ray> rays,
+                               std::span<std::optional<FieldHit>> hits) const {
+  MAQUETTE_CHECK(rays.size() == hits.size(), "{} rays, {} hits", rays.size(), hits.size());
+  std::fill(hits.begin(), hits.end(), std::nullopt);
+  const Pyramid& p = *pyramid_;
+  if (!(p.low <= p.high)) return;
+  // Distances along a ray and along the axis differ by the tilt's square only.
+  constexpr double kTilt = 1.0 + 1e-4;
+  const Traversal tube = make_traversal(*field_, p.low, p.high, axis.origin_mm, axis.direction, 0.0,
+                                        1.001 * radius_mm);
+  if (!(tube.from <= tube.end)) return;
+  std::vector<Traversal> bundle;
+  bundle.reserve(rays.size());
+  for (const Ray& ray : rays)
+    bundle.push_back(
+        make_traversal(*field_, p.low, p.high, ray.origin_mm, ray.direction, 0.0, 0.0));
+  double farthest = kInf;
+  walk(
+      p.levels, tube, axis.direction.x < 0.0, axis.direction.y < 0.0,
+      [&](std::ptrdiff_t row, std::ptrdiff_t col) {
+        double most = 0.0;
+        for (Traversal& t : bundle) {
+          t.leaf(p.levels.front(), row, col);
+          most = std::max(most, t.best.distance);
+        }
+        farthest = kTilt * most + radius_mm;
+      },
+      [&] { return farthest; });
+  for (std::size_t i = 0; i < rays.size(); ++i)
+    hits[i] = hit_of(bundle[i], rays[i].origin_mm, rays[i].direction);
 }
 
 }  // namespace maquette::heightmap

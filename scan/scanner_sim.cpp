@@ -11,238 +11,367 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/random.hpp"
-#include "heightmap/field_tracer.hpp"
-#include "scan/detail/stone_scene.hpp"
+#include "scan/detail/beam.hpp"
+#include "scan/detail/scan_scene.hpp"
+#include "scan/phase_range.hpp"
 
 namespace maquette::scan {
 namespace {
 
-using heightmap::FieldTracer;
 using heightmap::ModelField;
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
-
-/// Azimuth and zenith angles that can reach a box, radians.
-struct AngularWindow {
-  double azimuth_min, azimuth_max;
-  double zenith_min, zenith_max;
-};
-
-AngularWindow window_of(const Box3& box, Vec3 station) {
-  const double x0 = box.min.x - station.x, x1 = box.max.x - station.x;
-  const double y0 = box.min.y - station.y, y1 = box.max.y - station.y;
-  const double z0 = box.min.z - station.z, z1 = box.max.z - station.z;
-  AngularWindow w{};
-  const double near_x = std::fmax(0.0, std::fmax(x0, -x1));
-  const double near_y = std::fmax(0.0, std::fmax(y0, -y1));
-  const double nearest = std::hypot(near_x, near_y);
-  const double farthest = std::hypot(std::fmax(-x0, x1), std::fmax(-y0, y1));
-  if (nearest == 0.0) {  // above or below the box: all around
-    w.azimuth_min = 0.0;
-    w.azimuth_max = kTurn;
-  } else {
-    // Seen from outside a rectangle spans less than half a turn; measured from its middle
-    // there is no jump in the angle.
-    const double middle = std::atan2(y0 + y1, x0 + x1);
-    w.azimuth_min = w.azimuth_max = middle;
-    for (const double x : {x0, x1})
-      for (const double y : {y0, y1}) {
-        const double a = std::remainder(std::atan2(y, x) - middle, kTurn);
-        w.azimuth_min = std::fmin(w.azimuth_min, middle + a);
-        w.azimuth_max = std::fmax(w.azimuth_max, middle + a);
-      }
-  }
-  // The zenith angle atan2(distance, height) is monotonic in each, so corners decide.
-  w.zenith_min = std::fmin(std::atan2(nearest, z1), std::atan2(farthest, z1));
-  w.zenith_max = std::fmax(std::atan2(nearest, z0), std::atan2(farthest, z0));
-  return w;
-}
-
-/// The grid of directions; whole steps from azimuth 0 and the zenith.
-struct DirectionGrid {
-  double step_rad = 0.0;
-  std::int64_t first_column = 0, columns = 0;
-  std::int64_t first_row = 0, rows = 0;
-
-  [[nodiscard]] Vec3 direction(std::int64_t column, std::int64_t row) const {
-    const double azimuth = step_rad * static_cast<double>(first_column + column);
-    const double zenith = step_rad * static_cast<double>(first_row + row);
-    const double s = std::sin(zenith);
-    return {s * std::cos(azimuth), s * std::sin(azimuth), std::cos(zenith)};
-  }
-};
-
-DirectionGrid grid_over(const AngularWindow& w, double step) {
-  DirectionGrid g;
-  g.step_rad = step;
-  const auto below = [&](double a) { return static_cast<std::int64_t>(std::floor(a / step)); };
-  const auto above = [&](double a) { return static_cast<std::int64_t>(std::ceil(a / step)); };
-  g.first_column = below(w.azimuth_min);
-  g.columns = above(w.azimuth_max) - g.first_column + 1;
-  // A full turn ends before it begins again.
-  if (w.azimuth_max - w.azimuth_min >= kTurn)
-    g.columns =
-        std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(kTurn / step - 1e-9)));
-  // Beyond the nadir the directions of the opposite azimuth would come again.
-  g.first_row = below(w.zenith_min);
-  g.rows = std::min(above(w.zenith_max), below(std::numbers::pi + 1e-9 * step)) - g.first_row + 1;
-  return g;
-}
-
-/// Distance at which the ray enters the part through a wall; infinite if it does not.
-double wall_distance(const ModelField& f, Vec3 o, Vec3 d) {
-  const double x0 = f.x0.value(), x1 = f.x_mm(f.z_mm.cols() - 1);
-  const double y0 = f.y0.value(), y1 = f.y_mm(f.z_mm.rows() - 1);
-  double t_in = 0.0, t_out = INFINITY;
-  const auto clip = [&](double from, double along, double lo, double hi) {
-    if (along == 0.0) {
-      if (from < lo || from > hi) t_out = -INFINITY;
-      return;
-    }
-    const double a = (lo - from) / along, b = (hi - from) / along;
-    t_in = std::fmax(t_in, std::fmin(a, b));
-    t_out = std::fmin(t_out, std::fmax(a, b));
-  };
-  clip(o.x, d.x, x0, x1);
-  clip(o.y, d.y, y0, y1);
-  if (!(t_in <= t_out) || t_in == 0.0) return INFINITY;
-  const Vec3 p = o + t_in * d;
-  // Rounding may leave the entry a hair outside.
-  const double height = heightmap::height_at(f, std::clamp(p.x, x0, x1), std::clamp(p.y, y0, y1));
-  return p.z < height ? t_in : INFINITY;
-}
-
-struct Echo {
-  double range_mm;
-  double cos_incidence;
-};
-
-std::optional<Echo> look(const ModelField& surface, const FieldTracer& tracer,
-                         const detail::StoneScene& stones, Vec3 station, Vec3 d) {
-  const auto ground = tracer.trace(station, d);
-  double nearest = ground ? ground->distance_mm : INFINITY;
-  nearest = std::fmin(nearest, wall_distance(surface, station, d));
-  if (const auto stone = stones.trace(station, d, nearest))
-    return Echo{stone->distance_mm, std::abs(dot(stone->normal, d))};
-  if (!ground || nearest < ground->distance_mm) return std::nullopt;
-  const double cos_incidence = -dot(ground->normal, d);
-  // From below: through a void or from under the part.
-  if (!(cos_incidence > 0.0)) return std::nullopt;
-  return Echo{ground->distance_mm, cos_incidence};
-}
+constexpr double kReferenceRangeMm = 3000.0;
+constexpr double kGrey = 0.5;
+// Grey at a cosine of 0.01 and 3 m: what is darker is no noisier.
+constexpr double kLeastNoiseSignal = 0.01 * kGrey;
+// Streams of random numbers beside that of the range noise.
+constexpr std::uint64_t kTurnStream = 0x7475726e, kAzimuthStream = 0x617a696d,
+                        kZenithStream = 0x7a656e69;
 
 Result<void> check_options(const ScanOptions& o) {
-  const auto bad = [](std::string_view what, double value) {
-    return fail(kScanOptions, fmt::format("scanner: {} is {}", what, value));
-  };
   const assets::ScannerPreset& s = o.scanner;
-  if (!(s.lines_per_turn >= 4.0 && s.lines_per_turn <= 1e9))
-    return bad("lines_per_turn must be between 4 and 1e9 but", s.lines_per_turn);
-  if (!(s.range_sigma_mm >= 0.0 && s.range_sigma_mm < 1e3))
-    return bad("range_sigma_mm must be between 0 and 1000 but", s.range_sigma_mm);
-  if (!(s.range_resolution_mm >= 0.0 && s.range_resolution_mm < 1e3))
-    return bad("range_resolution_mm must be between 0 and 1000 but", s.range_resolution_mm);
-  if (o.max_points < 16)
-    return bad("max_points must be at least 16 but", 1.0 * static_cast<double>(o.max_points));
-  for (const double c : {o.station_mm.x, o.station_mm.y, o.station_mm.z})
-    if (!(std::abs(c) <= kLargestCoordinateMm))
-      return bad("the station must be finite millimetres but a coordinate", c);
+  struct Limit {
+    const char* what;
+    double value, least, most;
+  };
+  const double turn = norm({o.station_rotation.x, o.station_rotation.y, o.station_rotation.z});
+  const AngularErrors& a = o.angular;
+  const RangeErrors& r = o.range;
+  const Limit limits[] = {
+      {"lines_per_turn", s.lines_per_turn, 4.0, 1e9},
+      {"range_sigma_mm", s.range_sigma_mm, 0.0, 1e3},
+      {"range_resolution_mm", s.range_resolution_mm, 0.0, 1e3},
+      {"noise_exponent", s.noise_exponent, 0.0, 4.0},
+      {"beam_diameter_mm", s.beam_diameter_mm, 0.0, 1e3},
+      {"beam_divergence_mrad", s.beam_divergence_mrad, 0.0, 100.0},
+      {"turns_per_s", s.turns_per_s, 1e-6, 1e6},
+      {"largest_zenith_deg", s.largest_zenith_deg, 1.0, 180.0},
+      {"least_signal", s.least_signal, 0.0, 1e6},
+      {"footprint_rays", static_cast<double>(o.footprint_rays), 1.0, 10'000.0},
+      {"max_points", static_cast<double>(o.max_points), 16.0, 1e12},
+      {"station x", o.station_mm.x, -kLargestCoordinateMm, kLargestCoordinateMm},
+      {"station y", o.station_mm.y, -kLargestCoordinateMm, kLargestCoordinateMm},
+      {"station z", o.station_mm.z, -kLargestCoordinateMm, kLargestCoordinateMm},
+      {"norm of the station's rotation", std::hypot(turn, o.station_rotation.w), 1.0 - 1e-9,
+       1.0 + 1e-9},
+      {"encoder_noise_rad", a.encoder_noise_rad, 0.0, 0.1},
+      {"vertical_index_rad", a.vertical_index_rad, -0.1, 0.1},
+      {"collimation_rad", a.collimation_rad, -0.1, 0.1},
+      {"trunnion_rad", a.trunnion_rad, -0.1, 0.1},
+      {"eccentricity_h_rad", a.eccentricity_h_rad, -0.1, 0.1},
+      {"eccentricity_v_rad", a.eccentricity_v_rad, -0.1, 0.1},
+      {"eccentricity_h_phase_rad", a.eccentricity_h_phase_rad, -1e3, 1e3},
+      {"eccentricity_v_phase_rad", a.eccentricity_v_phase_rad, -1e3, 1e3},
+      {"offset_mm", r.offset_mm, -1e3, 1e3},
+      {"scale_ppm", r.scale_ppm, -1e5, 1e5},
+      {"cyclic_mm", r.cyclic_mm, -1e3, 1e3},
+      {"cyclic_phase_rad", r.cyclic_phase_rad, -1e3, 1e3},
+      {"incidence_mm", r.incidence_mm, -1e3, 1e3},
+  };
+  for (const Limit& l : limits)
+    if (!(l.value >= l.least && l.value <= l.most))
+      return fail(kScanOptions, fmt::format("scanner: {} must be between {} and {} but is {}",
+                                            l.what, l.least, l.most, l.value));
+  double coarser = INFINITY;
+  for (const double u : s.unambiguous_mm) {
+    if (!(u > 0.0 && u < coarser))
+      return fail(kScanOptions,
+                  fmt::format("scanner: unambiguous_mm must fall from coarse to fine and be "
+                              "positive but {} follows {}",
+                              u, coarser));
+    coarser = u;
+  }
+  if (s.unambiguous_mm.empty())
+    return fail(kScanOptions, "scanner: unambiguous_mm needs at least one length");
   return {};
 }
 
-}  // namespace
-
-double range_sigma_mm(const assets::ScannerPreset& scanner, double range_mm, double cos_incidence) {
-  return scanner.range_sigma_mm * (range_mm / 3000.0) / std::sqrt(std::fmax(cos_incidence, 0.01));
+double sigma_of_signal(const assets::ScannerPreset& scanner, double signal) {
+  return scanner.range_sigma_mm *
+         std::pow(std::fmax(signal, kLeastNoiseSignal) / kGrey, -scanner.noise_exponent);
 }
 
-Result<Cloud> simulate_scan(const ModelField& surface, std::span<const TriMesh> stones,
-                            const ScanOptions& options, const RunContext& run) {
-  MAQUETTE_TRY_VOID(check_options(options));
-  const Vec3 station = options.station_mm;
-  const double ground = heightmap::height_at(surface, station.x, station.y);
-  if (ground >= station.z)  // false over a void and beside the part
-    return fail(kStationUnderSurface,
-                fmt::format("the scanner at ({}, {}, {}) mm stands {} mm under the surface",
-                            station.x, station.y, station.z, ground - station.z));
-  for (std::size_t i = 0; i < stones.size(); ++i)
-    if (detail::inside_mesh(stones[i], station))
-      return fail(kStationUnderSurface,
-                  fmt::format("the scanner at ({}, {}, {}) mm stands inside stone {}", station.x,
-                              station.y, station.z, i + 1));
-
-  const heightmap::HeightRange heights = heightmap::height_range(surface.z_mm);
-  MAQUETTE_TRY(const detail::StoneScene scene, detail::StoneScene::build(stones));
-  Box3 box = scene.bounds();
-  if (heights.min <= heights.max) {
-    box.add({surface.x0.value(), surface.y0.value(), static_cast<double>(heights.min)});
-    box.add({surface.x_mm(surface.z_mm.cols() - 1), surface.y_mm(surface.z_mm.rows() - 1),
-             static_cast<double>(heights.max)});
+/// The scanner at its place: from a cell of the grid to a point.
+class Instrument {
+ public:
+  Instrument(const ScanOptions& options, const detail::ScanScene& scene, double farthest_mm)
+      : o_(options),
+        scene_(scene),
+        samples_(detail::beam_samples(options.footprint_rays)),
+        waist_mm_(0.5 * options.scanner.beam_diameter_mm),
+        divergence_rad_(1e-3 * options.scanner.beam_divergence_mrad),
+        exact_angles_(
+            options.angular.encoder_noise_rad == 0.0 && options.angular.vertical_index_rad == 0.0 &&
+            options.angular.collimation_rad == 0.0 && options.angular.trunnion_rad == 0.0 &&
+            options.angular.eccentricity_h_rad == 0.0 &&
+            options.angular.eccentricity_v_rad == 0.0) {
+    if (waist_mm_ == 0.0 && divergence_rad_ == 0.0) samples_ = detail::beam_samples(1);
+    double outermost = 0.0;
+    for (const detail::BeamSample& s : samples_)
+      outermost = std::max(outermost, std::hypot(s.x, s.y));
+    beam_radius_mm_ =
+        1.01 * outermost * detail::beam_radius_mm(waist_mm_, divergence_rad_, farthest_mm);
   }
-  if (box.empty()) return fail(kNothingHit, "the surface is all void and there are no stones");
 
-  const AngularWindow window = window_of(box, station);
-  double step = kTurn / options.scanner.lines_per_turn;
-  DirectionGrid grid = grid_over(window, step);
+  /// No ray is farther from the beam's middle.
+  [[nodiscard]] double beam_radius_mm() const { return beam_radius_mm_; }
+
+  enum class Outcome { nothing, lost, point };
+  /// What one point needs, kept for the next.
+  struct Beam {
+    std::vector<detail::Ray> rays;
+    std::vector<std::optional<heightmap::FieldHit>> ground;
+    std::vector<std::optional<detail::Echo>> echoes;
+    std::vector<BeamReturn> returns;
+  };
+  struct Point {
+    Vec3 place_mm;  // station's frame
+    float intensity = 0.0F;
+    Colour colour;
+  };
+
+  Outcome measure(double azimuth, double zenith, std::uint64_t ray, Beam& beam,
+                  Point& point) const {
+    const Vec3 shown = detail::direction_of(azimuth, zenith);
+    const Vec3 axis =
+        rotate(o_.station_rotation, exact_angles_ ? shown : aim(azimuth, zenith, ray));
+    double cos_turn = 1.0, sin_turn = 0.0;
+    if (samples_.size() > 1) {
+      const double turn = kTurn * random_uniform(o_.seed ^ kTurnStream, ray);
+      cos_turn = std::cos(turn);
+      sin_turn = std::sin(turn);
+    }
+    beam.returns.clear();
+    double energy = 0.0, cos_mean = 0.0, strongest = 0.0;
+    beam.rays.clear();
+    for (const detail::BeamSample& sample : samples_)
+      beam.rays.push_back(samples_.size() == 1
+                              ? detail::Ray{o_.station_mm, axis}
+                              : detail::skew_ray(o_.station_mm, axis, waist_mm_, divergence_rad_,
+                                                 sample, cos_turn, sin_turn));
+    beam.ground.resize(samples_.size());
+    beam.echoes.resize(samples_.size());
+    if (samples_.size() == 1)
+      beam.echoes[0] = scene_.look(o_.station_mm, axis);
+    else
+      scene_.look({o_.station_mm, axis}, beam_radius_mm_, beam.rays, beam.ground, beam.echoes);
+    for (std::size_t i = 0; i < samples_.size(); ++i) {
+      const auto& echo = beam.echoes[i];
+      const detail::Ray& r = beam.rays[i];
+      if (!echo) continue;
+      SurfaceLook look;
+      if (o_.paint) look = o_.paint(r.origin_mm + echo->range_mm * r.direction, echo->stone);
+      const double nearness = kReferenceRangeMm / echo->range_mm;
+      const double amplitude =
+          samples_[i].weight * look.reflectance * echo->cos_incidence * nearness * nearness;
+      beam.returns.push_back({echo->range_mm, amplitude});
+      energy += amplitude;
+      cos_mean += amplitude * echo->cos_incidence;
+      if (amplitude > strongest) {
+        strongest = amplitude;
+        point.colour = look.colour;
+      }
+    }
+    if (beam.returns.empty()) return Outcome::nothing;
+    const assets::ScannerPreset& s = o_.scanner;
+    const PhaseRange phase = phase_range(beam.returns, s.unambiguous_mm);
+    if (!(phase.amplitude > 0.0) || phase.amplitude < s.least_signal) return Outcome::lost;
+    double range = phase.range_mm + systematic_mm(phase.range_mm, cos_mean / energy);
+    range += sigma_of_signal(s, phase.amplitude) * random_normal(o_.seed, ray);
+    if (const double unit = s.range_resolution_mm; unit > 0.0)
+      range = unit * std::round(range / unit);
+    if (!(range > 0.0)) return Outcome::lost;
+    point.place_mm = range * shown;
+    point.intensity = static_cast<float>(phase.amplitude);
+    return Outcome::point;
+  }
+
+ private:
+  [[nodiscard]] Vec3 aim(double azimuth, double zenith, std::uint64_t ray) const {
+    const AngularErrors& e = o_.angular;
+    detail::Angles a = detail::true_angles(e, o_.second_face, azimuth, zenith);
+    if (e.encoder_noise_rad > 0.0) {
+      a.azimuth += e.encoder_noise_rad * random_normal(o_.seed ^ kAzimuthStream, ray);
+      a.zenith += e.encoder_noise_rad * random_normal(o_.seed ^ kZenithStream, ray);
+    }
+    return detail::direction_of(a.azimuth, a.zenith);
+  }
+
+  [[nodiscard]] double systematic_mm(double range, double cos_incidence) const {
+    const RangeErrors& e = o_.range;
+    double sum = e.offset_mm + 1e-6 * e.scale_ppm * range;
+    if (e.cyclic_mm != 0.0)
+      sum += e.cyclic_mm *
+             std::sin(kTurn * range / o_.scanner.unambiguous_mm.back() + e.cyclic_phase_rad);
+    if (e.incidence_mm != 0.0)
+      sum += e.incidence_mm * std::fmin(100.0, 1.0 / (cos_incidence * cos_incidence) - 1.0);
+    return sum;
+  }
+
+  const ScanOptions& o_;
+  const detail::ScanScene& scene_;
+  std::vector<detail::BeamSample> samples_;
+  double waist_mm_, divergence_rad_, beam_radius_mm_ = 0.0;
+  bool exact_angles_;
+};
+
+/// The box as the station sees it, wide enough for a beam whose middle passes beside it.
+Box3 seen_box(const Box3& box, const RigidTransform& station_from_model, double margin) {
+  Box3 seen;
+  for (const double x : {box.min.x, box.max.x})
+    for (const double y : {box.min.y, box.max.y})
+      for (const double z : {box.min.z, box.max.z}) seen.add(station_from_model.point({x, y, z}));
+  seen.min = seen.min - Vec3{margin, margin, margin};
+  seen.max = seen.max + Vec3{margin, margin, margin};
+  return seen;
+}
+
+struct Column {
+  std::vector<Instrument::Point> points;
+  std::vector<std::uint32_t> rows;
+  std::uint64_t lost = 0;
+};
+
+Result<ScanFigures> scan_into(const detail::StationSink& sink, const ModelField& surface,
+                              std::span<const TriMesh> stones, const ScanOptions& options,
+                              bool with_time, const RunContext& run) {
+  MAQUETTE_TRY_VOID(check_options(options));
+  const assets::ScannerPreset& scanner = options.scanner;
+  MAQUETTE_TRY(const detail::ScanScene scene, detail::ScanScene::build(surface, stones));
+  MAQUETTE_TRY_VOID(scene.check_outside(options.station_mm, "scanner"));
+  if (scene.bounds().empty())
+    return fail(kNothingHit, "the surface is all void and there are no stones");
+
+  const RigidTransform model_from_station{options.station_rotation, options.station_mm};
+  const Box3 model_box = scene.bounds();
+  const double farthest = norm(model_box.max - model_box.min) +
+                          norm(0.5 * (model_box.min + model_box.max) - options.station_mm);
+  const Instrument instrument(options, scene, farthest);
+  const AngularErrors& e = options.angular;
+  const double strays = 5.0 * e.encoder_noise_rad + std::abs(e.vertical_index_rad) +
+                        std::abs(e.eccentricity_v_rad) + std::abs(e.eccentricity_h_rad) +
+                        std::abs(e.collimation_rad) + std::abs(e.trunnion_rad);
+  const detail::AngularWindow window =
+      detail::window_of(seen_box(model_box, model_from_station.inverse(),
+                                 instrument.beam_radius_mm() + strays * farthest),
+                        {});
+  const double largest_zenith = scanner.largest_zenith_deg * std::numbers::pi / 180.0;
+
+  double step = kTurn / scanner.lines_per_turn;
+  detail::DirectionGrid grid = detail::grid_over(window, step, largest_zenith);
   const auto directions = [&] {
-    return static_cast<double>(grid.columns) * static_cast<double>(grid.rows);
+    return static_cast<double>(grid.columns) *
+           static_cast<double>(std::max<std::int64_t>(0, grid.rows));
   };
   const auto limit = static_cast<double>(options.max_points);
   while (directions() > limit) {
     step *= std::fmax(1.001, std::sqrt(directions() / limit));
-    grid = grid_over(window, step);
+    grid = detail::grid_over(window, step, largest_zenith);
   }
-  if (const double widened = step * options.scanner.lines_per_turn / kTurn; widened > 1.0)
+  ScanFigures figures;
+  figures.widened = step * scanner.lines_per_turn / kTurn;
+  if (figures.widened > 1.0)
     run.warn(fmt::format("angular steps are {:.3g} times those of {}, to stay below {} points",
-                         widened, options.scanner.name, options.max_points));
+                         figures.widened, scanner.name, options.max_points));
+  grid.rows = std::max<std::int64_t>(0, grid.rows);
+  figures.directions = static_cast<std::uint64_t>(grid.rows * grid.columns);
 
-  const FieldTracer tracer(surface);
-  Cloud cloud;
-  cloud.station_mm = station;
-  // Columns in batches: the cloud grows in order, and memory holds it once.
-  constexpr std::int64_t kBatch = 128;
-  struct Column {
-    std::vector<Vec3> points;
-    std::vector<float> intensity;
-  };
-  std::vector<Column> batch(kBatch);
-  for (std::int64_t first = 0; first < grid.columns; first += kBatch) {
+  ScanStation station;
+  station.name = options.name;
+  station.sensor_vendor = scanner.vendor;
+  station.sensor_model = scanner.model;
+  station.model_from_station = model_from_station;
+  station.position_mm = options.station_mm;
+  station.rows = static_cast<std::uint32_t>(grid.rows);
+  station.columns = static_cast<std::uint32_t>(grid.columns);
+  station.fields.intensity = station.fields.grid = true;
+  station.fields.colour = options.colour && options.paint;
+  station.fields.time = with_time;
+  const Box3 box = seen_box(model_box, {{}, -options.station_mm}, 0.0);
+  const double nearest = std::fmax(1.0, norm({std::fmax(0.0, std::fmax(box.min.x, -box.max.x)),
+                                              std::fmax(0.0, std::fmax(box.min.y, -box.max.y)),
+                                              std::fmax(0.0, std::fmax(box.min.z, -box.max.z))}));
+  station.intensity_limits = {0.0, std::pow(kReferenceRangeMm / nearest, 2)};
+
+  // Columns in batches of some 50 MB: memory does not depend on the number of points.
+  const std::int64_t per_batch =
+      std::clamp<std::int64_t>(400'000 / std::max<std::int64_t>(1, grid.rows), 1, 1024);
+  std::vector<Column> columns(static_cast<std::size_t>(per_batch));
+  PointBatch batch;
+  for (std::int64_t first = 0; first < grid.columns; first += per_batch) {
     if (run.stopped()) return fail(kCancelled, "the simulated scan was cancelled");
     run.progress(static_cast<double>(first) / static_cast<double>(grid.columns));
-    const std::int64_t count = std::min(kBatch, grid.columns - first);
+    const std::int64_t count = std::min(per_batch, grid.columns - first);
     oneapi::tbb::parallel_for(std::int64_t{0}, count, [&](std::int64_t k) {
-      Column& column = batch[static_cast<std::size_t>(k)];
+      Column& column = columns[static_cast<std::size_t>(k)];
       column.points.clear();
-      column.intensity.clear();
+      column.rows.clear();
+      column.lost = 0;
+      Instrument::Beam beam;
       for (std::int64_t row = 0; row < grid.rows; ++row) {
-        const Vec3 d = grid.direction(first + k, row);
-        const auto echo = look(surface, tracer, scene, station, d);
-        if (!echo) continue;
+        Instrument::Point point;
         const auto ray = static_cast<std::uint64_t>((first + k) * grid.rows + row);
-        double range =
-            echo->range_mm + range_sigma_mm(options.scanner, echo->range_mm, echo->cos_incidence) *
-                                 random_normal(options.seed, ray);
-        if (const double unit = options.scanner.range_resolution_mm; unit > 0.0)
-          range = unit * std::round(range / unit);
-        column.points.push_back(station + range * d);
-        column.intensity.push_back(static_cast<float>(echo->cos_incidence));
+        const auto outcome =
+            instrument.measure(grid.azimuth(first + k), grid.zenith(row), ray, beam, point);
+        if (outcome == Instrument::Outcome::lost) ++column.lost;
+        if (outcome != Instrument::Outcome::point) continue;
+        column.points.push_back(point);
+        column.rows.push_back(static_cast<std::uint32_t>(row));
       }
     });
+    batch.clear();
     for (std::int64_t k = 0; k < count; ++k) {
-      const Column& column = batch[static_cast<std::size_t>(k)];
-      cloud.points_mm.insert(cloud.points_mm.end(), column.points.begin(), column.points.end());
-      cloud.intensity.insert(cloud.intensity.end(), column.intensity.begin(),
-                             column.intensity.end());
+      const Column& column = columns[static_cast<std::size_t>(k)];
+      figures.lost += column.lost;
+      for (std::size_t i = 0; i < column.points.size(); ++i) {
+        const Instrument::Point& p = column.points[i];
+        batch.points_mm.push_back(p.place_mm);
+        batch.intensity.push_back(p.intensity);
+        batch.grid.push_back({column.rows[i], static_cast<std::uint32_t>(first + k)});
+        if (station.fields.colour) batch.colours.push_back(p.colour);
+        // A turn of the mirror takes lines_per_turn rows; the head turns by a column meanwhile.
+        if (with_time)
+          batch.time_s.push_back((static_cast<double>(first + k) +
+                                  static_cast<double>(column.rows[i]) * step / kTurn) /
+                                 scanner.turns_per_s);
+      }
     }
+    if (batch.size() == 0) continue;
+    batch.begins_station = figures.points == 0;
+    figures.points += batch.size();
+    MAQUETTE_TRY_VOID(sink(station, batch));
   }
-  if (cloud.points_mm.empty())
+  if (figures.points == 0)
     return fail(
         kNothingHit,
         fmt::format("none of {} x {} directions from ({}, {}, {}) mm meets the surface from "
-                    "above; move the scanner",
-                    grid.columns, grid.rows, station.x, station.y, station.z));
+                    "above with enough signal; move the scanner",
+                    grid.columns, grid.rows, options.station_mm.x, options.station_mm.y,
+                    options.station_mm.z));
   run.progress(1.0);
+  return figures;
+}
+
+}  // namespace
+
+double range_sigma_mm(const assets::ScannerPreset& scanner, double range_mm, double cos_incidence,
+                      double reflectance) {
+  const double nearness = kReferenceRangeMm / range_mm;
+  return sigma_of_signal(scanner, reflectance * cos_incidence * nearness * nearness);
+}
+
+Result<Cloud> simulate_scan(const ModelField& surface, std::span<const TriMesh> stones,
+                            const ScanOptions& options, const RunContext& run) {
+  Cloud cloud;
+  MAQUETTE_TRY_VOID(scan_into(detail::into(cloud), surface, stones, options, false, run));
   return cloud;
+}
+
+Result<ScanFigures> simulate_scan(const ModelField& surface, std::span<const TriMesh> stones,
+                                  const ScanOptions& options, CloudWriter& writer,
+                                  const RunContext& run) {
+  return scan_into(detail::into(writer), surface, stones, options, true, run);
 }
 
 }  // namespace maquette::scan

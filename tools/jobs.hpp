@@ -17,8 +17,8 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "meshing/bands.hpp"
-#include "scan/scanner_sim.hpp"
 #include "tools/pipeline.hpp"
+#include "tools/scanner_file.hpp"
 #include "tools/scene_file.hpp"
 #include "tools/site.hpp"
 
@@ -114,10 +114,18 @@ struct ExportOptions {
 [[nodiscard]] Result<JobResult> scene_job(const Site& site, const fs::path& design,
                                           const fs::path& mesh, const fs::path& scene);
 
-/// Simulated scan of a surface (.tif or mesh) with stones.
-[[nodiscard]] Result<JobResult> scan_job(const fs::path& surface,
-                                         const std::optional<fs::path>& stones,
-                                         const scan::ScanOptions& options, const fs::path& out,
+struct ScanJob {
+  fs::path surface;                ///< model field (.tif) or mesh
+  std::optional<fs::path> stones;  ///< stones.json
+  Scanner scanner;
+  std::vector<Vec3> stations_mm;         ///< one scan each
+  std::optional<Vec3> target_mm;         ///< looked at by structured light; none: the middle
+  std::optional<fs::path> reflectance;   ///< model field of 0 to 1 over the same place; none: 0.5
+  std::uint64_t max_points = 1'000'000;  ///< of each station
+  std::uint64_t seed = 1;                ///< of the first station, then one more each
+};
+/// Simulated scans into one cloud file, its format by the extension of `out`; in constant memory.
+[[nodiscard]] Result<JobResult> scan_job(const ScanJob& job, const fs::path& out,
                                          const RunContext& run);
 /// Station `index` of the site's `stations`, round the part.
 [[nodiscard]] Vec3 station_position(const Site& site, const heightmap::ModelField& surface,

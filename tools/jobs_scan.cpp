@@ -37,35 +37,6 @@ Vec3 station_position(const Site& site, const heightmap::ModelField& surface, st
           top + site.scanner_distance_mm * std::sin(elevation)};
 }
 
-Result<JobResult> scan_job(const fs::path& surface_path, const std::optional<fs::path>& stones_path,
-                           const scan::ScanOptions& options, const fs::path& out,
-                           const RunContext& run) {
-  std::vector<TriMesh> stones;
-  if (stones_path) {
-    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*stones_path));
-    for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
-  }
-  // A mesh is scanned like a stone, over ground that is all void.
-  heightmap::ModelField surface{Grid<float>(2, 2, NAN), {}, {}, {}};
-  if (is_field(surface_path)) {
-    MAQUETTE_TRY(surface, heightmap::read_model_field(surface_path));
-  } else {
-    MAQUETTE_TRY(TriMesh mesh, meshing::read_mesh(surface_path, run));
-    stones.push_back(std::move(mesh));
-  }
-  MAQUETTE_TRY(const auto cloud, scan::simulate_scan(surface, stones, options, run));
-  MAQUETTE_TRY_VOID(scan::write_cloud(cloud, out));
-  JobResult result;
-  result.outputs = {out};
-  result.figures_json =
-      json{{"points", cloud.points_mm.size()},
-           {"station_mm", {options.station_mm.x, options.station_mm.y, options.station_mm.z}},
-           {"scanner", options.scanner.name}}
-          .dump();
-  result.note = fmt::format("{} points", cloud.points_mm.size());
-  return result;
-}
-
 Result<JobResult> case_job(const Site& site, const fs::path& folder,
                            std::span<const fs::path> programs, std::span<const fs::path> scans) {
   const auto relative = [&](const fs::path& p) {

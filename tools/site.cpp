@@ -7,6 +7,7 @@
 
 #include "assets/devices.hpp"
 #include "cnc/machine.hpp"
+#include "tools/scanner_file.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -197,8 +198,7 @@ SiteFile empty_site_file() {
   t.add({"surface.albedo", &s.albedo, "", 0.001, 1});
 
   t.section("scanner", "");
-  t.add(
-      {"scanner.name", &s.scanner, "preset", -kInf, kInf, preset_names(assets::scanner_presets())});
+  t.add({"scanner.name", &s.scanner, "preset", -kInf, kInf, scanner_names()});
   t.add({"scanner.stations", &s.stations, "evenly round the part", 1, 36});
   t.add({"scanner.elevation_deg", &s.scanner_elevation_deg, "of the stations", 5, 90});
   t.add({"scanner.distance_mm", &s.scanner_distance_mm, "from the part's border", 10, 1e6});

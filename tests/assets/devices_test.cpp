@@ -38,6 +38,10 @@ TEST(Devices, AreFoundByUniqueNames) {
   expect_found_by_unique_name(camera_presets());
   expect_found_by_unique_name(lamp_presets());
   expect_found_by_unique_name(scanner_presets());
+  expect_found_by_unique_name(structured_light_presets());
+  // One name, one scanner: commands take either kind by name.
+  for (const StructuredLightPreset& s : structured_light_presets())
+    EXPECT_FALSE(find_preset(scanner_presets(), s.name).has_value()) << s.name;
 }
 
 TEST(Devices, TheOnesThatOthersNameExist) {
@@ -45,8 +49,8 @@ TEST(Devices, TheOnesThatOthersNameExist) {
     EXPECT_TRUE(find_preset(camera_presets(), name).has_value()) << name;
   for (const char* name : {"arri_d5", "point"})
     EXPECT_TRUE(find_preset(lamp_presets(), name).has_value()) << name;
-  for (const char* name : {"zf5006h", "structured_light"})
-    EXPECT_TRUE(find_preset(scanner_presets(), name).has_value()) << name;
+  EXPECT_TRUE(find_preset(scanner_presets(), "zf5006h").has_value());
+  EXPECT_TRUE(find_preset(structured_light_presets(), "structured_light").has_value());
 }
 
 double horizontal_fov_deg(const CameraPreset& c) {
@@ -125,6 +129,23 @@ TEST(Devices, ScannersArePhysical) {
   EXPECT_EQ(zf->range_resolution_mm, 0.1);
   EXPECT_EQ(zf->beam_diameter_mm, 3.0);
   EXPECT_EQ(zf->beam_divergence_mrad, 0.22);
+  EXPECT_EQ(zf->unambiguous_mm.front(), 79'000.0);
+  EXPECT_EQ(zf->turns_per_s * zf->lines_per_turn, 500'000.0);
+}
+
+TEST(Devices, StructuredLightIsPhysical) {
+  for (const StructuredLightPreset& s : structured_light_presets()) {
+    SCOPED_TRACE(s.name);
+    EXPECT_GT(s.width_px, 0);
+    EXPECT_GT(s.height_px, 0);
+    // The projector lights what the camera sees at the distance it is made for.
+    const double seen = std::atan(0.5 * s.width_px / s.focal_length_px) * 360.0 / std::numbers::pi;
+    EXPECT_GT(s.projector_width_deg, 0.9 * seen);
+    EXPECT_LT(s.projector_width_deg, 2.0 * seen);
+    EXPECT_LT(s.baseline_mm, s.working_distance_mm);
+    EXPECT_GT(s.exposure, s.least_value);
+    EXPECT_LE(s.exposure, 1.0);
+  }
 }
 
 }  // namespace

@@ -293,6 +293,47 @@ TEST_P(FieldTracerSeeded, EqualsAllTrianglesWithoutPyramid) {
   }
 }
 
+TEST_P(FieldTracerSeeded, ABundleHitsWhatItsRaysHit) {
+  // Beams of all widths from a node to a leaf, also along the outline, grazing and straight down.
+  ModelField f = rough_ground(seed(), 75, 90, 0.7, -5.0, 300.0);
+  Draws draw{seed() + 250};
+  if (seed() % 2 == 0)
+    for (int i = 0; i < 100; ++i) f.z_mm(draw.index(75), draw.index(90)) = NAN;
+  const FieldTracer tracer(f);
+  const double wide = f.x_mm(89) - f.x0.value(), deep = f.y_mm(74) - f.y0.value();
+  int hits = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const Vec3 target{f.x0.value() + wide * draw.uniform(-0.05, 1.05),
+                      f.y0.value() + deep * draw.uniform(-0.05, 1.05), draw.uniform(-6.0, 6.0)};
+    Vec3 d = draw.direction();
+    if (i % 3 == 0) d = normalized(Vec3{d.x, d.y, 0.05 * d.z});
+    if (i % 16 == 1) d = {0.0, 0.0, -1.0};
+    const double far = draw.uniform(10.0, 3000.0);
+    const FieldTracer::Ray axis{target - far * d, d};
+    const double radius = std::pow(10.0, draw.uniform(-2.0, 0.8));
+    // Within the radius from the start to beyond the field.
+    const double reach = far + 2.0 * (wide + deep);
+    std::vector<FieldTracer::Ray> rays{axis};
+    for (int k = 0; k < 6; ++k) {
+      const Vec3 off = draw.direction();
+      const Vec3 aside = off - dot(off, d) * d;
+      const Vec3 tilt = draw.direction();
+      rays.push_back({axis.origin_mm + 0.6 * radius * aside,
+                      normalized(d + 0.4 * radius / reach * (tilt - dot(tilt, d) * d))});
+    }
+    std::vector<std::optional<FieldHit>> bundle(rays.size());
+    tracer.trace_bundle(axis, radius, rays, bundle);
+    for (std::size_t k = 0; k < rays.size(); ++k) {
+      const auto one = tracer.trace(rays[k].origin_mm, rays[k].direction);
+      ASSERT_EQ(one.has_value(), bundle[k].has_value()) << "beam " << i << ", ray " << k;
+      if (!one) continue;
+      ++hits;
+      ASSERT_EQ(one->distance_mm, bundle[k]->distance_mm) << "beam " << i << ", ray " << k;
+    }
+  }
+  EXPECT_GT(hits, 5000);
+}
+
 TEST_P(FieldTracerSeeded, AgreesWithASecondFormula) {
   const ModelField f = rough_ground(seed(), 30, 41, 1.0);
   const FieldTracer tracer(f);

@@ -87,7 +87,9 @@ TEST(ScannerSim, PointsLieOnAFlatPart) {
   for (std::size_t i = 0; i < cloud->points_mm.size(); ++i) {
     const Vec3 ray = cloud->points_mm[i] - station;
     ASSERT_NEAR(cloud->points_mm[i].z, 5.0, 1e-11);
-    ASSERT_NEAR(cloud->intensity[i], -ray.z / norm(ray), 1e-6) << "cosine of incidence";
+    // Grey, cosine of incidence, inverse square of the range.
+    const double signal = 0.5 * -ray.z / norm(ray) * 9e6 / dot(ray, ray);
+    ASSERT_NEAR(cloud->intensity[i], signal, 1e-6 * signal);
     // Whole steps of both angles.
     const double column = std::atan2(ray.y, ray.x) / step,
                  row = std::acos(ray.z / norm(ray)) / step;

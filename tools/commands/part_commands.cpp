@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// verify, backplot, export, render, compare, scan, deviate
+// verify, backplot, export, render, compare, deviate
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 
-#include "assets/devices.hpp"
 #include "cnc/machine.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
@@ -19,18 +18,6 @@ namespace {
 
 std::optional<fs::path> given(const fs::path& path) {
   return path.empty() ? std::nullopt : std::optional(path);
-}
-
-template <class Preset>
-Result<Preset> preset(const std::vector<Preset>& presets, const std::string& kind,
-                      const std::string& name) {
-  if (auto found = assets::find_preset(presets, name)) return *found;
-  std::vector<std::string> names;
-  for (const Preset& p : presets) names.push_back(p.name);
-  const std::string near = nearest_name(name, names);
-  return fail(kUnknownName,
-              fmt::format("no {} is called '{}'; known: {}{}", kind, name, fmt::join(names, ", "),
-                          near.empty() ? "" : fmt::format("; did you mean '{}'?", near)));
 }
 
 }  // namespace
@@ -199,46 +186,6 @@ Command add_compare(CLI::App& root, const CommonOptions&) {
   return {app, [o](Console& console) {
             return finish(console, "compare", [&](const RunContext& run) {
               return compare_job(o->real, o->rendered, o->out, run);
-            });
-          }};
-}
-
-Command add_scan(CLI::App& root, const CommonOptions& common) {
-  struct Options {
-    fs::path surface, out = "scan.ply", stones;
-    std::string scanner = "zf5006h";
-    std::vector<double> station_mm;
-    std::uint64_t max_points = 1'000'000;
-  };
-  auto o = std::make_shared<Options>();
-  auto* app = root.add_subcommand(
-      "scan",
-      "A simulated laser scan of a surface.\n"
-      "Example: maquette scan as_milled.tif --stones stones.json --out scan.ply");
-  app->add_option("surface", o->surface, "model field (.tif) or mesh")->required();
-  app->add_option("--out", o->out, "PLY point cloud")->capture_default_str();
-  app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
-  app->add_option("--scanner", o->scanner, "preset")->capture_default_str();
-  app->add_option("--station-mm", o->station_mm, "x y z of the scanner; default: south of the part")
-      ->expected(3);
-  app->add_option("--max-points", o->max_points, "angular steps are widened to stay below")
-      ->capture_default_str();
-  return {app, [o, &common](Console& console) -> Result<int> {
-            scan::ScanOptions options;
-            MAQUETTE_TRY(options.scanner, preset(assets::scanner_presets(), "scanner", o->scanner));
-            options.max_points = o->max_points;
-            options.seed = common.seed >= 0 ? static_cast<std::uint64_t>(common.seed) : 1;
-            MAQUETTE_TRY(const Box3 box, surface_bounds(o->surface));
-            if (o->station_mm.empty()) {
-              // South of the part, half its depth above it: all of it is seen obliquely.
-              const double depth = box.max.y - box.min.y;
-              options.station_mm = {0.5 * (box.min.x + box.max.x), box.min.y - 0.75 * depth - 500.0,
-                                    box.max.z + depth + 500.0};
-            } else {
-              options.station_mm = {o->station_mm[0], o->station_mm[1], o->station_mm[2]};
-            }
-            return finish(console, "scan", [&](const RunContext& run) {
-              return scan_job(o->surface, given(o->stones), options, o->out, run);
             });
           }};
 }

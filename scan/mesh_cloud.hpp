@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file mesh_cloud.hpp
+/// A polygon mesh through a cloud of points, with colours at its vertices; open where nothing was
+/// seen, or closed.
+///
+/// Takes    a cloud with stations (normals are turned towards the scanner), any shape, overhangs
+///          included
+/// Method   The cloud is cut into voxels; each gives the mean of its points with a normal
+///          (scan/merge.hpp). Around them an implicit function is summed: the distance to the
+///          neighbours' planes with weights that fall with distance (Shen, O'Brien, Shewchuk
+///          2004, doi:10.1145/1015706.1015816; Kolluri 2008, doi:10.1145/1361192.1361195). Its zero
+///          is meshed by one vertex a cell that it crosses (surface nets: Gibson 1998,
+///          doi:10.1007/BFb0056277), which then steps onto the zero along the gradient.
+/// Open     Triangles are made only near points (a voxel away at most), so gaps of more than two
+///          voxels stay holes. All border loops are listed with length and the gap's area.
+/// Closed   Each border loop is filled by a fan from its middle: no hole remains, but what a fan
+///          covers was not seen; the outer border of an open part is closed likewise.
+/// Accuracy On smooth surfaces of curvature 1/R within voxel^2 / R of the points' mean, and the
+/// noise
+///          of the points falls with the root of the points per neighbourhood.
+/// Cost     20 M points some 2 minutes on one core, 5 GiB.
+
+#include <filesystem>
+#include <vector>
+
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "core/tri_mesh.hpp"
+#include "scan/cloud.hpp"
+
+namespace maquette::scan {
+
+inline constexpr ErrorCode kMeshCloudOptions{"SCAN_MESH_OPTIONS"};
+inline constexpr ErrorCode kMeshCloudSparse{"SCAN_MESH_SPARSE"};
+
+struct MeshCloudOptions {
+  double voxel_mm = 0.0;  ///< 0: four points each where there are any
+  bool closed = false;
+};
+
+/// A loop of border edges.
+struct MeshHole {
+  std::size_t edges = 0;
+  double length_mm = 0.0;
+  double area_mm2 = 0.0;  ///< of the fan that fills it
+  Vec3 middle_mm;
+};
+
+struct CloudMesh {
+  TriMesh mesh;
+  std::vector<Colour> colours;  ///< one a vertex, or empty
+  std::vector<MeshHole> holes;  ///< of the open mesh, longest first
+  std::size_t knots = 0;        ///< edges with more than two triangles
+  double voxel_mm = 0.0;
+};
+
+/// @return the mesh, or
+///   SCAN_MESH_OPTIONS  voxel negative or too small for the extent
+///   SCAN_MESH_SPARSE   no triangles: too few points a voxel to tell a surface
+///   CORE_CANCELLED
+[[nodiscard]] Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options = {},
+                                           const RunContext& run = {});
+
+/// Binary PLY: double x y z, uchar red green blue where there are colours, faces as uchar + 3 uint.
+/// CORE_FILE_NOT_WRITABLE, CORE_DISK_FULL
+[[nodiscard]] Result<void> write_mesh_ply(const CloudMesh& mesh, const std::filesystem::path& path);
+
+}  // namespace maquette::scan

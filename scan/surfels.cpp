@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan/detail/surfels.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/parallel_sort.h>
+#include <Eigen/Eigenvalues>
+
+#include "core/random.hpp"
+
+namespace maquette::scan::detail {
+namespace {
+
+struct Moments {
+  double n = 0.0;
+  Vec3 sum;  // about the voxel's middle
+  double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+};
+
+Vec3 middle_of(const VoxelGrid& g, std::uint64_t key) {
+  const auto at = [](std::int64_t i) { return static_cast<double>(i) + 0.5; };
+  return g.origin_mm + g.voxel_mm * Vec3{at(VoxelGrid::x_of(key)), at(VoxelGrid::y_of(key)),
+                                         at(VoxelGrid::z_of(key))};
+}
+
+}  // namespace
+
+bool make_voxel_grid(const Box3& box, double voxel_mm, VoxelGrid& grid) {
+  // No whole number: a level plane at the box's bottom shall not lie in the nodes.
+  const double margin = 4.381966 * voxel_mm;
+  const Vec3 size = box.max - box.min;
+  grid.origin_mm = box.min - Vec3{margin, margin, margin};
+  grid.voxel_mm = voxel_mm;
+  return std::max({size.x, size.y, size.z}) / voxel_mm + 9.0 <
+         static_cast<double>(VoxelGrid::kSide);
+}
+
+KeyMap::KeyMap(std::size_t expected) {
+  std::size_t size = 64;
+  while (size < 2 * expected) size *= 2;
+  slots_.resize(size);
+}
+
+std::uint32_t KeyMap::find(std::uint64_t key) const {
+  const std::size_t mask = slots_.size() - 1;
+  for (std::size_t i = mix64(key) & mask;; i = (i + 1) & mask) {
+    if (slots_[i].key == key) return slots_[i].index;
+    if (slots_[i].index == npos) return npos;
+  }
+}
+
+std::uint32_t KeyMap::insert(std::uint64_t key, std::uint32_t next) {
+  if (2 * used_ >= slots_.size()) grow();
+  const std::size_t mask = slots_.size() - 1;
+  for (std::size_t i = mix64(key) & mask;; i = (i + 1) & mask) {
+    if (slots_[i].key == key) return slots_[i].index;
+    if (slots_[i].index != npos) continue;
+    slots_[i] = {key, next};
+    ++used_;
+    return next;
+  }
+}
+
+void KeyMap::grow() {
+  std::vector<Slot> old(2 * slots_.size());
+  old.swap(slots_);
+  const std::size_t mask = slots_.size() - 1;
+  for (const Slot& s : old) {
+    if (s.index == npos) continue;
+    std::size_t i = mix64(s.key) & mask;
+    while (slots_[i].index != npos) i = (i + 1) & mask;
+    slots_[i] = s;
+  }
+}
+
+std::vector<Surfel> make_surfels(const Cloud& cloud, std::span<const Vec3> view,
+                                 std::span<const std::uint64_t> station_ends,
+                                 const VoxelGrid& grid) {
+  const std::size_t n = cloud.points_mm.size();
+  struct Entry {
+    std::uint64_t key;
+    std::uint32_t point;
+    bool operator<(const Entry& b) const { return key != b.key ? key < b.key : point < b.point; }
+  };
+  std::vector<Entry> entries(n);
+  oneapi::tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
+    entries[i] = {grid.key_of(cloud.points_mm[i]), static_cast<std::uint32_t>(i)};
+  });
+  oneapi::tbb::parallel_sort(entries.begin(), entries.end());
+  std::vector<std::size_t> begins;
+  for (std::size_t i = 0; i < n; ++i)
+    if (i == 0 || entries[i].key != entries[i - 1].key) begins.push_back(i);
+  begins.push_back(n);
+  const std::size_t count = begins.size() - 1;
+
+  std::vector<Surfel> surfels(count);
+  std::vector<Moments> moments(count);
+  std::vector<Vec3> towards(count);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    Surfel& s = surfels[k];
+    Moments& m = moments[k];
+    s.key = entries[begins[k]].key;
+    const Vec3 middle = middle_of(grid, s.key);
+    for (std::size_t i = begins[k]; i < begins[k + 1]; ++i) {
+      const std::size_t p = entries[i].point;
+      const Vec3 d = cloud.points_mm[p] - middle;
+      m.n += 1.0;
+      m.sum += d;
+      m.xx += d.x * d.x;
+      m.xy += d.x * d.y;
+      m.xz += d.x * d.z;
+      m.yy += d.y * d.y;
+      m.yz += d.y * d.z;
+      m.zz += d.z * d.z;
+      if (!cloud.colours.empty()) {
+        s.red += cloud.colours[p].red;
+        s.green += cloud.colours[p].green;
+        s.blue += cloud.colours[p].blue;
+      }
+      if (!cloud.intensity.empty()) s.intensity += cloud.intensity[p];
+      const auto station = static_cast<std::size_t>(
+          std::upper_bound(station_ends.begin(), station_ends.end(), p) - station_ends.begin());
+      const Vec3 way = view[station] - cloud.points_mm[p];
+      towards[k] += (1.0 / std::fmax(norm(way), 1e-9)) * way;
+    }
+    s.points = static_cast<std::uint32_t>(m.n);
+    s.centre_mm = middle + (1.0 / m.n) * m.sum;
+    const auto share = static_cast<float>(1.0 / m.n);
+    s.red *= share;
+    s.green *= share;
+    s.blue *= share;
+    s.intensity *= share;
+  });
+
+  KeyMap map(count);
+  for (std::size_t k = 0; k < count; ++k) map.insert(surfels[k].key, static_cast<std::uint32_t>(k));
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    Surfel& s = surfels[k];
+    const std::int64_t x = VoxelGrid::x_of(s.key), y = VoxelGrid::y_of(s.key),
+                       z = VoxelGrid::z_of(s.key);
+    Moments all;
+    for (std::int64_t dx = -1; dx <= 1; ++dx)
+      for (std::int64_t dy = -1; dy <= 1; ++dy)
+        for (std::int64_t dz = -1; dz <= 1; ++dz) {
+          const std::uint32_t i = map.find(VoxelGrid::key(x + dx, y + dy, z + dz));
+          if (i == KeyMap::npos) continue;
+          const Moments& m = moments[i];
+          const Vec3 o = grid.voxel_mm * Vec3{static_cast<double>(dx), static_cast<double>(dy),
+                                              static_cast<double>(dz)};
+          all.n += m.n;
+          all.sum += m.sum + m.n * o;
+          all.xx += m.xx + 2 * o.x * m.sum.x + m.n * o.x * o.x;
+          all.xy += m.xy + o.x * m.sum.y + o.y * m.sum.x + m.n * o.x * o.y;
+          all.xz += m.xz + o.x * m.sum.z + o.z * m.sum.x + m.n * o.x * o.z;
+          all.yy += m.yy + 2 * o.y * m.sum.y + m.n * o.y * o.y;
+          all.yz += m.yz + o.y * m.sum.z + o.z * m.sum.y + m.n * o.y * o.z;
+          all.zz += m.zz + 2 * o.z * m.sum.z + m.n * o.z * o.z;
+        }
+    if (all.n < 6.0) return;
+    const Vec3 mean = (1.0 / all.n) * all.sum;
+    Eigen::Matrix3d scatter;
+    scatter << all.xx / all.n - mean.x * mean.x, all.xy / all.n - mean.x * mean.y,
+        all.xz / all.n - mean.x * mean.z, all.xy / all.n - mean.x * mean.y,
+        all.yy / all.n - mean.y * mean.y, all.yz / all.n - mean.y * mean.z,
+        all.xz / all.n - mean.x * mean.z, all.yz / all.n - mean.y * mean.z,
+        all.zz / all.n - mean.z * mean.z;
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+    solver.computeDirect(scatter);
+    const Eigen::Vector3d least = solver.eigenvectors().col(0);
+    // On a line or without shape there is no normal.
+    if (!(solver.eigenvalues()(1) > 4.0 * std::fmax(solver.eigenvalues()(0), 0.0)) ||
+        !(solver.eigenvalues()(1) > 0.02 * solver.eigenvalues()(2)))
+      return;
+    s.normal = {least.x(), least.y(), least.z()};
+    if (dot(s.normal, towards[k]) < 0.0) s.normal = -s.normal;
+    s.rough_mm = std::sqrt(std::fmax(0.0, solver.eigenvalues()(0)));
+  });
+  return surfels;
+}
+
+double voxel_for(std::span<const Vec3> points, double per_voxel) {
+  Box3 box;
+  for (const Vec3& p : points) box.add(p);
+  const Vec3 size = box.max - box.min;
+  // Occupied voxels of a few hundred to the side: their number measures the area.
+  double voxel = std::fmax(norm(size) / 300.0, 1e-9);
+  for (int round = 0; round < 4; ++round) {
+    VoxelGrid grid;
+    if (!make_voxel_grid(box, voxel, grid)) break;
+    KeyMap map(1024);
+    std::uint32_t occupied = 0;
+    for (const Vec3& p : points)
+      if (map.insert(grid.key_of(p), occupied) == occupied) ++occupied;
+    const double mean = static_cast<double>(points.size()) / occupied;
+    if (mean > 0.7 * per_voxel && mean < 1.4 * per_voxel) break;
+    voxel *= std::clamp(std::sqrt(per_voxel / mean), 0.1, 10.0);
+  }
+  return voxel;
+}
+
+}  // namespace maquette::scan::detail

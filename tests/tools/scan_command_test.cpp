@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The commands scan and merge from outside: a scanner's file is written, edited, read, and refused with its
+// line; every cloud format; two displaced scans become one cloud and a mesh.
+
+#include <cmath>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/mesh_io.hpp"
+#include "scan/cloud_stream.hpp"
+#include "support/matchers.hpp"
+#include "support/program.hpp"
+#include "support/scan_terrain.hpp"
+
+namespace maquette::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using testing::HasSubstr;
+using testing_support::Outcome;
+using testing_support::run_program;
+using testing_support::ScratchFolder;
+using testing_support::slurp;
+
+class ScanCommand : public testing::Test {
+ protected:
+  ScratchFolder scratch;
+  Outcome run(const std::string& arguments) { return run_program(scratch.path(), arguments, "cd '" + scratch.path().string() + "' &&"); }
+  void SetUp() override {
+    ASSERT_TRUE(heightmap::write_model_field(testing_support::rough_part(3, 151, 151, 1.0, 3.0),
+                                             scratch / "design.tif"));
+  }
+};
+
+TEST_F(ScanCommand, TakesScannersFromFiles) {
+  const std::string f = (scratch / "my.toml").string();
+  ASSERT_EQ(run("scan --write-scanner " + f).exit_code, 0);
+  std::string text = slurp(scratch / "my.toml");
+  EXPECT_THAT(text, HasSubstr("divergence_mrad = 0.22"));
+  const auto at = text.find("lines_per_turn = 20000.0");
+  ASSERT_NE(at, std::string::npos);
+  text.replace(at, 24, "lines_per_turn = 4000.0");
+  ASSERT_TRUE(write_file(scratch / "my.toml", text));
+  const std::string common = "scan design.tif --station-mm 75 -300 500 --max-points 9000000 --json --quiet --out ";
+  const auto coarse = json::parse(run(common + "a.ply --scanner my.toml").out);
+  const auto fine = json::parse(run(common + "b.ply").out);
+  EXPECT_NEAR(fine["points"].get<double>() / coarse["points"].get<double>(), 25.0, 2.0);
+  // A typing error has its line; a scanner of the other kind has its own keys.
+  ASSERT_TRUE(write_file(scratch / "bad.toml", "kind = \"phase_shift\"\nlines_per_tur = 3\n"));
+  const Outcome bad = run("scan design.tif --scanner bad.toml");
+  EXPECT_EQ(bad.exit_code, 2);
+  EXPECT_THAT(bad.err, HasSubstr("bad.toml:2"));
+  ASSERT_TRUE(write_file(scratch / "head.toml",
+                         "kind = \"structured_light\"\n[camera]\nwidth_px = 200\nheight_px = 100\n"));
+  const auto head = json::parse(run(common + "c.ply --scanner head.toml").out);
+  EXPECT_EQ(head["stations"][0]["directions"], 20'000);
+  EXPECT_EQ(run("scan").exit_code, 2) << "no surface";
+}
+
+TEST_F(ScanCommand, MergesWhatItScanned) {
+  for (const char* name : {"a.e57", "b.ptx"})
+    ASSERT_EQ(run(std::string("scan design.tif --max-points 40000 --seed 3 --out ") + name +
+                  " --station-mm 75 " + (name[0] == 'a' ? "-250" : "400") + " 400 --quiet")
+                  .exit_code,
+              0);
+  // The second one is brought 2 mm off, as a copy without poses.
+  auto moved = scan::read_cloud(scratch / "b.ptx");
+  ASSERT_TRUE(moved.has_value());
+  for (Vec3& p : moved->points_mm) p += Vec3{1.0, -1.5, 1.0};
+  scan::Cloud plain;
+  plain.points_mm = moved->points_mm;
+  ASSERT_TRUE(scan::write_cloud(plain, scratch / "b.ply"));
+  const Outcome o = run("merge a.e57 b.ply --out m.e57 --mesh m.ply --json --quiet");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json j = json::parse(o.out);
+  ASSERT_EQ(j["scans"].size(), 2U);
+  const double moved_mm = j["scans"][1]["moved_mm"];
+  EXPECT_NEAR(moved_mm, std::sqrt(1.0 + 2.25 + 1.0), 0.15);
+  EXPECT_EQ(j["pairs"].size(), 1U);
+  EXPECT_GE(j["mesh"]["border_loops"].get<int>(), 1);
+  EXPECT_TRUE(meshing::read_mesh(scratch / "m.ply").has_value());
+  const auto info = scan::inspect_cloud(scratch / "m.e57");
+  ASSERT_TRUE(info.has_value());
+  EXPECT_EQ(info->stations.size(), 2U);
+  EXPECT_EQ(info->points, j["points"].get<std::uint64_t>());
+  EXPECT_THAT(slurp(scratch / "m.e57.merge.json"), HasSubstr("covariance"));
+  ASSERT_EQ(run("merge a.e57 b.ply --out thin.ply --thin-mm 5 --quiet").exit_code, 0);
+  EXPECT_EQ(run("merge a.e57 --out x.ply").exit_code, 2);
+}
+
+}  // namespace
+}  // namespace maquette::tools

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// scan, merge
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <CLI/CLI.hpp>
+
+#include "core/files.hpp"
+#include "tools/commands/commands.hpp"
+#include "tools/jobs.hpp"
+#include "tools/jobs_merge.hpp"
+
+namespace maquette::tools {
+namespace {
+
+std::optional<fs::path> given(const fs::path& path) {
+  return path.empty() ? std::nullopt : std::optional(path);
+}
+
+}  // namespace
+
+Command add_scan(CLI::App& root, const CommonOptions& common) {
+  struct Options {
+    fs::path surface, out = "scan.ply", stones, reflectance, scanner_file;
+    std::string scanner = "zf5006h";
+    std::vector<double> stations_mm, target_mm;
+    std::uint64_t max_points = 1'000'000;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "scan",
+      "Simulated scans of a surface, one from each station.\n"
+      "Example: maquette scan as_milled.tif --stones stones.json --out scan.e57 \\\n"
+      "           --station-mm 100 -900 1100 --station-mm 100 1100 1100");
+  app->add_option("surface", o->surface, "model field (.tif) or mesh");
+  app->add_option("--out", o->out, "cloud: .e57 .ptx .pts .pcd .las .ply .xyz .csv")
+      ->capture_default_str();
+  app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
+  app->add_option("--scanner", o->scanner,
+                  fmt::format("{}, or a .toml file", fmt::join(scanner_names(), ", ")))
+      ->capture_default_str();
+  app->add_option(
+      "--write-scanner", o->scanner_file,
+      "writes the scanner with all its keys as a .toml file to edit, and scans nothing");
+  app->add_option("--station-mm", o->stations_mm,
+                  "x y z of the scanner, once a station; default: south of the part")
+      ->type_size(3)
+      ->expected(-1);
+  app->add_option("--target-mm", o->target_mm,
+                  "x y z that structured light looks at; default: the middle")
+      ->expected(3);
+  app->add_option("--reflectance", o->reflectance,
+                  "model field of 0 to 1: signal, noise and colour; default: grey of 0.5");
+  app->add_option("--max-points", o->max_points,
+                  "of a station; angular steps are widened to stay below")
+      ->capture_default_str();
+  return {app, [o, &common](Console& console) -> Result<int> {
+            ScanJob job;
+            MAQUETTE_TRY(job.scanner, find_scanner(o->scanner));
+            if (!o->scanner_file.empty()) {
+              MAQUETTE_TRY_VOID(write_file(o->scanner_file, scanner_file_text(job.scanner)));
+              console.result(fmt::format("{}: edit it, then --scanner {}", o->scanner_file.string(),
+                                         o->scanner_file.string()));
+              return 0;
+            }
+            if (o->surface.empty())
+              return fail(kUsage, "scan needs a surface: a model field (.tif) or a mesh");
+            job.surface = o->surface;
+            job.stones = given(o->stones);
+            job.reflectance = given(o->reflectance);
+            job.max_points = o->max_points;
+            job.seed = common.seed >= 0 ? static_cast<std::uint64_t>(common.seed) : 1;
+            if (!o->target_mm.empty())
+              job.target_mm = Vec3{o->target_mm[0], o->target_mm[1], o->target_mm[2]};
+            if (o->stations_mm.size() % 3 != 0)
+              return fail(kUsage, "--station-mm takes x y z, once a station");
+            for (std::size_t i = 0; i + 2 < o->stations_mm.size(); i += 3)
+              job.stations_mm.push_back(
+                  {o->stations_mm[i], o->stations_mm[i + 1], o->stations_mm[i + 2]});
+            if (job.stations_mm.empty()) {
+              // South of the part, half its depth above it: all of it is seen obliquely.
+              MAQUETTE_TRY(const Box3 box, surface_bounds(o->surface));
+              const double depth = box.max.y - box.min.y;
+              job.stations_mm = {{0.5 * (box.min.x + box.max.x), box.min.y - 0.75 * depth - 500.0,
+                                  box.max.z + depth + 500.0}};
+            }
+            return finish(console, "scan",
+                          [&](const RunContext& run) { return scan_job(job, o->out, run); });
+          }};
+}
+
+Command add_merge(CLI::App& root, const CommonOptions&) {
+  struct Options {
+    MergeJob job;
+    fs::path out = "merged.e57", mesh;
+    bool poses_as_they_are = false, colours_as_they_are = false;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "merge",
+      "Scans that overlap become one cloud: poses of all at once, colours balanced; and a mesh.\n"
+      "Example: maquette merge a.e57 b.e57 --out merged.e57 --mesh merged.ply");
+  app->add_option("clouds", o->job.clouds, "every station of every file is a scan; the first stays")
+      ->required();
+  app->add_option("--out", o->out, "cloud; poses, overlaps, gains and holes: <out>.merge.json")
+      ->capture_default_str();
+  app->add_option("--capture-mm", o->job.options.capture_mm,
+                  "scans may be this far off; 0: a twentieth of their extent")
+      ->capture_default_str();
+  app->add_option("--voxel-mm", o->job.options.voxel_mm,
+                  "finest pieces that are compared; 0: eight points each")
+      ->capture_default_str();
+  app->add_flag("--keep-poses", o->poses_as_they_are, "only colours, overlaps and the mesh");
+  app->add_flag("--keep-colours", o->colours_as_they_are, "no balancing");
+  app->add_option("--thin-mm", o->job.thin_mm,
+                  "one point a voxel with means and a normal; 0: every point, stations kept")
+      ->capture_default_str();
+  app->add_option("--mesh", o->mesh, "PLY with a colour a vertex");
+  app->add_option("--mesh-voxel-mm", o->job.mesh_voxel_mm, "0: four points a voxel")
+      ->capture_default_str();
+  app->add_flag("--closed", o->job.closed, "fill every border of the mesh");
+  return {app, [o](Console& console) {
+            o->job.options.poses = !o->poses_as_they_are;
+            o->job.options.balance_colour = !o->colours_as_they_are;
+            o->job.mesh = given(o->mesh);
+            return finish(console, "merge",
+                          [&](const RunContext& run) { return merge_job(o->job, o->out, run); });
+          }};
+}
+
+}  // namespace maquette::tools

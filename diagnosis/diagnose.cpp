@@ -9,6 +9,7 @@
 
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/poses.hpp"
 #include "diagnosis/detail/remainder.hpp"
 #include "diagnosis/detail/waves.hpp"
 
@@ -376,6 +377,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     p.turn_sigma_urad = {turn * sigma(3), turn * sigma(4), turn * sigma(5)};
     d.poses.push_back(std::move(p));
   }
+  detail::add_pose_causes(m, d);
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   add_dependences(d, m.observations, r_before, r_after);
   d.verdict = d.causes.empty() ? (d.remainder.found ? "unexplained" : "consistent")

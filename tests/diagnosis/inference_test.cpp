@@ -199,6 +199,34 @@ TEST(Inference, GivesNoNameToRings) {
   EXPECT_EQ(d->verdict, "unexplained");
 }
 
+TEST(Inference, SeesInThePosesWhatRegistrationTakes) {
+  const Noise careful{0.05, 0.0, 20.0, 0.004};
+  const auto named = [&](const std::function<double(const Observation&)>& hidden) {
+    const auto d = diagnose(part(51, careful, hidden), 1);
+    EXPECT_TRUE(d.has_value());
+    return d && d->causes.size() == 1 ? d->causes[0] : Cause{};
+  };
+  const Cause length = named([](const Observation& o) { return 0.12 * o.along.z; });
+  EXPECT_EQ(length.effect, "tool.length_offset");
+  ASSERT_FALSE(length.parameters.empty());
+  EXPECT_NEAR(length.parameters[0].value, 0.12, 0.012);  // three times the poses' own error
+  EXPECT_EQ(named([](const Observation& o) { return 0.15 * dot(o.along, o.beam); }).effect,
+            "scanner.range_bias");
+  EXPECT_EQ(named([](const Observation& o) {
+              return o.set_up == 1 ? dot(o.along, Vec3{0.2, -0.15, 0.1}) : 0.0;
+            }).effect,
+            "scanner.registration");
+}
+
+TEST(Inference, TakesPosesThatAreAllWrongForWhatTheyAre) {
+  // Poses 0.15 mm off at random are no cause: nothing tells a height from a bad registration.
+  for (const std::uint64_t seed : {61U, 62U, 63U}) {
+    const auto d = diagnose(part(seed, {0.05, 0.0, 20.0, 0.15}, nothing), 1);
+    ASSERT_TRUE(d.has_value());
+    EXPECT_TRUE(d->causes.empty()) << d->causes[0].effect;
+  }
+}
+
 TEST(Inference, SameSeedSameAnswer) {
   const auto m = part(48, {}, [](const Observation& o) {
     return 0.05 * o.normal.z * (o.path_share > 0.4 ? 1.0 : 0.0);

@@ -333,6 +333,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                             "needed, so that a cause can be confirmed where it was not chosen",
                             blocks.size(), layout.set_of_block.size(),
                             layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
+  MAQUETTE_TRY_VOID(take_off(input.known, m));
   run.progress(0.7);
   return m;
 }

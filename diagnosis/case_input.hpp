@@ -24,6 +24,7 @@ inline constexpr ErrorCode kOtherPart{"DIAGNOSIS_OTHER_PART"};
 inline constexpr ErrorCode kOtherProgram{"DIAGNOSIS_OTHER_PROGRAM"};
 inline constexpr ErrorCode kTooFewMeasurements{"DIAGNOSIS_TOO_FEW_MEASUREMENTS"};
 inline constexpr ErrorCode kProbeTable{"DIAGNOSIS_PROBE_TABLE"};
+inline constexpr ErrorCode kUnknownCause{"DIAGNOSIS_UNKNOWN_CAUSE"};
 
 /// Least number of measurements on the part, and of blocks (of 36) that hold some.
 inline constexpr std::size_t kLeastMeasurements = 60;
@@ -35,6 +36,12 @@ struct ScanInput {
   double range_sigma_mm = 0.05;
 };
 
+/// A cause that the model has already (extended.toml): taken off the residuals.
+struct KnownCause {
+  std::string effect, law;
+  std::vector<std::pair<std::string, double>> parameters, fixed;
+};
+
 struct CaseInput {
   std::filesystem::path design;
   std::vector<std::filesystem::path> programs;
@@ -43,6 +50,7 @@ struct CaseInput {
   double reach_mm = 2.0;
   std::vector<ScanInput> scans;
   std::vector<std::filesystem::path> probes;
+  std::vector<KnownCause> known;
   std::uint64_t seed = 1;
   std::size_t most_points = 400'000;  ///< of all set-ups together, drawn at random
 };
@@ -62,10 +70,15 @@ struct Measurements {
   std::vector<std::string> notes;  ///< what could not be used and why
 };
 
+/// Takes what known causes move off the residuals. @return DIAGNOSIS_UNKNOWN_CAUSE
+[[nodiscard]] Result<void> take_off(const std::vector<KnownCause>& known,
+                                    Measurements& measurements);
+
 /// @return the observations, or
 ///   DIAGNOSIS_OTHER_PROGRAM          the program does not cut the design
 ///   DIAGNOSIS_OTHER_PART             the points do not follow the design
 ///   DIAGNOSIS_TOO_FEW_MEASUREMENTS   with the number needed; also: all in a few blocks
+///   DIAGNOSIS_UNKNOWN_CAUSE          a [[cause]] that the library has not
 ///   DIAGNOSIS_PROBE_TABLE            file, line and what was expected
 ///   errors of the readers; SCAN_UNIT_SLIP
 [[nodiscard]] Result<Measurements> measure(const CaseInput& input, const RunContext& run = {});

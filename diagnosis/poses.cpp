@@ -40,7 +40,8 @@ void add_pose_causes(const Measurements& m, Diagnosis& d) {
   std::vector<Pattern> patterns(1);
   patterns[0] = {"tool.length_offset", "offset_mm", std::vector<double>(6 * n, 0.0)};
   for (std::size_t s = 0; s < n; ++s) patterns[0].along[6 * s + 2] = 1.0;
-  if (std::all_of(m.scene.has_station.begin(), m.scene.has_station.end(), [](bool b) { return b; })) {
+  if (std::all_of(m.scene.has_station.begin(), m.scene.has_station.end(),
+                  [](bool b) { return b; })) {
     Pattern bias{"scanner.range_bias", "bias_mm", std::vector<double>(6 * n, 0.0)};
     for (std::size_t s = 0; s < n; ++s) {
       const Vec3 beam = normalized(m.set_ups[s].centre_mm - m.scene.stations[s]);
@@ -62,7 +63,8 @@ void add_pose_causes(const Measurements& m, Diagnosis& d) {
     for (std::size_t i = 0; i < pose.size(); ++i)
       rest += (pose[i] - size * v[i]) * (pose[i] - size * v[i]);
     const double freedom = static_cast<double>(pose.size()) - 1.0;
-    const double sigma = std::fmax(kLeastPose_mm, std::sqrt(rest / freedom)) / std::sqrt(static_cast<double>(n));
+    const double sigma =
+        std::fmax(kLeastPose_mm, std::sqrt(rest / freedom)) / std::sqrt(static_cast<double>(n));
     found.push_back({k, size, sigma, student_tail(std::abs(size) / sigma, freedom)});
   }
   std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.p < b.p; });
@@ -94,13 +96,20 @@ void add_pose_causes(const Measurements& m, Diagnosis& d) {
     for (std::size_t k = 0; k < 6; ++k) squares[s] += pose[6 * s + k] * pose[6 * s + k] / 6.0;
     all += squares[s];
   }
-  const auto worst = static_cast<std::size_t>(std::max_element(squares.begin(), squares.end()) - squares.begin());
-  const double others = std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[worst]) / static_cast<double>(n - 1));
+  const auto worst =
+      static_cast<std::size_t>(std::max_element(squares.begin(), squares.end()) - squares.begin());
+  const double others =
+      std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[worst]) / static_cast<double>(n - 1));
   // F(6, 6) of 20 has a tail of 0.001; two scans' noise of registration is rarely that unequal.
   if (squares[worst] / others > 40.0 && std::sqrt(squares[worst]) > 2.0 * kLeastPattern_mm) {
     Cause c = named("scanner.registration");
     const PoseEstimate& p = d.poses[worst];
-    c.parameters = {{"shift_x_mm", p.shift_mm.x, p.shift_sigma_mm.x}, {"shift_y_mm", p.shift_mm.y, p.shift_sigma_mm.y}, {"shift_z_mm", p.shift_mm.z, p.shift_sigma_mm.z}, {"turn_x_urad", p.turn_urad.x, p.turn_sigma_urad.x}, {"turn_y_urad", p.turn_urad.y, p.turn_sigma_urad.y}, {"turn_z_urad", p.turn_urad.z, p.turn_sigma_urad.z}};
+    c.parameters = {{"shift_x_mm", p.shift_mm.x, p.shift_sigma_mm.x},
+                    {"shift_y_mm", p.shift_mm.y, p.shift_sigma_mm.y},
+                    {"shift_z_mm", p.shift_mm.z, p.shift_sigma_mm.z},
+                    {"turn_x_urad", p.turn_urad.x, p.turn_sigma_urad.x},
+                    {"turn_y_urad", p.turn_urad.y, p.turn_sigma_urad.y},
+                    {"turn_z_urad", p.turn_urad.z, p.turn_sigma_urad.z}};
     c.fixed = {{"scan", static_cast<double>(worst + 1)}};
     c.p_value = kLevel;
     d.causes.push_back(std::move(c));

@@ -68,6 +68,12 @@ std::string extension_toml(const Diagnosis& d) {
     for (std::size_t k = 0; k < c.parameters.size(); ++k)
       text += fmt::format("{}{}{}", k == 0 ? "values = [" : ", ", c.parameters[k].value,
                           k + 1 == c.parameters.size() ? "]\n" : "");
+    for (std::size_t k = 0; k < c.fixed.size(); ++k)
+      text += fmt::format("{}{}{}", k == 0 ? "fixed_names = [\"" : ", \"", c.fixed[k].first,
+                          k + 1 == c.fixed.size() ? "\"]\n" : "\"");
+    for (std::size_t k = 0; k < c.fixed.size(); ++k)
+      text += fmt::format("{}{}{}", k == 0 ? "fixed_values = [" : ", ", c.fixed[k].second,
+                          k + 1 == c.fixed.size() ? "]\n" : "");
   }
   return text;
 }

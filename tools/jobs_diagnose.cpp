@@ -27,6 +27,14 @@ diagnosis::CaseInput input_of(const Case& c, std::uint64_t seed) {
         {s.points, known ? std::optional(s.scanner_position_mm) : std::nullopt, s.range_sigma_mm});
   }
   for (const CaseProbe& p : c.probes) input.probes.push_back(p.points);
+  for (const CaseCause& cause : c.causes) {
+    diagnosis::KnownCause known{cause.effect, cause.law, {}, {}};
+    for (std::size_t k = 0; k < std::min(cause.names.size(), cause.values.size()); ++k)
+      known.parameters.emplace_back(cause.names[k], cause.values[k]);
+    for (std::size_t k = 0; k < std::min(cause.fixed_names.size(), cause.fixed_values.size()); ++k)
+      known.fixed.emplace_back(cause.fixed_names[k], cause.fixed_values[k]);
+    input.known.push_back(std::move(known));
+  }
   input.seed = seed;
   return input;
 }

@@ -90,6 +90,17 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"points", &probe.points, "CSV, mm", -kInf, kInf, {}, true});
     return e;
   });
+  t.array("cause", "what a diagnosis has added to the model", [&c] {
+    CaseCause& cause = c.causes.emplace_back();
+    Schema e;
+    e.add({"effect", &cause.effect, "", -kInf, kInf, {}, true});
+    e.add({"law", &cause.law, ""});
+    e.add({"names", &cause.names, "of the parameters"});
+    e.add({"values", &cause.values, "of the parameters", -1e12, 1e12});
+    e.add({"fixed_names", &cause.fixed_names, "of what the law fixes"});
+    e.add({"fixed_values", &cause.fixed_values, "of what the law fixes", -1e12, 1e12});
+    return e;
+  });
   t.array("photo", "photographs", [&c] {
     CasePhoto& p = c.photos.emplace_back();
     Schema e;

@@ -50,6 +50,12 @@ struct CaseDatum {
 struct CaseProbe {
   std::filesystem::path points;
 };
+/// What a diagnosis has added to the model (extended.toml).
+struct CaseCause {
+  std::string effect, law;
+  std::vector<std::string> names, fixed_names;
+  std::vector<double> values, fixed_values;
+};
 struct CasePhoto {
   std::filesystem::path image;
   std::string encoding = "linear", reflectance = "lambert", surface = "as_milled";
@@ -75,6 +81,7 @@ struct Case {
   std::deque<CaseScan> scans;
   std::deque<CaseDatum> datums;
   std::deque<CaseProbe> probes;
+  std::deque<CaseCause> causes;
   std::deque<CasePhoto> photos;
 };
 [[nodiscard]] Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// Merging and meshing of clouds on a part of 2 m x 2 m: wall and CPU seconds, memory, and how far pose and
-// mesh are from the truth.
+// Merging and meshing of clouds on a part of 2 m x 2 m: wall and CPU seconds, memory, and how far
+// pose and mesh are from the truth.
 //
 //   scan_merge_bench [million points]     20 unless given, 0.3 mm of noise, from four scans
 
@@ -64,7 +64,8 @@ int run(double million) {
   for (std::size_t i = 1; i < 4; ++i) {
     const RigidTransform left = merge->scans[i].correction * moved[i];
     double square = 0.0;
-    for (const Vec3 corner : {Vec3{0, 0, 0}, Vec3{2000, 0, 0}, Vec3{0, 2000, 0}, Vec3{2000, 2000, 0}})
+    for (const Vec3 corner :
+         {Vec3{0, 0, 0}, Vec3{2000, 0, 0}, Vec3{0, 2000, 0}, Vec3{2000, 2000, 0}})
       square += std::pow(norm(left.point(corner) - corner), 2);
     fmt::print("  scan {}: {:.4f} mm rms at the corners, pieces of {:.2f} mm\n", i + 1,
                std::sqrt(square / 4.0), merge->voxel_mm);
@@ -86,9 +87,10 @@ int run(double million) {
     square += (p.z - h) * (p.z - h);
     ++n;
   }
-  fmt::print("  {:.2f} M triangles, voxel {:.3f} mm, {} border loops, {} knots, {:.4f} mm rms of height\n",
-             1e-6 * static_cast<double>(mesh->mesh.triangles.size()), mesh->voxel_mm,
-             mesh->holes.size(), mesh->knots, std::sqrt(square / static_cast<double>(n)));
+  fmt::print(
+      "  {:.2f} M triangles, voxel {:.3f} mm, {} border loops, {} knots, {:.4f} mm rms of height\n",
+      1e-6 * static_cast<double>(mesh->mesh.triangles.size()), mesh->voxel_mm, mesh->holes.size(),
+      mesh->knots, std::sqrt(square / static_cast<double>(n)));
   return 0;
 }
 

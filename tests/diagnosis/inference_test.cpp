@@ -227,6 +227,20 @@ TEST(Inference, TakesPosesThatAreAllWrongForWhatTheyAre) {
   }
 }
 
+TEST(Inference, IsConsistentWithWhatItFound) {
+  auto m = part(52, {}, [](const Observation& o) {
+    return 0.08 * o.normal.z * (o.path_share > 0.437 ? 1.0 : 0.0);
+  });
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d && d->causes.size() == 1U);
+  const Cause& c = d->causes[0];
+  KnownCause known{c.effect, c.law, {}, c.fixed};
+  for (const Estimate& p : c.parameters) known.parameters.emplace_back(p.name, p.value);
+  ASSERT_TRUE(take_off({known}, m).has_value());
+  EXPECT_EQ(diagnose(m, 1)->verdict, "consistent");
+  EXPECT_EQ(take_off({{"machine.gremlins", "", {}, {}}}, m).error().code, kUnknownCause);
+}
+
 TEST(Inference, SameSeedSameAnswer) {
   const auto m = part(48, {}, [](const Observation& o) {
     return 0.05 * o.normal.z * (o.path_share > 0.4 ? 1.0 : 0.0);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// The commands scan and merge from outside: a scanner's file is written, edited, read, and refused with its
-// line; every cloud format; two displaced scans become one cloud and a mesh.
+// The commands scan and merge from outside: a scanner's file is written, edited, read, and refused
+// with its line; every cloud format; two displaced scans become one cloud and a mesh.
 
 #include <cmath>
 
@@ -31,7 +31,9 @@ using testing_support::slurp;
 class ScanCommand : public testing::Test {
  protected:
   ScratchFolder scratch;
-  Outcome run(const std::string& arguments) { return run_program(scratch.path(), arguments, "cd '" + scratch.path().string() + "' &&"); }
+  Outcome run(const std::string& arguments) {
+    return run_program(scratch.path(), arguments, "cd '" + scratch.path().string() + "' &&");
+  }
   void SetUp() override {
     ASSERT_TRUE(heightmap::write_model_field(testing_support::rough_part(3, 151, 151, 1.0, 3.0),
                                              scratch / "design.tif"));
@@ -47,7 +49,8 @@ TEST_F(ScanCommand, TakesScannersFromFiles) {
   ASSERT_NE(at, std::string::npos);
   text.replace(at, 24, "lines_per_turn = 4000.0");
   ASSERT_TRUE(write_file(scratch / "my.toml", text));
-  const std::string common = "scan design.tif --station-mm 75 -300 500 --max-points 9000000 --json --quiet --out ";
+  const std::string common =
+      "scan design.tif --station-mm 75 -300 500 --max-points 9000000 --json --quiet --out ";
   const auto coarse = json::parse(run(common + "a.ply --scanner my.toml").out);
   const auto fine = json::parse(run(common + "b.ply").out);
   EXPECT_NEAR(fine["points"].get<double>() / coarse["points"].get<double>(), 25.0, 2.0);
@@ -56,8 +59,9 @@ TEST_F(ScanCommand, TakesScannersFromFiles) {
   const Outcome bad = run("scan design.tif --scanner bad.toml");
   EXPECT_EQ(bad.exit_code, 2);
   EXPECT_THAT(bad.err, HasSubstr("bad.toml:2"));
-  ASSERT_TRUE(write_file(scratch / "head.toml",
-                         "kind = \"structured_light\"\n[camera]\nwidth_px = 200\nheight_px = 100\n"));
+  ASSERT_TRUE(
+      write_file(scratch / "head.toml",
+                 "kind = \"structured_light\"\n[camera]\nwidth_px = 200\nheight_px = 100\n"));
   const auto head = json::parse(run(common + "c.ply --scanner head.toml").out);
   EXPECT_EQ(head["stations"][0]["directions"], 20'000);
   EXPECT_EQ(run("scan").exit_code, 2) << "no surface";

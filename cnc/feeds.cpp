@@ -17,6 +17,8 @@ namespace {
 constexpr double kMostThinning = 4.0;
 constexpr double kLeastOfDeepCuts = 0.25;
 constexpr double kKeepWithin = 0.1;
+/// The named feed is at most this much above what acceleration lets the move reach.
+constexpr double kNamedWithin = 2.0;
 
 /// Rounded down to three digits.
 double rounded(double feed) {
@@ -182,7 +184,10 @@ Result<FeedReport> set_feeds(Toolpath& path, const Machine& machine, const Mater
   double deepest = 0.0;
   for (const Engagement& e : engagement) deepest = std::fmax(deepest, e.depth_mm);
   FeedReport report;
-  MAQUETTE_TRY(report.spindle_rpm, spindle_rpm(machine, material, tool, deepest));
+  report.spindle_rpm = options.spindle_rpm;
+  if (report.spindle_rpm == 0.0) {
+    MAQUETTE_TRY(report.spindle_rpm, spindle_rpm(machine, material, tool, deepest));
+  }
 
   enum class By : std::uint8_t { chip, axes, plunge, acceleration };
   std::vector<By> by(n, By::chip);
@@ -215,12 +220,16 @@ Result<FeedReport> set_feeds(Toolpath& path, const Machine& machine, const Mater
   for (std::size_t i = 0; i < n; ++i) {
     PathMove& move = path.moves[i];
     if (move.kind == PathMove::Kind::rapid) continue;
-    // Rounded up by a tenth at most: what is reached stays within reach.
+    double feed = 0.0;
     if (reached[i] > 0.0 && reached[i] < (1.0 - kKeepWithin) * move.feed_mm_min) {
-      move.feed_mm_min = std::fmin(move.feed_mm_min, reached[i] / (1.0 - kKeepWithin));
+      const double most = std::fmin(move.feed_mm_min, kNamedWithin * reached[i]);
+      feed = before >= reached[i] && before <= most
+                 ? before
+                 : rounded(std::fmin(most, std::sqrt(kNamedWithin) * reached[i]));
       by[i] = By::acceleration;
+    } else {
+      feed = chosen(move.feed_mm_min, before);
     }
-    const double feed = chosen(move.feed_mm_min, before);
     report.changes += feed != before;
     move.feed_mm_min = before = feed;
     report.lowest_mm_min = report.moves == 0 ? feed : std::fmin(report.lowest_mm_min, feed);
@@ -242,6 +251,26 @@ Result<FeedReport> set_feeds(Toolpath& path, const Machine& machine, const Mater
     }
   }
   return report;
+}
+
+void limit_feeds(Toolpath& path, const Machine& machine) {
+  ToolPosition from = path.start;
+  double before = 0.0;
+  for (PathMove& move : path.moves) {
+    const ToolPosition begin = from;
+    from = move.to;
+    if (move.kind == PathMove::Kind::rapid) continue;
+    if (move.kind == PathMove::Kind::line && begin == move.to) continue;
+    const Motion motion = motion_of(begin, move);
+    const MoveLimits limits = move_limits(machine, motion);
+    double allowed = std::fmin(move.feed_mm_min, 60.0 * limits.axis_speed_mm_s);
+    if (const double down = steepest_down(motion, limits);
+        down * allowed > machine.max_plunge_mm_min)
+      allowed = machine.max_plunge_mm_min / down;
+    // What is within the limits stays as it is, to the last digit.
+    if (allowed < move.feed_mm_min) move.feed_mm_min = chosen(allowed, before);
+    before = move.feed_mm_min;
+  }
 }
 
 }  // namespace maquette::cnc

@@ -28,11 +28,11 @@
 ///
 /// Each move's feed is the least of: rpm x teeth x feed per tooth for its engagement; the axes'
 /// largest feeds in its direction; for the way down, the plunge limit of machine and material;
-/// the speed that it reaches under the machine's acceleration (motion_time.hpp), rounded up.
-/// The last does not slow the motion but says what it is. A feed that the move before has
-/// already is kept if it is not above and not more than a tenth below, so that programs stay
-/// short; others are rounded down to three digits. A long path may be given in parts: for
-/// the acceleration, each then begins and ends at rest.
+/// the speed that it reaches under the machine's acceleration (motion_time.hpp), within a factor
+/// of two above. The last does not slow the motion but says about what it is. A feed that the move
+/// before has already is kept if it is not above and not more than a tenth below, so that programs
+/// stay short; others are rounded down to three digits. A long path may be given in parts: for the
+/// acceleration, each then begins and ends at rest.
 
 #include <cstdint>
 #include <span>
@@ -89,6 +89,7 @@ struct Engagement {
 struct FeedOptions {
   double cusp_mm = 0.005;  ///< along the path; > 0
   PathControl control{};
+  double spindle_rpm = 0.0;  ///< 0: what the deepest engagement of this path allows
 };
 
 struct FeedReport {
@@ -107,5 +108,9 @@ struct FeedReport {
                                            const Material& material, const Tool& tool,
                                            std::span<const Engagement> engagement,
                                            const FeedOptions& options = {});
+
+/// Lowers the feeds that a path has to what the axes can do in each move's direction, and to the
+/// plunge limit on the way down. @pre path.start is known; feeds of cuts > 0
+void limit_feeds(Toolpath& path, const Machine& machine);
 
 }  // namespace maquette::cnc

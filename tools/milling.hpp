@@ -16,6 +16,7 @@
 #include <span>
 #include <string>
 
+#include "cnc/feeds.hpp"
 #include "cnc/machine.hpp"
 #include "cnc/program.hpp"
 #include "cnc/tool.hpp"
@@ -41,8 +42,12 @@ struct MillJob {
   /// stock says it (NaN: not known).
   double allowance_mm = NAN;
   Millimetres tolerance{0.01};  ///< of finishing paths, all causes together
-  FeedRate feed{3000.0}, plunge_feed{600.0};
-  double spindle_rpm = 18000.0;
+  /// 0: from the chip that the material stands, as the machine can do it; without a material
+  /// 3000 and 600 mm/min, 18000 1/min.
+  FeedRate feed{0.0}, plunge_feed{0.0};
+  double spindle_rpm = 0.0;
+  std::optional<cnc::Material> material;
+  bool feed_given = false;  ///< set by mill_job
   Millimetres clearance{5.0};
   cnc::ProgramOptions program{};     ///< post, name, work offset, splitting; the rest is set here
   Millimetres base_thickness{10.0};  ///< from the table to the design's lowest point
@@ -84,7 +89,8 @@ struct Strategy {
 
 /// The program, or its parts where it is split. Beside it, where a next operation wants it,
 /// <program>.stock.tif: what this one leaves; of passes <program>.scallop.tif: the predicted height
-/// of ridges. @return errors of the strategy; CNC_BEYOND_TRAVEL
+/// of ridges. @return errors of the strategy; CNC_BEYOND_TRAVEL, CNC_TOOL_TOO_LONG;
+/// CNC_FEED_OUT_OF_RANGE and CNC_SPINDLE_OUT_OF_RANGE for more than the machine can do
 [[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
                                          const RunContext& run);
 

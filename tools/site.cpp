@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "assets/devices.hpp"
+#include "cnc/feeds.hpp"
 #include "cnc/machine.hpp"
 #include "tools/scanner_file.hpp"
 
@@ -28,7 +29,7 @@ std::vector<std::string> contradictions(const Site& s) {
                                 s.size_mm, s.spacing_mm));
   for (std::size_t i = 1; i < s.scales.size(); ++i)
     if (!(s.scales[i] < s.scales[i - 1]))
-      found.push_back(
+      found.emplace_back(
           "scales must descend: the whole site first (1000), then sections of it (200)");
   if (s.stone_min_diameter_m >= s.stone_max_diameter_m)
     found.push_back(fmt::format("stones.min_diameter_m {} must be below stones.max_diameter_m {}",
@@ -103,6 +104,10 @@ SiteFile empty_site_file() {
 
   t.add({"stock.margin_mm", &s.stock_margin_mm, "of the block above the highest point", 0, 1000});
 
+  t.add({"stock.material", &s.material,
+         "feeds and spindle follow from it: a name that `maquette mill --help` lists, or a .toml "
+         "file"});
+
   t.section("bands", "Strips that are milled one at a time.");
   t.add({"bands.max_width_mm", &s.band_max_width_mm, "in y", 1, 20000});
 
@@ -122,10 +127,12 @@ SiteFile empty_site_file() {
          "more passes where it is steep, so that ridges stay below the limit"});
   t.add({"mill.scallop_limit_mm", &s.scallop_limit_mm, "height of ridges, normal to the surface",
          1e-4, 10});
-  t.add({"mill.feed_mm_per_min", &s.feed_mm_per_min, "along the path", 1, 100000});
-  t.add({"mill.plunge_feed_mm_per_min", &s.plunge_feed_mm_per_min, "downwards into material", 1,
+  t.add({"mill.feed_mm_per_min", &s.feed_mm_per_min,
+         "along the path; 0: from stock.material and machine.name, which it must not exceed", 0,
          100000});
-  t.add({"mill.spindle_rpm", &s.spindle_rpm, "", 1, 200000});
+  t.add({"mill.plunge_feed_mm_per_min", &s.plunge_feed_mm_per_min, "downwards; 0: the same", 0,
+         100000});
+  t.add({"mill.spindle_rpm", &s.spindle_rpm, "0: the same", 0, 200000});
   t.add(
       {"mill.clearance_mm", &s.clearance_mm, "of rapid moves above the highest point", 0.1, 1000});
 
@@ -239,6 +246,9 @@ Result<SiteFile> read_site(const std::filesystem::path& path,
                            const std::vector<std::string>& overrides) {
   SiteFile file = empty_site_file();
   MAQUETTE_TRY_VOID(file.schema.read(path, overrides));
+  if (const auto material = cnc::find_material(file.site->material); !material)
+    return fail(kConfigInvalid, fmt::format("{}: key 'stock.material': {}", path.string(),
+                                            material.error().message));
   if (const auto found = contradictions(*file.site); !found.empty())
     return fail(kConfigInvalid,
                 fmt::format("{}: {}", path.string(),

@@ -50,6 +50,7 @@ struct Site {
   double base_thickness_mm = 10.0;
   double lowest_mm = 0.0;
   double stock_margin_mm = 1.0;
+  std::string material = "polyurethane_650";
 
   double band_max_width_mm = 500.0;
 
@@ -64,9 +65,9 @@ struct Site {
   double direction_deg = 0.0;
   bool zigzag = true, climb = true, arcs = true, constant_scallop = false;
   double scallop_limit_mm = 0.011;
-  double feed_mm_per_min = 3000.0;
-  double plunge_feed_mm_per_min = 600.0;
-  double spindle_rpm = 18000.0;
+  double feed_mm_per_min = 0.0;
+  double plunge_feed_mm_per_min = 0.0;
+  double spindle_rpm = 0.0;
   double clearance_mm = 5.0;
   std::string post = "linuxcnc";
   std::int64_t max_lines = 0, max_bytes = 0;

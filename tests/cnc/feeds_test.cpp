@@ -274,11 +274,12 @@ TEST(Feeds, NamingTheReachedSpeedCostsNoTime) {
   ASSERT_THAT(report, Succeeds());
   EXPECT_GT(report->by_acceleration, report->moves / 10);
   const MotionTime named = time_path(path, machine, control);
-  // Feeds of a tenth more than reached; kept feeds may lose up to that tenth where cruising.
+  // Feeds are at least what is reached; kept ones may lose up to a tenth where cruising.
   EXPECT_NEAR(named.cutting_s / plain.cutting_s, 1.0, 0.02);
   EXPECT_GT(plain.cutting_s / plain.programmed_s, 3.0);
-  EXPECT_LT(named.cutting_s / named.programmed_s, 2.0) << "feeds that are nearly kept";
-  EXPECT_LT(report->changes, report->moves) << "feeds are kept";
+  // A factor of two at most where it is named, and what is lost within a move.
+  EXPECT_LT(named.cutting_s / named.programmed_s, 2.2) << "feeds that are nearly kept";
+  EXPECT_LT(report->changes, 0.6 * static_cast<double>(report->moves)) << "feeds are kept";
 }
 
 TEST(Feeds, MaterialsAreFoundAndPlausible) {

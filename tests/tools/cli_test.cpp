@@ -247,6 +247,40 @@ TEST_F(CommandLine, GcodeWithAnError) {
   expect_refused(outcome, HasSubstr("part.ngc:3:"));
 }
 
+/// Feeds come from the chip, within the machine; what is asked for holds or is refused.
+TEST_F(CommandLine, FeedsFollowMaterialAndMachine) {
+  const std::string d = design().string();
+  const auto mill = [&](const std::string& options, const std::string& as = "--json") {
+    return run(fmt::format("mill {} {} --quiet --out {} {}", d, as, (scratch / "f.ngc").string(),
+                           options));
+  };
+  const std::string portal = "--machine portal_mill_2500 ";
+  const auto soft = mill(portal + "--material polyurethane_450 --allowance-mm 0.3");
+  ASSERT_EQ(soft.exit_code, 0) << soft.err;
+  const auto hard = mill(portal + "--material aluminium_6061 --allowance-mm 0.3");
+  ASSERT_EQ(hard.exit_code, 0) << hard.err;
+  const json s = json::parse(soft.out), h = json::parse(hard.out);
+  // Each axis has 12000; the hill rises by less than 1 in 5 along x.
+  EXPECT_LE(s["feeds"]["highest_mm_min"], 12000.0 * std::hypot(1.0, 0.2) + 1.0);
+  EXPECT_LT(h["feeds"]["highest_mm_min"], s["feeds"]["highest_mm_min"]);
+  EXPECT_LT(s["total_time_min"], h["total_time_min"]);
+  EXPECT_LE(h["spindle_rpm"], 24000.0);
+  const auto deep = mill(portal + "--material aluminium_6061 --allowance-mm 2.5");
+  ASSERT_EQ(deep.exit_code, 0) << deep.err;
+  EXPECT_LT(json::parse(deep.out)["feeds"]["highest_mm_min"], h["feeds"]["highest_mm_min"])
+      << "deeper in the stock, less feed";
+  const auto asked = mill(portal + "--material aluminium_6061 --feed-mm-per-min 777");
+  ASSERT_EQ(asked.exit_code, 0) << asked.err;
+  EXPECT_THAT(slurp(scratch / "f.ngc"), HasSubstr("F777\n"));
+  fs::remove(scratch / "f.ngc");
+  fs::remove(scratch / "f.scallop.tif");
+  expect_refused(mill(portal + "--feed-mm-per-min 12001", ""), HasSubstr("allows 0.01 to 12000"));
+  expect_refused(mill(portal + "--spindle-rpm 30000", ""), HasSubstr("turns 3000 to 24000"));
+  expect_refused(mill(portal + "--material chees", ""), HasSubstr("chees"));
+  expect_refused(mill("--material softwood", ""), HasSubstr("--machine"));
+  EXPECT_FALSE(fs::exists(scratch / "f.ngc"));
+}
+
 /// What the issue calls bad input of programs: each its error, with its place, and nothing written.
 TEST_F(CommandLine, GcodeThatCannotBeTrusted) {
   const std::string d = design().string();
@@ -485,13 +519,13 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
        {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "verify", "backplot", "export",
-        "render", "compare", "scan", "deviate", "info", "doctor"}) {
+        "render", "compare", "scan", "deviate", "diagnose", "info", "doctor"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));
   }
   // What waits for its issue does not pretend to be there.
-  for (const char* verb : {"diagnose", "detectability", "calibrate", "view"}) {
+  for (const char* verb : {"detectability", "calibrate", "view"}) {
     EXPECT_EQ(run(verb).exit_code, 2) << verb;
     EXPECT_THAT(run("--help").out, Not(HasSubstr(verb)));
   }

@@ -15,7 +15,7 @@ namespace {
 
 struct Options {
   fs::path design, out = "part.ngc", stock, stones, tools;
-  std::string strategy = "raster", machine = "unlimited";
+  std::string strategy = "raster", machine = "unlimited", material;
   // NaN: as the strategy has it
   double diameter_mm = NAN, corner_mm = NAN, stepover_mm = NAN, step_down_mm = NAN,
          allowance_mm = NAN;
@@ -121,6 +121,11 @@ Result<MillJob> job_of(const Options& o) {
   job.stock_top = Millimetres{o.stock_top_mm};
   job.base_thickness = Millimetres{o.base_mm};
   MAQUETTE_TRY(job.machine, cnc::find_machine(o.machine));
+  if (!o.material.empty()) {
+    if (o.machine == "unlimited")
+      return fail(kUsage, "--material needs --machine: its spindle and axes decide the feed too");
+    MAQUETTE_TRY(job.material, cnc::find_material(o.material));
+  }
   return job;
 }
 
@@ -184,9 +189,13 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--cell-mm", job.cell_mm, "rough: grid it is planned on")->capture_default_str();
   app->add_option("--stock-top-mm", o->stock_top_mm,
                   "rough, probe: top of the block (default: 1 mm above the highest point)");
-  app->add_option("--feed-mm-per-min", o->feed, "")->capture_default_str();
-  app->add_option("--plunge-feed-mm-per-min", o->plunge, "")->capture_default_str();
-  app->add_option("--spindle-rpm", job.spindle_rpm, "")->capture_default_str();
+  app->add_option("--material", o->material,
+                  fmt::format("feeds and spindle from the chip it stands: {}, or a .toml file",
+                              fmt::join(cnc::material_names(), ", ")));
+  app->add_option("--feed-mm-per-min", o->feed,
+                  "instead of the material's; without both 3000. Refused above the machine's");
+  app->add_option("--plunge-feed-mm-per-min", o->plunge, "the same; without both 600");
+  app->add_option("--spindle-rpm", job.spindle_rpm, "the same; without both 18000");
   app->add_option("--clearance-mm", o->clearance_mm, "of rapid moves above what they fly over")
       ->capture_default_str();
   app->add_option("--machine", o->machine,

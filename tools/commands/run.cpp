@@ -41,6 +41,7 @@ MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
   job.feed = FeedRate{site.feed_mm_per_min};
   job.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
   job.spindle_rpm = site.spindle_rpm;
+  job.material = *cnc::find_material(site.material);
   job.clearance = Millimetres{site.clearance_mm};
   job.program.post = site.post;
   job.program.name = fmt::format("{} 1:{:g}", site.name, scale);
@@ -147,13 +148,14 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                 }});
     std::vector<fs::path> inputs{design};
     if (site.roughing) inputs.push_back(stock);
-    mill_stage.units.push_back({fmt::format("{}.mill.{}", name, band), std::move(inputs),
-                                values({"name", "bands.", "cutter.", "mill.", "machine."}),
-                                [=, &site](const RunContext& run) {
-                                  MillJob mill = job();
-                                  if (site.roughing) mill.stock = stock;
-                                  return mill_job(mill, program, run);
-                                }});
+    mill_stage.units.push_back(
+        {fmt::format("{}.mill.{}", name, band), std::move(inputs),
+         values({"name", "bands.", "cutter.", "mill.", "machine.", "stock."}),
+         [=, &site](const RunContext& run) {
+           MillJob mill = job();
+           if (site.roughing) mill.stock = stock;
+           return mill_job(mill, program, run);
+         }});
   }
   stages.push_back(std::move(band_stage));
   if (site.roughing) stages.push_back(std::move(rough_stage));

@@ -48,7 +48,6 @@ cnc::MillOptions mill_options(const MillJob& job, const Piece& piece) {
   o.lead_radius = job.lead_radius;
   o.feed = job.feed;
   o.plunge_feed = job.plunge_feed;
-  o.spindle_rpm = job.spindle_rpm;
   o.clearance = job.clearance;
   o.first_y_mm = piece.first_y_mm;
   o.last_y_mm = piece.last_y_mm;

@@ -27,6 +27,7 @@ Result<JobResult> probe_job(const MillJob& job, const std::filesystem::path& out
        {corner.x_mm + corner.inset_mm, corner.y_mm + corner.inset_mm, top + options.search_mm}}));
   MillJob still = job;
   still.spindle_rpm = 0.0;
+  still.material.reset();
   still.clearance = Millimetres{std::max(job.clearance.value(), options.search_mm)};
   MAQUETTE_TRY(auto program,
                MillProgram::begin(still, piece, out, top, Millimetres{0.0},

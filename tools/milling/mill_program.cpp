@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "cnc/gcode_reader.hpp"
+#include "cnc/mill.hpp"
 #include "cnc/motion_time.hpp"
 #include "cnc/path_certificate.hpp"
 #include "core/files.hpp"
@@ -124,14 +125,58 @@ Result<MillProgram> MillProgram::begin(const MillJob& job, const Piece& piece, c
   MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(waiting.file(out), options));
   cnc::Tool tool = job.tool;
   if (tool.name.empty()) tool.name = shape_name(tool.cutter);
-  writer.tool(tool, job.spindle_rpm);
-  return MillProgram(job, out, std::move(waiting), std::move(writer), blending.value());
+  double rpm = job.spindle_rpm;
+  if (job.material && rpm == 0.0) {
+    MAQUETTE_TRY(rpm, cnc::spindle_rpm(job.machine, *job.material, tool, piece.deepest_mm));
+  }
+  writer.tool(tool, rpm);
+  return MillProgram(job, piece, out, std::move(waiting), std::move(writer), blending.value(), rpm);
+}
+
+/// By the chip where nothing else is asked for; never more than the machine can do.
+Result<void> MillProgram::set_feeds(cnc::Toolpath& path) {
+  if (!job_.material || job_.feed_given) {
+    cnc::limit_feeds(path, job_.machine);
+    return {};
+  }
+  // Across the feed as much as can be: somewhere every pass is the first one.
+  const double width = 2.0 * job_.tool.cutter.radius_mm;
+  std::vector<cnc::Engagement> engagement;
+  if (piece_.depth) {
+    cnc::ToolPosition from = path.start;
+    for (const cnc::PathMove& m : path.moves) {
+      engagement.push_back(
+          {width, piece_.depth->along_mm(cnc::mm_of_ticks(from.x), cnc::mm_of_ticks(from.y),
+                                         cnc::mm_of_ticks(m.to.x), cnc::mm_of_ticks(m.to.y))});
+      from = m.to;
+    }
+  } else {
+    engagement.push_back({width, piece_.deepest_mm});
+  }
+  if (engagement.empty()) return {};
+  cnc::FeedOptions options;
+  options.control.tolerance_mm = blending_mm_;
+  options.spindle_rpm = spindle_rpm_;
+  MAQUETTE_TRY(const auto report,
+               cnc::set_feeds(path, job_.machine, *job_.material, job_.tool, engagement, options));
+  if (report.moves == 0) return {};
+  feeds_.lowest_mm_min = feeds_.moves == 0 ? report.lowest_mm_min
+                                           : std::min(feeds_.lowest_mm_min, report.lowest_mm_min);
+  feeds_.highest_mm_min = std::max(feeds_.highest_mm_min, report.highest_mm_min);
+  feeds_.moves += report.moves;
+  feeds_.by_chip += report.by_chip;
+  feeds_.by_axes += report.by_axes;
+  feeds_.by_plunge += report.by_plunge;
+  feeds_.by_acceleration += report.by_acceleration;
+  return {};
 }
 
 Result<void> MillProgram::add(const cnc::Toolpath& piece) {
-  figures_.add(piece);
+  cnc::Toolpath path = piece;
+  MAQUETTE_TRY_VOID(set_feeds(path));
+  figures_.add(path);
   MAQUETTE_TRY_VOID(cnc::check_travel(job_.machine, figures_.extent_mm()));
-  return writer_.add(piece);
+  return writer_.add(path);
 }
 
 Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json figures,
@@ -184,6 +229,15 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
         std::isfinite(figures_.shortest_cut_mm) ? figures_.shortest_cut_mm : 0.0},
        {"highest_block_rate_per_s", t.highest_blocks_per_s},
        {"machine_blocks_per_s", job_.machine.blocks_per_s}});
+  figures["spindle_rpm"] = spindle_rpm_;
+  if (feeds_.moves > 0)
+    figures["feeds"] = {{"material", job_.material->name},
+                        {"lowest_mm_min", feeds_.lowest_mm_min},
+                        {"highest_mm_min", feeds_.highest_mm_min},
+                        {"by_chip", feeds_.by_chip},
+                        {"by_axes", feeds_.by_axes},
+                        {"by_plunge", feeds_.by_plunge},
+                        {"by_acceleration", feeds_.by_acceleration}};
   if (figures_.lines + figures_.arcs > 0)
     figures.update({{"lowest_tip_mm", cnc::mm_of_ticks(figures_.lowest_cut)},
                     {"highest_tip_mm", cnc::mm_of_ticks(figures_.highest_cut)}});
@@ -209,6 +263,39 @@ Result<JobResult> MillProgram::finish_unread(json figures) {
   return result;
 }
 
+Result<MillJob> with_feeds(const MillJob& job) {
+  const cnc::Machine& m = job.machine;
+  const double fastest = std::max(m.max_feed_mm_min.x, m.max_feed_mm_min.y);
+  const auto check = [&](const char* what, double value, double most) -> Result<void> {
+    if (value == 0.0 || (value >= 0.01 && value <= most)) return {};
+    return fail(cnc::kFeedOutOfRange,
+                fmt::format("{} is {} mm/min; {} allows 0.01 to {}", what, value, m.name, most));
+  };
+  MAQUETTE_TRY_VOID(check("feed", job.feed.value(), fastest));
+  MAQUETTE_TRY_VOID(check("plunge feed", job.plunge_feed.value(), m.max_plunge_mm_min));
+  if (job.spindle_rpm != 0.0 &&
+      !(job.spindle_rpm >= m.min_spindle_rpm && job.spindle_rpm <= m.max_spindle_rpm))
+    return fail(cnc::kSpindleOutOfRange,
+                fmt::format("spindle is {} rpm; {} turns {} to {}", job.spindle_rpm, m.name,
+                            m.min_spindle_rpm, m.max_spindle_rpm));
+  MillJob whole = job;
+  whole.feed_given = job.feed.value() > 0.0;
+  const auto fill = [](FeedRate& rate, double mm_min) {
+    if (rate.value() == 0.0) rate = FeedRate{mm_min};
+  };
+  if (job.material) {
+    // What strategies weigh ways by; moves get their own feeds when they are written.
+    fill(whole.feed, fastest);
+    fill(whole.plunge_feed, std::min(m.max_plunge_mm_min, 0.2 * fastest));
+  } else {
+    fill(whole.feed, std::min(3000.0, fastest));
+    fill(whole.plunge_feed, std::min(600.0, m.max_plunge_mm_min));
+    if (whole.spindle_rpm == 0.0)
+      whole.spindle_rpm = std::clamp(18000.0, m.min_spindle_rpm, m.max_spindle_rpm);
+  }
+  return whole;
+}
+
 Result<Piece> piece_of(const MillJob& job, double margin_mm) {
   Piece piece;
   MAQUETTE_TRY(piece.design, heightmap::read_model_field(job.design));
@@ -226,6 +313,14 @@ Result<Piece> piece_of(const MillJob& job, double margin_mm) {
     piece.last_y_mm = piece.design.y_mm(b.last);
     // The cutter feels the neighbours as far as it reaches.
     piece.design = meshing::band_field(piece.design, b, Millimetres{margin_mm});
+  }
+  const cnc::Cutter& cutter = job.tool.cutter;
+  piece.deepest_mm = cutter.corner_radius_mm;
+  if (job.material && !job.feed_given && cutter.is_ball() &&
+      (piece.stock || !std::isnan(job.allowance_mm))) {
+    piece.depth.emplace(piece.design, piece.stock ? &*piece.stock : nullptr, job.allowance_mm,
+                        cutter);
+    piece.deepest_mm = piece.depth->deepest_mm();
   }
   piece.top_mm = static_cast<double>(heightmap::height_range(piece.design.z_mm).max);
   if (piece.stock)

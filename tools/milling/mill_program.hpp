@@ -9,6 +9,7 @@
 
 #include "cnc/path_figures.hpp"
 #include "cnc/program.hpp"
+#include "cnc/stock_depth.hpp"
 #include "heightmap/height_field.hpp"
 #include "tools/milling.hpp"
 
@@ -46,9 +47,17 @@ struct Piece {
   double first_y_mm = NAN, last_y_mm = NAN;  ///< of a band's passes; NaN: the whole surface
   double top_mm = 0.0;                       ///< of design and stock
   double table_mm = 0.0;                     ///< that the block lies on
+  /// How deep the cutter stands in the stock: at most `deepest_mm`, and along a move as `depth`
+  /// says.
+  double deepest_mm = 0.0;
+  std::optional<cnc::StockDepth> depth;
 };
 /// @param margin_mm  beside the band
 [[nodiscard]] Result<Piece> piece_of(const MillJob& job, double margin_mm);
+
+/// Feeds and spindle as asked for, or as they are where nothing is asked for; they are within what
+/// the machine can do. Feeds of moves are set when the program is written.
+[[nodiscard]] Result<MillJob> with_feeds(const MillJob& job);
 
 class MillProgram {
  public:
@@ -71,15 +80,22 @@ class MillProgram {
   Result<JobResult> finish_unread(nlohmann::json figures);
 
  private:
-  MillProgram(const MillJob& job, std::filesystem::path out, Waiting waiting,
-              cnc::ProgramWriter writer, double blending_mm)
+  MillProgram(const MillJob& job, const Piece& piece, std::filesystem::path out, Waiting waiting,
+              cnc::ProgramWriter writer, double blending_mm, double spindle_rpm)
       : job_(job),
+        piece_(piece),
+        spindle_rpm_(spindle_rpm),
         out_(std::move(out)),
         waiting_(std::move(waiting)),
         writer_(std::move(writer)),
         blending_mm_(blending_mm) {}
 
+  Result<void> set_feeds(cnc::Toolpath& path);
+
   const MillJob& job_;
+  const Piece& piece_;
+  double spindle_rpm_;
+  cnc::FeedReport feeds_;
   std::filesystem::path out_;
   Waiting waiting_;
   cnc::ProgramWriter writer_;

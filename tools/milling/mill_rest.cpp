@@ -28,6 +28,12 @@ cnc::RestOptions rest_options(const MillJob& job) {
   return o;
 }
 
+/// It cuts full width, as deep as it may.
+void takes_layers(const MillJob& job, Piece& piece) {
+  piece.depth.reset();
+  piece.deepest_mm = std::max(job.step_down_mm, job.tool.cutter.radius_mm);
+}
+
 /// Nothing is to be done where a neighbouring band will do it.
 void keep_band(const Piece& piece, cnc::RestMap& map) {
   if (std::isnan(piece.first_y_mm)) return;
@@ -101,7 +107,8 @@ Result<JobResult> rest_job(const MillJob& job, const fs::path& out, const RunCon
         fmt::format("the ball before has {} mm, this one {} mm diameter; it must be smaller",
                     2.0 * before, 2.0 * radius));
   // What the ball before leaves depends on what it feels.
-  MAQUETTE_TRY(const Piece piece, piece_of(job, 4.0 * before));
+  MAQUETTE_TRY(Piece piece, piece_of(job, 4.0 * before));
+  takes_layers(job, piece);
   MAQUETTE_TRY(cnc::RestMap map, cnc::map_rest(piece.design, {before}, Millimetres{0.05}, run));
   keep_band(piece, map);
   return take_away(job, piece, piece.design, map,
@@ -109,7 +116,8 @@ Result<JobResult> rest_job(const MillJob& job, const fs::path& out, const RunCon
 }
 
 Result<JobResult> seats_job(const MillJob& job, const fs::path& out, const RunContext& run) {
-  MAQUETTE_TRY(const Piece piece, piece_of(job, 4.0 * job.tool.cutter.radius_mm));
+  MAQUETTE_TRY(Piece piece, piece_of(job, 4.0 * job.tool.cutter.radius_mm));
+  takes_layers(job, piece);
   MAQUETTE_TRY(const auto seats, seats_of(job, piece));
   const heightmap::ModelField seated = cnc::with_seats(piece.design, seats);
   cnc::RestMap map = cnc::seat_map(piece.design, seated);

@@ -60,7 +60,8 @@ MillJob default_job(std::string_view strategy) {
 
 Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
                            const RunContext& run) {
-  return strategy_of(job.strategy).make(job, out, run);
+  MAQUETTE_TRY(const MillJob whole, with_feeds(job));
+  return strategy_of(job.strategy).make(whole, out, run);
 }
 
 }  // namespace maquette::tools

@@ -80,8 +80,8 @@ Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
     if (k.effect == "scanner.range_bias") wanted.law = "constant";
     const auto form = restore(*effect, scene, wanted);
     if (!form)
-      return fail(kUnknownCause, fmt::format("[[cause]] {}: no law \"{}\" with {} parameters", k.effect,
-                                             k.law, k.parameters.size()));
+      return fail(kUnknownCause, fmt::format("[[cause]] {}: no law \"{}\" with {} parameters",
+                                             k.effect, k.law, k.parameters.size()));
     for (std::size_t c = 0; c < form->columns.size(); ++c) {
       const Parameter& p = form->columns[c].parameter;
       const double coefficient =

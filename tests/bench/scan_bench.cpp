@@ -6,8 +6,6 @@
 //                                    and 2 degrees off: CPU seconds and error of the true pose;
 //                                    then signed distances of all points
 //   scan_bench poses [RUNS]          200 parts and poses: within 3 sigma, share of the spacing
-//   scan_bench peer [POINTS]         the same scan by CloudCompare's ICP and cloud to mesh
-//                                    distance, where cloudcompare is installed
 
 #include <cmath>
 #include <cstdlib>

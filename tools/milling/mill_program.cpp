@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "cnc/gcode_reader.hpp"
 #include "cnc/mill.hpp"

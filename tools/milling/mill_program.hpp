@@ -5,7 +5,7 @@
 /// What all strategies share: from pieces of path to a program in its place, read back, timed,
 /// and proven where it has a proof. Used by the strategies in this folder only.
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 #include "cnc/path_figures.hpp"
 #include "cnc/program.hpp"

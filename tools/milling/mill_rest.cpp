@@ -3,6 +3,7 @@
 // What a smaller ball does after the finish: where the larger one did not fit, and for the stones.
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "cnc/engrave.hpp"
 #include "cnc/mill.hpp"

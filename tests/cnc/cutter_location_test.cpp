@@ -321,7 +321,7 @@ TEST(DropHolder, TouchesWithItsLowestPartOnFlatGround) {
 }
 
 TEST(DropHolder, ASteepPlaneMeetsTheRimAGentleOneTheDisc) {
-  for (const double g : {0.5, 1.7, 3.0}) {
+  for (const double g : {0.5, 1.75, 3.0}) {
     ModelField plane = flat_field(81, 81, 0.5, 0.0F);
     for (std::ptrdiff_t r = 0; r < 81; ++r)
       for (std::ptrdiff_t c = 0; c < 81; ++c)

@@ -28,6 +28,7 @@
 #include "cnc/path_pieces.hpp"
 #include "core/files.hpp"
 #include "core/random.hpp"
+#include "meshing/bands.hpp"
 #include "support/matchers.hpp"
 #include "support/terrain.hpp"
 
@@ -604,6 +605,54 @@ TEST_P(MillThenVerify, TheCertifiedGougeIsNotExceeded) {
 }
 INSTANTIATE_TEST_SUITE_P(Seed, MillThenVerify, testing::Values(1, 2, 3),
                          testing::PrintToStringParamName());
+
+// The border of two bands is a pass of both programs. What is cut beside it must be as if one
+// program had cut the whole surface, within 2 um.
+TEST_P(MillThenVerify, TheSeamOfTwoBandsDoesNotShow) {
+  const auto seed = static_cast<std::uint64_t>(GetParam());
+  const ScratchFolder folder;
+  const ModelField design = ground(Ground::rough, seed, 81, 0.5);
+  const std::vector<std::filesystem::path> one{folder / "one.ngc"};
+  ASSERT_THAT(mill(design, {}, one[0]), Succeeds());
+  const auto whole = verify(one, design);
+  ASSERT_THAT(whole, Succeeds());
+  const auto bands = meshing::split_into_bands(design, meshing::BandAxis::y, Millimetres{20.0});
+  ASSERT_THAT(bands, Succeeds());
+  ASSERT_EQ(bands->size(), 2U);
+  std::vector<std::filesystem::path> programs;
+  for (const meshing::Band& band : *bands) {
+    MillOptions options;
+    options.first_y_mm = design.y_mm(band.first);
+    options.last_y_mm = design.y_mm(band.last);
+    programs.push_back(folder / fmt::format("band_{}.ngc", programs.size()));
+    const ModelField part = meshing::band_field(design, band, options.ball_diameter);
+    ASSERT_THAT(mill(part, options, programs.back()), Succeeds());
+  }
+  const auto joined = verify(programs, design);
+  ASSERT_THAT(joined, Succeeds());
+  // Passes differ by what the tolerance leaves to arcs, for the second band may begin at the other
+  // end. A seam is what does not average out: mean height of a cutter's radius on either side, in
+  // windows of 10 mm along the border.
+  const auto& a = whole->as_milled;
+  const auto& b = joined->as_milled;
+  ASSERT_EQ(a.z_mm.rows(), b.z_mm.rows());
+  const double border = design.y_mm(bands->front().last);
+  double seam = 0.0;
+  for (double from = 0.0; from < 40.0; from += 10.0) {
+    double sum[2] = {0.0, 0.0}, count[2] = {0.0, 0.0};
+    for (std::ptrdiff_t r = 0; r < a.z_mm.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < a.z_mm.cols(); ++c) {
+        const double x = a.x_mm(c) - a.x0.value() - from, y = a.y_mm(r) - border;
+        if (x < 0.0 || x >= 10.0 || y == 0.0 || std::fabs(y) > 3.0) continue;
+        const int side = y > 0.0 ? 1 : 0;
+        sum[side] += static_cast<double>(b.z_mm(r, c)) - static_cast<double>(a.z_mm(r, c));
+        count[side] += 1.0;
+      }
+    seam = std::fmax(seam, std::fabs(sum[1] / count[1] - sum[0] / count[0]));
+  }
+  EXPECT_LE(seam, 0.002);
+  RecordProperty("seam_mm", fmt::format("{:.6f}", seam));
+}
 
 TEST(Verify, SameBitsForAnyNumberOfThreads) {
   const ScratchFolder folder;

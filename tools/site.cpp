@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tools/site.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -8,10 +10,13 @@
 #include "assets/devices.hpp"
 #include "cnc/feeds.hpp"
 #include "cnc/machine.hpp"
+#include "core/check.hpp"
 #include "tools/scanner_file.hpp"
 
 namespace maquette::tools {
 namespace {
+
+constexpr std::array<std::int64_t, 9> kWorkOffsets{54, 55, 56, 57, 58, 59, 591, 592, 593};
 
 template <class Preset>
 std::vector<std::string> preset_names(const std::vector<Preset>& presets) {
@@ -37,6 +42,16 @@ std::vector<std::string> contradictions(const Site& s) {
   if (s.stepover_mm >= s.ball_diameter_mm)
     found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
                                 s.stepover_mm, s.ball_diameter_mm));
+  const auto first = std::find(kWorkOffsets.begin(), kWorkOffsets.end(), s.work_offset);
+  const double bands = s.work_offset_per_band ? std::ceil(s.size_mm / s.band_max_width_mm) : 1.0;
+  if (first == kWorkOffsets.end())
+    found.push_back(fmt::format("mill.work_offset {} must be one of {}", s.work_offset,
+                                fmt::join(kWorkOffsets, ", ")));
+  else if (bands > static_cast<double>(kWorkOffsets.end() - first))
+    found.push_back(
+        fmt::format("mill.work_offset_per_band: {} bands need as many work offsets from G{} on; "
+                    "take wider bands (bands.max_width_mm) or one offset for all",
+                    bands, s.work_offset));
   if (s.spacing_mm > s.ball_diameter_mm)
     found.push_back(fmt::format("spacing_mm {} must not exceed cutter.ball_diameter_mm {}",
                                 s.spacing_mm, s.ball_diameter_mm));
@@ -135,6 +150,11 @@ SiteFile empty_site_file() {
   t.add({"mill.spindle_rpm", &s.spindle_rpm, "0: the same", 0, 200000});
   t.add(
       {"mill.clearance_mm", &s.clearance_mm, "of rapid moves above the highest point", 0.1, 1000});
+  t.add({"mill.work_offset", &s.work_offset,
+         "54 to 59; 591 to 593 for G59.1 to G59.3; all programs are in the model's frame", 54,
+         593});
+  t.add({"mill.work_offset_per_band", &s.work_offset_per_band,
+         "each band its own, counted on from mill.work_offset"});
 
   t.section("rough", "Roughing, level by level, before the finishing pass.");
   t.add({"rough.enabled", &s.roughing, "false: the block is roughed otherwise"});
@@ -254,6 +274,14 @@ Result<SiteFile> read_site(const std::filesystem::path& path,
                 fmt::format("{}: {}", path.string(),
                             fmt::join(found, fmt::format("\n{}: ", path.string()))));
   return file;
+}
+
+int work_offset_of(const Site& site, std::size_t band) {
+  const auto first = std::find(kWorkOffsets.begin(), kWorkOffsets.end(), site.work_offset);
+  const auto index = static_cast<std::size_t>(first - kWorkOffsets.begin()) +
+                     (site.work_offset_per_band ? band : 0);
+  MAQUETTE_CHECK(index < kWorkOffsets.size(), "work offset {} of band {}", site.work_offset, band);
+  return static_cast<int>(kWorkOffsets[index]);
 }
 
 double half_width_m(const Site& site, double scale) {

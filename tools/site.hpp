@@ -5,6 +5,7 @@
 /// The site file: one mock-up, from its sources to its scanner. Every key, its
 /// default and its range stand once, in site.cpp.
 
+#include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <memory>
@@ -71,6 +72,8 @@ struct Site {
   double clearance_mm = 5.0;
   std::string post = "linuxcnc";
   std::int64_t max_lines = 0, max_bytes = 0;
+  std::int64_t work_offset = 54;
+  bool work_offset_per_band = false;
   std::string machine = "portal_mill_2500";
 
   double verify_cell_mm = 0.1;
@@ -108,6 +111,9 @@ struct SiteFile {
 /// than the site, scales descending and distinct, ...).
 [[nodiscard]] Result<SiteFile> read_site(const std::filesystem::path& path,
                                          const std::vector<std::string>& overrides = {});
+
+/// Of a program: 54 to 59, 591 to 593 for G59.1 to G59.3.
+[[nodiscard]] int work_offset_of(const Site& site, std::size_t band);
 
 /// Nodes of one surface are spacing apart and span size.
 [[nodiscard]] double half_width_m(const Site& site, double scale);

@@ -39,7 +39,7 @@ using testing_support::slurp;
 constexpr const char* kSmall =
     " --quiet --set size_mm=40 --set bands.max_width_mm=15 --set stones.count=5 "
     "--set stones.max_diameter_m=3 --set scanner.max_points=60000 --set camera.samples_per_pixel=1 "
-    "--set export.lod_triangles=2000 ";
+    "--set export.lod_triangles=2000 --set mill.work_offset_per_band=true ";
 
 const std::string kSite = std::string("run ") + MAQUETTE_SOURCE + "/assets/sites/default.toml";
 
@@ -119,6 +119,13 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
                              "deviation.ply",
                              "report.html"})
       EXPECT_TRUE(fs::exists(out() / scale / file)) << scale << "/" << file;
+}
+
+TEST_F(Chain, EachBandHasItsWorkOffset) {
+  for (const auto& [program, offset] :
+       {std::pair{"rough.ngc", "\nG54\n"}, std::pair{"bands/band_01.ngc", "\nG54\n"},
+        std::pair{"bands/band_03.ngc", "\nG56\n"}})
+    EXPECT_THAT(slurp(out() / "s1000" / program), testing::HasSubstr(offset)) << program;
 }
 
 TEST_F(Chain, HoldsItsBounds) {

@@ -75,6 +75,10 @@ INSTANTIATE_TEST_SUITE_P(
         Mistake{"scales_ascend", "scales = [200.0, 1000.0]\n", {"scales", "descend"}},
         Mistake{
             "stepover_too_wide", "[mill]\nstepover_mm = 7.0\n", {"stepover_mm", "ball_diameter"}},
+        Mistake{"work_offset", "[mill]\nwork_offset = 60\n", {"mill.work_offset 60", "59, 591"}},
+        Mistake{"too_many_bands",
+                "[bands]\nmax_width_mm = 20.0\n[mill]\nwork_offset_per_band = true\n",
+                {"10 bands", "bands.max_width_mm"}},
         Mistake{"two_at_once",
                 "sise_mm = 1.0\nspacing_mm = true\n",
                 {"site.toml:1:", "site.toml:2:", "'size_mm'", "'spacing_mm'"}}),

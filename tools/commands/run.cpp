@@ -119,6 +119,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                    MillJob mill = mill_of(site, scale, "rough");
                                    mill.design = design;
                                    mill.program.name += " rough";
+                                   mill.program.work_offset = work_offset_of(site, 0);
                                    return mill_job(mill, rough_program, run);
                                  }});
   std::vector<fs::path> programs;
@@ -134,6 +135,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
       mill.design = design;
       mill.max_width = width;
       mill.band = b;
+      mill.program.work_offset = work_offset_of(site, b);
       mill.program.name += " " + band;
       return mill;
     };

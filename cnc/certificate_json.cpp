@@ -90,6 +90,7 @@ std::string to_json(const Certificate& c) {
                      {"bound_mm", c.bound_mm},
                      {"cell_gouge_mm", c.cell_gouge_mm},
                      {"cell_bound_mm", finite(c.cell_bound_mm)},
+                     {"blending_mm", c.blending_mm ? finite(*c.blending_mm) : Json(nullptr)},
                      {"path", c.path ? path_json(*c.path) : Json(nullptr)},
                      {"max_excess_includes_border", true},
                      {"max_excess_inside_mm", c.max_excess_inside_mm},

@@ -35,8 +35,8 @@
 namespace maquette::cnc {
 
 struct FitLimits {
-  double gouge_mm = 0.0045;   ///< below the exact cutter location, all in all; measured vertically
-  double excess_mm = 0.0095;  ///< above it
+  double gouge_mm = 0.0049;   ///< below the exact cutter location, all in all; measured vertically
+  double excess_mm = 0.0090;  ///< above it
   bool arcs = true;           ///< the line runs along x or y and the control has G18 and G19
   double least_radius_mm = 0.1, greatest_radius_mm = 200.0;
 };

@@ -192,8 +192,8 @@ Result<GeodesicPassReport> geodesic_passes(const ModelField& design,
   report.highest_block_rate_per_s = cut.figures.highest_rate_per_s;
   report.lowest_tip_mm = mm_of_ticks(cut.figures.lowest_cut);
   report.highest_tip_mm = mm_of_ticks(cut.figures.highest_cut);
-  report.certified_gouge_mm = cut.bounds.gouge_mm + report.shares.blending_mm;
-  report.certified_excess_mm = cut.bounds.excess_mm + report.shares.blending_mm;
+  report.certified_gouge_mm = cut.bounds.gouge_mm;
+  report.certified_excess_mm = cut.bounds.excess_mm;
   return report;
 }
 

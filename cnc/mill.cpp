@@ -75,7 +75,6 @@ Result<void> check_heights(const ModelField& field, const char* what) {
 
 std::vector<std::string> head_comments(const ModelField& design, const MillOptions& o,
                                        heightmap::HeightRange heights) {
-  const ToleranceShares shares = share_tolerance(o.tolerance);
   const double width = design.x_mm(design.z_mm.cols() - 1) - design.x0.value();
   const double depth = design.y_mm(design.z_mm.rows() - 1) - design.y0.value();
   const double first = std::isnan(o.first_y_mm) ? 0.0 : o.first_y_mm - design.y0.value();
@@ -85,8 +84,7 @@ std::vector<std::string> head_comments(const ModelField& design, const MillOptio
       "finishing only, remove the rough stock first",
       fmt::format("stepover {} mm, scallop on flat ground {:.4f} mm", o.stepover.value(),
                   scallop_mm({0.5 * o.ball_diameter.value()}, o.stepover.value())),
-      fmt::format("gouge at most {:.4f} mm, of which {:.4f} for blending", shares.gouge_mm,
-                  shares.blending_mm),
+      head_line(share_tolerance(o.tolerance)),
       fmt::format("design x {} .. {} y {} .. {} z {} .. {} mm, nodes {} mm apart",
                   design.x0.value(), design.x0.value() + width, design.y0.value(),
                   design.y0.value() + depth, heights.min, heights.max, design.spacing.value()),
@@ -96,6 +94,11 @@ std::vector<std::string> head_comments(const ModelField& design, const MillOptio
 }
 
 }  // namespace
+
+std::string head_line(const ToleranceShares& shares) {
+  return fmt::format("gouge of the path at most {:.4f} mm, with blending {:.4f} in space",
+                     shares.gouge_mm, shares.gouge_mm + shares.blending_mm);
+}
 
 Result<void> check_mill(const ModelField& design, const MillOptions& o) {
   MAQUETTE_CHECK(design.z_mm.rows() >= 2 && design.z_mm.cols() >= 2 && design.spacing.value() > 0.0,
@@ -147,7 +150,7 @@ Result<MillReport> mill(const ModelField& design, const MillOptions& options,
   writer.comment(fmt::format("cut {:.1f} mm in {:.1f} min, tip z {:.4f} .. {:.4f} mm",
                              report.path_length_mm, report.cutting_time_min, report.lowest_tip_mm,
                              report.highest_tip_mm));
-  writer.comment(fmt::format("gouge at most {:.5f} mm", report.certified_gouge_mm));
+  writer.comment(fmt::format("gouge of the path at most {:.5f} mm", report.certified_gouge_mm));
   MAQUETTE_TRY(auto written, writer.commit());
   report.blocks = written.blocks;
   report.bytes = written.bytes;

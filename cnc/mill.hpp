@@ -82,14 +82,21 @@ struct MillOptions {
 
 /// What each cause may take of the tolerance. The mesh takes nothing: the triangles themselves are
 /// cut. Rounding to 0.001 mm is part of fitting, which is checked on the rounded moves.
+///
+/// The written path and what the control makes of it are kept apart: the path is proven by reading
+/// it back, vertically; the control may leave it by `blending`, a distance in space. So the cutter
+/// goes nowhere deeper than gouge + blending, at right angles to the surface; vertically, on a
+/// slope, than gouge + blending / cos(slope). docs/derivations/path_between_samples.md
 struct ToleranceShares {
-  double gouge_mm = 0.0;     ///< all in all, below: half the tolerance
-  double excess_mm = 0.0;    ///< all in all, above: the tolerance
+  double gouge_mm = 0.0;     ///< of the path, below: half the tolerance
+  double excess_mm = 0.0;    ///< of the path, above: what blending leaves of the tolerance
   double sampling_mm = 0.0;  ///< of the gouge: between samples
-  double fitting_mm = 0.0;   ///< of the gouge: chords, arcs, rounding
-  double blending_mm = 0.0;  ///< of both: the control may round corners by it (G64 P, Q0)
+  double fitting_mm = 0.0;   ///< of the gouge: chords, arcs, rounding; a little is kept back
+  double blending_mm = 0.0;  ///< beside the path: the control may round corners by it (G64 P, Q0)
 };
 [[nodiscard]] ToleranceShares share_tolerance(Millimetres tolerance);
+/// The shares as a line of a program's head.
+[[nodiscard]] std::string head_line(const ToleranceShares& shares);
 
 struct MillReport {
   std::uint64_t passes = 0;        ///< rows of the raster
@@ -107,7 +114,7 @@ struct MillReport {
   double highest_block_rate_per_s = 0.0;
   double direction_deg = 0.0;  ///< of the passes, as cut
   ToleranceShares shares;
-  double certified_gouge_mm = 0.0;   ///< bound on how deep the path cuts, blending included
+  double certified_gouge_mm = 0.0;   ///< bound on how deep the path cuts, vertically
   double certified_excess_mm = 0.0;  ///< and how far above the exact path, lifts at walls included
   double scallop_flat_mm = 0.0;      ///< R - sqrt(R^2 - (stepover / 2)^2)
   ScallopMap scallop;                ///< predicted, against scallop_limit

@@ -130,8 +130,8 @@ class Milling {
     report_.highest_block_rate_per_s = figures_.highest_rate_per_s;
     report_.lowest_tip_mm = mm_of_ticks(figures_.lowest_cut);
     report_.highest_tip_mm = mm_of_ticks(figures_.highest_cut);
-    report_.certified_gouge_mm = bounds_.gouge_mm + shares_.blending_mm;
-    report_.certified_excess_mm = bounds_.excess_mm + shares_.blending_mm;
+    report_.certified_gouge_mm = bounds_.gouge_mm;
+    report_.certified_excess_mm = bounds_.excess_mm;
     report_.scallop = std::move(scallop_).finish();
     return report_;
   }
@@ -344,10 +344,11 @@ ToleranceShares share_tolerance(Millimetres tolerance) {
   const double t = tolerance.value();
   ToleranceShares s;
   s.gouge_mm = 0.5 * t;
-  s.excess_mm = t;
-  s.blending_mm = 0.05 * t;
+  s.blending_mm = 0.1 * t;
+  s.excess_mm = t - s.blending_mm;
   s.sampling_mm = 0.18 * t;
-  s.fitting_mm = s.gouge_mm - s.blending_mm - s.sampling_mm;
+  // Short of the gouge: who reads the program back rounds otherwise, and holds it to just that.
+  s.fitting_mm = 0.49 * t - s.sampling_mm;
   return s;
 }
 

@@ -21,9 +21,10 @@
 ///
 /// Accuracy. max_gouge is reached at a place of the path (within 1e-9 mm); proven is an upper
 /// bound for the continuous path over the continuous surface, arcs included. Beyond the outline
-/// contacts are bounded by height alone. A gouge deeper than `limit` is found wherever it is,
-/// unless `undecided` says how many intervals were given up.
-/// Cost. About four drops for each block of a finishing pass; 100 bytes a motion of a batch.
+/// contacts are bounded by height alone. The path is the written one: what the control may leave
+/// it by (G64 P) comes on top, see share_tolerance (mill.hpp). A gouge deeper than `limit` is found
+/// wherever it is, unless `undecided` says how many intervals were given up. Cost. About four drops
+/// for each block of a finishing pass; 100 bytes a motion of a batch.
 
 #include <cstdint>
 #include <memory>

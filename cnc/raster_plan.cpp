@@ -60,8 +60,8 @@ PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across,
   piece.cut = cut;
   piece.across = across;
   FitLimits limits;
-  limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
-  limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
+  limits.gouge_mm = shares_.sampling_mm + shares_.fitting_mm;
+  limits.excess_mm = shares_.excess_mm;
   limits.arcs = options_.arcs && (cut.line.dx == 0 || cut.line.dy == 0) &&
                 std::abs(cut.line.dx + cut.line.dy) == kResolution;
   const auto [low, high] = std::minmax({cut.from, cut.to});

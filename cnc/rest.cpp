@@ -198,11 +198,11 @@ class Rest {
                 std::max(cut.from, cut.to),
                 {shares_.sampling_mm, dip_share(o_.arcs) * o_.tolerance_mm}, samples);
     FitLimits limits;
-    limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
-    limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
+    limits.gouge_mm = shares_.sampling_mm + shares_.fitting_mm;
+    limits.excess_mm = shares_.excess_mm;
     limits.arcs = o_.arcs;
     const FitBounds bounds = fit_moves(samples, cut.line.step_mm(), limits, moves);
-    pass.gouge_mm = std::max(pass.gouge_mm, bounds.gouge_mm + shares_.blending_mm);
+    pass.gouge_mm = std::max(pass.gouge_mm, bounds.gouge_mm);
     if (cut.from > cut.to) reverse_moves(moves);
   }
 

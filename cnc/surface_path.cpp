@@ -159,8 +159,8 @@ class Cutting {
       out[i].sampled = samples[i].size();
     }
     FitLimits limits;
-    limits.gouge_mm = shares_.gouge_mm - shares_.blending_mm;
-    limits.excess_mm = shares_.excess_mm - shares_.blending_mm;
+    limits.gouge_mm = shares_.sampling_mm + shares_.fitting_mm;
+    limits.excess_mm = shares_.excess_mm;
     limits.arcs = false;  // curves hardly ever run along an axis
     std::vector<std::vector<FittedMove>> moves;
     out->bounds = fit_lines(lines, limits, moves);

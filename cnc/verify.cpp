@@ -27,6 +27,12 @@ constexpr std::ptrdiff_t kBandNodes = 1280;  // rows of a band, about
 constexpr std::size_t kCollisionsListed = 10;
 constexpr double kReadingShare = 0.4;  // of the work, for the progress bar
 
+/// That a control may leave the path by.
+double blending_mm(const PathControl& control) {
+  if (control.mode != PathControl::Mode::blend) return 0.0;
+  return control.tolerance_mm > 0.0 ? control.tolerance_mm : INFINITY;
+}
+
 struct GridPlan {
   std::ptrdiff_t per_spacing = 1, rows = 0, cols = 0;
   double cell_mm = 0.0;
@@ -221,6 +227,8 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
       const bool rapid = m.kind == Motion::Kind::rapid;
       const double length = length_mm(m);
       (rapid ? c_.rapid_length_mm : c_.cutting_length_mm) += length;
+      if (!rapid && m.control)
+        c_.blending_mm = std::fmax(c_.blending_mm.value_or(0.0), blending_mm(*m.control));
       if (timer_) {
         timer_->add(m);
       } else if (!rapid) {

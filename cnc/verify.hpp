@@ -107,7 +107,11 @@ struct Certificate {
   /// cells and what the path can show, where all cutters are balls.
   double bound_mm = 0.0;
   double cell_gouge_mm = 0.0, cell_bound_mm = 0.0;  ///< what the grid of cells alone shows
-  std::optional<PathCertificate> path{};            ///< of the balls; none if no ball cuts
+  /// In space, how far the control may leave the path while it cuts (G64 P, G187 E; 0: G61). All
+  /// figures here are of the path as written: this comes on top. Infinite if the program does not
+  /// bound it, none if it does not say.
+  std::optional<double> blending_mm{};
+  std::optional<PathCertificate> path{};  ///< of the balls; none if no ball cuts
   /// Highest material left above it where the ball can reach: where it touches the design and
   /// would have to rise by at most 5 um to cut nothing elsewhere (certificate.hpp). Of all nodes,
   /// those of the border too; max_excess_inside leaves out what is within a radius of the outline.

@@ -166,6 +166,9 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   result.note =
       fmt::format("gouge {:.1f} um (+{:.1f} bound), excess {:.1f} um where reachable", 1e3 * gouge,
                   1e3 * certificate.bound_mm, 1e3 * certificate.max_excess_mm);
+  if (const double blending = certificate.blending_mm.value_or(0.0);
+      blending > 0.0 && std::isfinite(blending))
+    result.note += fmt::format(", of the path; blending {:.1f} um more", 1e3 * blending);
   return result;
 }
 

@@ -240,6 +240,7 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
             figure_table(figures_of(name + ".verify"),
                          {{"max_gouge_mm", "deepest gouge, mm"},
                           {"bound_mm", "that may be unseen between cells, mm"},
+                          {"blending_mm", "that blending may add, in space, mm"},
                           {"max_gouge_against_mesh_mm", "deepest below the mesh, mm"},
                           {"max_excess_mm", "highest excess where the ball reaches, mm"},
                           {"max_excess_anywhere_mm", "highest excess anywhere, mm"},

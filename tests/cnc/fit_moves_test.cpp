@@ -234,7 +234,7 @@ TEST(FitMoves, ASteepCircleIsCutIntoArcsThatDoNotTurnOver) {
       sampled(-2.98, 2.98, 0.005, [](double t) { return std::sqrt(9.0 - t * t) - 3.0; });
   std::vector<FittedMove> moves;
   const FitBounds bounds = fit_moves(run.samples, kStep, {}, moves);
-  EXPECT_LE(bounds.gouge_mm, 0.0045);
+  EXPECT_LE(bounds.gouge_mm, FitLimits{}.gouge_mm);
   const Worst worst = worst_of(run, moves);
   EXPECT_LE(worst.below, bounds.gouge_mm);
   EXPECT_LE(worst.above, bounds.excess_mm);

@@ -205,7 +205,7 @@ TEST(Mill, CutsFlatGroundWithOneMoveAPass) {
   EXPECT_EQ(cuts[1].feed, 3000.0);
   EXPECT_NEAR(p.report.path_length_mm, 5.0 + 5 * 10.0 + 4 * 0.5, 1e-9);
   EXPECT_NEAR(p.report.cutting_time_min, 5.0 / 600.0 + 52.0 / 3000.0, 1e-12);
-  EXPECT_LE(p.report.certified_gouge_mm, p.report.shares.blending_mm + 1e-8);
+  EXPECT_LE(p.report.certified_gouge_mm, 1e-8);
   EXPECT_NEAR(p.report.scallop_flat_mm, 3.0 - std::sqrt(9.0 - 0.0625), 1e-12);
   EXPECT_EQ(p.report.lines, cuts.size());
   EXPECT_EQ(p.report.links_cut, 4U);
@@ -229,7 +229,9 @@ TEST(Mill, ALoneVertexIsCutWithOneArcEachSide) {
     EXPECT_EQ(m.plane, 18);
     EXPECT_EQ(m.motion, 3);  // over the top towards +x
     longest = std::max(longest, m.to.x - m.from.x);
-    // A band of 3 um leaves the circle through 2 mm of it this free: 8 s / c^2 * r^2.
+    // A band of 3 um leaves the circle through 2 mm of it this free: 8 s / c^2 * r^2. What is left
+    // over at the foot is shorter, and free.
+    if (m.to.x - m.from.x < 2.0) continue;
     EXPECT_NEAR(m.centre.x, 15.0, 0.06);
     EXPECT_NEAR(m.centre.z, 2.0 - 3.0, 0.06);
     EXPECT_NEAR(norm(m.from - m.centre), 3.0, 0.06);
@@ -600,18 +602,17 @@ TEST_P(PathOnTerrain, WrittenProgramNeverGougesDeeperThanCertified) {
     o.scallop_limit = Millimetres{0.3};
     const Program p = milled(ground, o);
     const Deviation d = deviation(p, ground, radius, 0.01);
-    const double blending = p.report.shares.blending_mm;
-    EXPECT_LE(d.deepest, p.report.certified_gouge_mm - blending);
-    EXPECT_LE(d.highest, p.report.certified_excess_mm - blending);
-    EXPECT_LE(p.report.certified_gouge_mm, 0.5 * o.tolerance.value() + 1e-12);
+    EXPECT_LE(d.deepest, p.report.certified_gouge_mm);
+    EXPECT_LE(d.highest, p.report.certified_excess_mm);
+    EXPECT_LE(p.report.certified_gouge_mm, 0.49 * o.tolerance.value() + 1e-12);
     if (!walls() && way != 2) {  // the steps of an angle are too long for 3 um on rough ground
-      EXPECT_LE(p.report.certified_excess_mm, o.tolerance.value() + 1e-12);
+      EXPECT_LE(p.report.certified_excess_mm, 0.9 * o.tolerance.value() + 1e-12);
     }
     if (kind == Ground::rough && way < 2) {
       EXPECT_GT(p.report.arcs, 0U);
       // The bound is not idle: most of it is used.
-      EXPECT_GE(d.deepest, 0.5 * (p.report.certified_gouge_mm - blending));
-      EXPECT_GE(d.highest, 0.5 * (p.report.certified_excess_mm - blending));
+      EXPECT_GE(d.deepest, 0.5 * p.report.certified_gouge_mm);
+      EXPECT_GE(d.highest, 0.5 * p.report.certified_excess_mm);
     }
     double low = INFINITY, high = -INFINITY;
     for (const Move& m : p.cuts())
@@ -637,9 +638,20 @@ INSTANTIATE_TEST_SUITE_P(Seeds, PathOnTerrain,
 
 TEST(Mill, ProgramSaysWhatItIsAndBlendsByItsShare) {
   const std::string text = milled(flat_field(3, 3, 0.5, 1.0F), {}).text;
-  for (const char* word : {"G64 P0.0005 Q0", "T1 M6", "G43 H1", "S18000 M3", "M30\n",
-                           "gouge at most 0.0050 mm, of which 0.0005 for blending"})
+  for (const char* word : {"G64 P0.001 Q0", "T1 M6", "G43 H1", "S18000 M3", "M30\n",
+                           "gouge of the path at most 0.0050 mm, with blending 0.0060 in space"})
     EXPECT_THAT(text, HasSubstr(word));
+}
+
+TEST(Mill, PathAndBlendingStayInTheTolerance) {
+  for (const double t : {0.001, 0.003, 0.01, 1.0}) {
+    const ToleranceShares s = share_tolerance(Millimetres{t});
+    EXPECT_LE(s.gouge_mm, 0.5 * t);
+    EXPECT_LE(s.excess_mm + s.blending_mm, t * (1.0 + 1e-12));
+    EXPECT_LE(s.gouge_mm + s.blending_mm, t);
+    // A proof of the program as read back finds room above what its moves may take.
+    EXPECT_LT(s.sampling_mm + s.fitting_mm, 0.995 * s.gouge_mm);
+  }
 }
 
 TEST(Mill, EveryPostGetsTheSamePath) {

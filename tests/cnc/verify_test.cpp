@@ -599,6 +599,7 @@ TEST_P(MillThenVerify, TheCertifiedGougeIsNotExceeded) {
   const auto v = verify(std::span(&program, 1), design);
   ASSERT_THAT(v, Succeeds());
   EXPECT_LE(v->certificate.max_gouge_mm, milled->certified_gouge_mm + kRounding_mm);
+  EXPECT_EQ(v->certificate.blending_mm, milled->shares.blending_mm) << "G64 P, read back";
   EXPECT_EQ(v->certificate.rapid_collisions, 0U);
   EXPECT_NEAR(v->certificate.cutting_length_mm, milled->path_length_mm,
               0.01 * milled->path_length_mm);
@@ -668,6 +669,23 @@ TEST(Verify, SameBitsForAnyNumberOfThreads) {
   }
   EXPECT_EQ(results[0].as_milled.z_mm, results[1].as_milled.z_mm);
   EXPECT_EQ(to_json(results[0].certificate), to_json(results[1].certificate));
+}
+
+TEST(Verify, StatesWhatTheControlMayAdd) {
+  const ModelField design = flat_field(21, 21, 0.5, 0.0F);
+  const auto blending = [&](const std::string& before, const std::string& between) {
+    const auto v = verify_text(
+        {before + "G0 Z9\nG0 X2 Y5\nG1 Z2 F500\nX4\n" + between + "X6\nG64 P0.4\nG0 Z9\nM2\n"},
+        design, {.stock_top = Millimetres{3.0}});
+    EXPECT_THAT(v, Succeeds());
+    return v->certificate.blending_mm;
+  };
+  EXPECT_EQ(blending("", ""), std::nullopt);
+  EXPECT_EQ(blending("G61\n", ""), 0.0);
+  EXPECT_EQ(blending("G64 P0.002\n", ""), 0.002);
+  EXPECT_EQ(blending("G64 P0.002\n", "G64 P0.01\n"), 0.01) << "the most of all cuts";
+  EXPECT_EQ(blending("G64 P0.01\n", "G61\n"), 0.01);
+  EXPECT_EQ(blending("G64\n", ""), INFINITY);
 }
 
 TEST(Verify, CountsRapidCollisions) {

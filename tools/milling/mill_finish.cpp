@@ -26,10 +26,8 @@ RunContext milling(const RunContext& run) {
 std::vector<std::string> head(const Piece& piece, const MillJob& job, const std::string& what) {
   const heightmap::ModelField& d = piece.design;
   const auto range = heightmap::height_range(d.z_mm);
-  const cnc::ToleranceShares shares = cnc::share_tolerance(job.tolerance);
   return {"frame of the model, x east, y north, z up", what,
-          fmt::format("gouge at most {:.4f} mm, of which {:.4f} for blending", shares.gouge_mm,
-                      shares.blending_mm),
+          cnc::head_line(cnc::share_tolerance(job.tolerance)),
           fmt::format("design x {} .. {} y {} .. {} z {} .. {} mm, nodes {} mm apart", d.x0.value(),
                       d.x_mm(d.z_mm.cols() - 1), d.y0.value(), d.y_mm(d.z_mm.rows() - 1), range.min,
                       range.max, d.spacing.value())};

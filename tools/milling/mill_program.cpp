@@ -243,11 +243,16 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
     figures.update({{"lowest_tip_mm", cnc::mm_of_ticks(figures_.lowest_cut)},
                     {"highest_tip_mm", cnc::mm_of_ticks(figures_.highest_cut)}});
   if (back.proof)
-    figures.update({{"proven_gouge_mm", proven_mm}, {"gouges", places_of(*back.proof)}});
+    figures.update({{"proven_gouge_mm", proven_mm},
+                    {"blending_mm", blending_mm_},
+                    {"proven_with_blending_mm", proven_mm + blending_mm_},
+                    {"gouges", places_of(*back.proof)}});
   result.figures_json = figures.dump();
   result.note = fmt::format("{} blocks, {:.1f} m, {:.1f} min", written.blocks,
                             figures_.cutting_length_mm / 1000.0, t.total_s() / 60.0);
-  if (back.proof) result.note += fmt::format(", gouge proven below {:.1f} um", 1e3 * proven_mm);
+  if (back.proof)
+    result.note += fmt::format(", gouge proven below {:.1f} um, {:.1f} um with blending",
+                               1e3 * proven_mm, 1e3 * (proven_mm + blending_mm_));
   return result;
 }
 

@@ -63,9 +63,7 @@ Result<JobResult> take_away(const MillJob& job, const Piece& piece,
       auto program,
       MillProgram::begin(
           job, piece, out, piece.top_mm, Millimetres{shares.blending_mm},
-          {"frame of the model, x east, y north, z up", what,
-           fmt::format("gouge at most {:.4f} mm, of which {:.4f} for blending", shares.gouge_mm,
-                       shares.blending_mm),
+          {"frame of the model, x east, y north, z up", what, cnc::head_line(shares),
            fmt::format("{:.1f} mm2, up to {:.2f} mm high", map.area_mm2, map.highest_mm)}));
   MAQUETTE_TRY(const auto report,
                cnc::rest_finish(

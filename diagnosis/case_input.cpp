@@ -23,6 +23,8 @@ namespace {
 constexpr double kBorder_mm = 1.0;  // the outermost rim is edge, not surface
 constexpr std::size_t kSettle = 20'000;
 constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after settling
+constexpr double kStone_mm = 1e-3;        // higher than the ground: a stone
+constexpr double kBesideStone_mm = 3.0;   // a beam's width and what stones hide
 constexpr double kOtherProgram_mm = 0.5;  // robust spread of cut minus design
 
 double median(std::vector<double> v) {
@@ -139,11 +141,56 @@ std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
   return dropped;
 }
 
+/// Nodes of the design that have a stone within reach of a beam that grazes it.
+Grid<std::uint8_t> beside_stones(const heightmap::ModelField& design,
+                                 const heightmap::ModelField& ground) {
+  const std::ptrdiff_t rows = design.z_mm.rows(), cols = design.z_mm.cols();
+  const auto reach =
+      static_cast<std::ptrdiff_t>(std::ceil(kBesideStone_mm / design.spacing.value()));
+  Grid<std::uint8_t> beside(rows, cols, 0);
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      if (!(design.z_mm(r, c) - ground.z_mm(r, c) > kStone_mm)) continue;
+      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - reach);
+           i <= std::min(rows - 1, r + reach); ++i)
+        for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, c - reach);
+             k <= std::min(cols - 1, c + reach); ++k)
+          beside(i, k) = 1;
+    }
+  return beside;
+}
+
 }  // namespace
 
 Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
   Measurements m;
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(input.design));
+  heightmap::ModelField ground;
+  Grid<std::uint8_t> stones;
+  if (!input.ground.empty()) {
+    MAQUETTE_TRY(ground, heightmap::read_model_field(input.ground));
+    if (ground.z_mm.rows() != design.z_mm.rows() || ground.z_mm.cols() != design.z_mm.cols())
+      return fail(kOtherPart,
+                  fmt::format("{} has {} x {} nodes, {} has {} x {}; expected the same surface "
+                              "without its stones",
+                              input.ground.string(), ground.z_mm.cols(), ground.z_mm.rows(),
+                              input.design.string(), design.z_mm.cols(), design.z_mm.rows()));
+    stones = beside_stones(design, ground);
+    const auto marked = std::count(stones.cells().begin(), stones.cells().end(), 1);
+    if (marked > 0)
+      m.notes.push_back(fmt::format(
+          "points within {} mm of a stone ({:.1f} % of the surface) are left out; stones are "
+          "measured by deviate",
+          kBesideStone_mm,
+          100.0 * static_cast<double>(marked) / static_cast<double>(stones.cells().size())));
+  }
+  const heightmap::ModelField& milled = input.ground.empty() ? design : ground;
+  const auto on_stone = [&](double x, double y) {
+    if (stones.rows() == 0) return false;
+    const auto row = std::lround((y - design.y0.value()) / design.spacing.value());
+    const auto col = std::lround((x - design.x0.value()) / design.spacing.value());
+    return stones.contains(row, col) && stones(row, col) != 0;
+  };
   const auto heights = heightmap::height_range(design.z_mm);
   m.scene.box.add({design.x0.value(), design.y0.value(), static_cast<double>(heights.min)});
   m.scene.box.add({design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1),
@@ -161,7 +208,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         "no program given: causes that depend on direction, order or time of the cut cannot be "
         "tested");
   }
-  const SimulatedSurface surface(design, path ? &*path : nullptr, run);
+  const SimulatedSurface surface(milled, path ? &*path : nullptr, run);
   if (path && (surface.cut_share() < 0.3 || !(surface.program_misfit_mm() < kOtherProgram_mm)))
     return fail(
         kOtherProgram,
@@ -232,6 +279,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       if (p.x < m.scene.box.min.x + kBorder_mm || p.x > m.scene.box.max.x - kBorder_mm ||
           p.y < m.scene.box.min.y + kBorder_mm || p.y > m.scene.box.max.y - kBorder_mm)
         return;
+      if (on_stone(p.x, p.y)) return;
       const auto place = surface.at(p.x, p.y);
       if (!place) return;
       Observation o;
@@ -283,7 +331,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     const std::size_t from = m.observations.size();
     for (const ProbeRow& row : rows) {
       const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
-      if (!place) continue;
+      if (!place || on_stone(row.x_nominal_mm, row.y_nominal_mm)) continue;
       Observation o;
       o.set_up = index;
       const double z =

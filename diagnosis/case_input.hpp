@@ -44,6 +44,9 @@ struct KnownCause {
 
 struct CaseInput {
   std::filesystem::path design;
+  /// The design without the stones that are glued on after milling; empty: there are none. What is
+  /// measured on and beside stones is left out.
+  std::filesystem::path ground;
   std::vector<std::filesystem::path> programs;
   double ball_diameter_mm = 6.0;
   double coat_mm = 0.0, coat_sigma_mm = 0.04, coat_correlation_mm = 0.25;

@@ -14,7 +14,9 @@ namespace {
 diagnosis::CaseInput input_of(const Case& c, std::uint64_t seed) {
   diagnosis::CaseInput input;
   input.design = c.design;
-  if (!c.gcode.empty()) input.programs = parts_of(c.gcode);
+  input.ground = c.ground;
+  for (const fs::path& program : c.gcode)
+    for (fs::path& part : parts_of(program)) input.programs.push_back(std::move(part));
   input.ball_diameter_mm = c.ball_diameter_mm;
   input.coat_mm = c.coating_thickness_mm;
   input.coat_sigma_mm = c.coating_roughness_sigma_mm;

@@ -48,7 +48,10 @@ Result<JobResult> case_job(const Site& site, const fs::path& folder,
       "envelope\n";
   if (fs::exists(folder / "design.tif") && fs::exists(folder / "stones.json"))
     text += "ground = \"design.tif\"\nstones = \"stones.json\"\n";
-  if (programs.size() == 1) text += fmt::format("gcode = \"{}\"\n", relative(programs[0]));
+  std::vector<std::string> names;
+  for (const fs::path& program : programs)
+    names.push_back(fmt::format("\"{}\"", relative(program)));
+  text += fmt::format("gcode = [{}]\n", fmt::join(names, ", "));
   text += fmt::format("\n[tool]\nball_diameter_mm = {}\n\n[deviation]\nreach_mm = {}\n",
                       site.ball_diameter_mm, site.reach_mm);
   MAQUETTE_TRY(const auto surface, heightmap::read_model_field(folder / "surface.tif"));

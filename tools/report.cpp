@@ -101,12 +101,12 @@ std::string deviation_rows(const json& s) {
                           {"max_mm", "highest, mm"}});
 }
 
-/// The table of the units' `machining_time` of one scale; nothing where none has it.
+/// Machining time as the verified programs of one scale take it; nothing where there is none.
 std::string machining_time(std::span<const UnitRecord> records, const std::string& scale) {
   std::string rows;
   double cutting = 0.0, rapid = 0.0, total = 0.0, length = 0.0;
   for (const UnitRecord& r : records) {
-    if (!r.name.starts_with(scale + ".")) continue;
+    if (!r.name.starts_with(scale + ".verify")) continue;
     const json figures = json::parse(r.figures_json);
     for (const json& t : figures.value("machining_time", json::array())) {
       rows += fmt::format(

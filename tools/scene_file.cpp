@@ -51,7 +51,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   Schema t;
   t.add({"schema", &c.schema_name, "", -kInf, kInf, {"maquette.case/1"}});
   t.add({"design", &c.design, "designed surface, model frame, mm", -kInf, kInf, {}, true});
-  t.add({"gcode", &c.gcode, "the program that was run"});
+  t.add({"gcode", &c.gcode, "the program that was run; a list for bands, in the order of milling"});
   t.add(
       {"ground", &c.ground, "the design without stones; with `stones`, their poses are measured"});
   t.add({"stones", &c.stones, "plan of the stones"});

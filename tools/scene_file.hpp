@@ -70,10 +70,11 @@ struct CasePhoto {
 /// probes and photographs) is still checked, so that a typing error never waits.
 struct Case {
   std::string schema_name = "maquette.case/1";
-  std::filesystem::path design, gcode;
-  std::filesystem::path ground, stones;  ///< design without its stones, and their plan
-  std::filesystem::path regions;         ///< GeoJSON
-  double band_width_mm = 0.0;            ///< 0: no table of bands
+  std::filesystem::path design;
+  std::vector<std::filesystem::path> gcode;  ///< programs of bands in the order of milling
+  std::filesystem::path ground, stones;      ///< design without its stones, and their plan
+  std::filesystem::path regions;             ///< GeoJSON
+  double band_width_mm = 0.0;                ///< 0: no table of bands
   double ball_diameter_mm = 6.0;
   double coating_thickness_mm = 0.0, coating_roughness_sigma_mm = 0.04,
          coating_roughness_correlation_mm = 0.25;

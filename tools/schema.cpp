@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <optional>
 #include <set>
 
 #include <fmt/format.h>
@@ -60,6 +61,9 @@ std::string value_text(const Target& target) {
                  [](const fs::path* v) { return quoted(v->string()); },
                  [](const std::vector<double>* v) { return list_text(*v, number_text); },
                  [](const std::vector<std::string>* v) { return list_text(*v, quoted); },
+                 [](const std::vector<fs::path>* v) {
+                   return list_text(*v, [](const fs::path& p) { return quoted(p.string()); });
+                 },
                  [](const Vec3* v) { return list_text(numbers(*v), number_text); },
                  [](const Quaternion* v) { return list_text(numbers(*v), number_text); }},
       target);
@@ -67,6 +71,11 @@ std::string value_text(const Target& target) {
 
 nlohmann::json value_json(const Target& target) {
   return std::visit(Overloaded{[](const fs::path* v) { return nlohmann::json(v->string()); },
+                               [](const std::vector<fs::path>* v) {
+                                 nlohmann::json list = nlohmann::json::array();
+                                 for (const fs::path& p : *v) list.push_back(p.string());
+                                 return list;
+                               },
                                [](const Vec3* v) { return nlohmann::json(numbers(*v)); },
                                [](const Quaternion* v) { return nlohmann::json(numbers(*v)); },
                                [](const auto* v) { return nlohmann::json(*v); }},
@@ -74,16 +83,18 @@ nlohmann::json value_json(const Target& target) {
 }
 
 std::string type_name(const Target& target) {
-  return std::visit(Overloaded{[](const double*) { return "a number"; },
-                               [](const std::int64_t*) { return "a whole number"; },
-                               [](const bool*) { return "true or false"; },
-                               [](const std::string*) { return "a string"; },
-                               [](const fs::path*) { return "a path (string)"; },
-                               [](const std::vector<double>*) { return "a list of numbers"; },
-                               [](const std::vector<std::string>*) { return "a list of strings"; },
-                               [](const Vec3*) { return "three numbers"; },
-                               [](const Quaternion*) { return "four numbers (w, x, y, z)"; }},
-                    target);
+  return std::visit(
+      Overloaded{[](const double*) { return "a number"; },
+                 [](const std::int64_t*) { return "a whole number"; },
+                 [](const bool*) { return "true or false"; },
+                 [](const std::string*) { return "a string"; },
+                 [](const fs::path*) { return "a path (string)"; },
+                 [](const std::vector<double>*) { return "a list of numbers"; },
+                 [](const std::vector<std::string>*) { return "a list of strings"; },
+                 [](const std::vector<fs::path>*) { return "a path or a list of paths"; },
+                 [](const Vec3*) { return "three numbers"; },
+                 [](const Quaternion*) { return "four numbers (w, x, y, z)"; }},
+      target);
 }
 
 std::string allowed_text(const Key& key) {
@@ -176,6 +187,15 @@ struct SchemaReader {
         return wrong_type();
       use(values);
     };
+    const auto path_of = [&](const toml::node& n) -> std::optional<fs::path> {
+      const auto v = n.value<std::string>();
+      if (!v || !n.is_string() || v->empty()) {
+        wrong_type();
+        return std::nullopt;
+      }
+      const fs::path path = expand(n, *v, name);
+      return path.is_absolute() ? path : folder / path;
+    };
     std::visit(
         Overloaded{
             [&](double* to) {
@@ -199,10 +219,17 @@ struct SchemaReader {
               if (is_choice(node, key, *v, name)) *to = *v;
             },
             [&](fs::path* to) {
-              const auto v = node.value<std::string>();
-              if (!v || !node.is_string() || v->empty()) return wrong_type();
-              const fs::path path = expand(node, *v, name);
-              *to = path.is_absolute() ? path : folder / path;
+              if (const auto path = path_of(node)) *to = *path;
+            },
+            [&](std::vector<fs::path>* to) {
+              std::vector<fs::path> values;
+              const toml::array* a = node.as_array();
+              for (std::size_t i = 0; i < (a == nullptr ? 1 : a->size()); ++i) {
+                const auto path = path_of(a == nullptr ? node : (*a)[i]);
+                if (!path) return;
+                values.push_back(*path);
+              }
+              *to = values;
             },
             [&](std::vector<double>* to) {
               number_list(0, [&](const std::vector<double>& v) { *to = v; });

@@ -29,9 +29,11 @@ inline constexpr ErrorCode kConfigInvalid{"TOOLS_CONFIG_INVALID"};
 inline constexpr ErrorCode kVariableNotSet{"TOOLS_VARIABLE_NOT_SET"};
 
 /// Where a value goes. A path is a string in which ${NAME} and ${NAME:-default} are
-/// replaced from the environment, relative to the file that names it.
+/// replaced from the environment, relative to the file that names it. One path is a list of
+/// paths, too.
 using Target = std::variant<double*, std::int64_t*, bool*, std::string*, std::filesystem::path*,
-                            std::vector<double>*, std::vector<std::string>*, Vec3*, Quaternion*>;
+                            std::vector<double>*, std::vector<std::string>*,
+                            std::vector<std::filesystem::path>*, Vec3*, Quaternion*>;
 
 struct Key {
   std::string name;                        ///< dotted: "mill.stepover_mm"

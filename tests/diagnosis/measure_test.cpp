@@ -81,6 +81,29 @@ TEST(Measure, RefusesAnotherPart) {
   EXPECT_THAT(measure(f.input), FailsWith(kOtherPart));
 }
 
+TEST(Measure, LeavesOutStones) {
+  Files f;
+  const auto ground = f.design;
+  f.input.ground = f.folder / "ground.tif";
+  ASSERT_THAT(heightmap::write_model_field(ground, f.input.ground), Succeeds());
+  for (std::ptrdiff_t r = 50; r <= 54; ++r)
+    for (std::ptrdiff_t c = 60; c <= 66; ++c) f.design.z_mm(r, c) += 1.5F;
+  ASSERT_THAT(heightmap::write_model_field(f.design, f.input.design), Succeeds());
+  f.scan(points_on(f.design, 20'000, 1));
+  const auto m = measure(f.input);
+  ASSERT_THAT(m, Succeeds());
+  for (const Observation& o : m->observations) {
+    EXPECT_NEAR(o.residual_mm, 0.0, 1e-3);  // beside stones design and ground are the same
+    const bool on = o.place.x > f.design.x_mm(59) && o.place.x < f.design.x_mm(67) &&
+                    o.place.y > f.design.y_mm(49) && o.place.y < f.design.y_mm(55);
+    EXPECT_FALSE(on);
+  }
+  EXPECT_GT(m->observations.size(), 17'000U);
+  const auto other = rough_part(1, 61, 61, 0.5);
+  ASSERT_THAT(heightmap::write_model_field(other, f.input.ground), Succeeds());
+  EXPECT_THAT(measure(f.input), FailsWith(kOtherPart));
+}
+
 TEST(Measure, RefusesAUnitSlip) {
   Files f;
   auto cloud = points_on(f.design, 20'000, 1);

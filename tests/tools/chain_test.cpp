@@ -128,6 +128,19 @@ TEST_F(Chain, EachBandHasItsWorkOffset) {
     EXPECT_THAT(slurp(out() / "s1000" / program), testing::HasSubstr(offset)) << program;
 }
 
+// Nothing was hidden in the scans of the simulated cut: neither stones nor what the ball cannot
+// reach are causes.
+TEST_F(Chain, NothingIsFoundWrongWithItsOwnScans) {
+  for (const std::string scale : {"s1000", "s200"}) {
+    const fs::path to = scratch() / ("diagnosis_" + scale);
+    const Outcome o =
+        run_program(scratch().path(), "diagnose --quiet " + (out() / scale / "case.toml").string() +
+                                          " --out " + to.string());
+    ASSERT_EQ(o.exit_code, 0) << o.err;
+    EXPECT_EQ(json::parse(slurp(to / "diagnosis.json"))["verdict"], "consistent") << scale;
+  }
+}
+
 TEST_F(Chain, HoldsItsBounds) {
   const json manifest = json::parse(slurp(out() / "manifest.json"));
   for (const json& stage : manifest["stages"]) {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
 // The deviation on the part, in three dimensions: turn, move, come nearer, cut, ask for a value.
 // `data`: rows, cols, x0, y0, dx, dy (mm), z and d (mm, as 16 bit whole steps), zScale, dScale,
 // limit. WebGL 1 alone; nothing is loaded.

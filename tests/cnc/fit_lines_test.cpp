@@ -278,7 +278,10 @@ TEST(FitLines, SeveralLinesStayInsideTheBoundsThatAreReportedAndMeet) {
 }
 
 TEST(FitLines, WritesNearlyAsFewMovesAsTheTubeHasLinks) {
-  // A rolling curve sampled every 0.1 mm, on a lattice with steps of 1 um and of 23 um.
+  // A rolling curve sampled every 0.1 mm, on a lattice with steps of 1 um and of 23 um. The tube is
+  // what the limits leave beside 1 um between samples, less half a unit's share.
+  const FitLimits limits;
+  const double below = limits.gouge_mm - 0.0015, above = limits.excess_mm - 0.0015;
   for (const double step : {0.001, 0.023}) {
     std::vector<PathSample> samples;
     std::vector<TubeStation> tube;
@@ -287,13 +290,13 @@ TEST(FitLines, WritesNearlyAsFewMovesAsTheTubeHasLinks) {
       const double t = step * static_cast<double>(place);
       const double z = 0.4 * std::sin(1.1 * t) + 0.2 * std::sin(2.7 * t + 1.0);
       samples.push_back({place, z, 0.0, 0.001, 0.001});
-      tube.push_back({t, z - 0.003, z + 0.008, false});  // less half a unit
+      tube.push_back({t, z - below, z + above, false});
     }
     const SampledLine line{samples, step};
     std::vector<std::vector<FittedMove>> moves;
-    const FitBounds bounds = fit_lines({&line, 1}, {}, moves);
-    EXPECT_LE(bounds.gouge_mm, 0.0045);
-    EXPECT_LE(bounds.excess_mm, 0.0095);
+    const FitBounds bounds = fit_lines({&line, 1}, limits, moves);
+    EXPECT_LE(bounds.gouge_mm, limits.gouge_mm);
+    EXPECT_LE(bounds.excess_mm, limits.excess_mm);
     const auto links = static_cast<double>(fewest_links(tube).size() - 1);
     EXPECT_LE(static_cast<double>(moves[0].size() - 1), (step < 0.002 ? 1.04 : 1.18) * links);
   }

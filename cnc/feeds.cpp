@@ -16,7 +16,6 @@ namespace {
 
 constexpr double kMostThinning = 4.0;
 constexpr double kLeastOfDeepCuts = 0.25;
-constexpr double kLeastNamed = 0.1;  // of the feed that chip and axes allow
 constexpr double kKeepWithin = 0.1;
 /// The named feed is at most this much above what acceleration lets the move reach.
 constexpr double kNamedWithin = 2.0;
@@ -222,13 +221,11 @@ Result<FeedReport> set_feeds(Toolpath& path, const Machine& machine, const Mater
     PathMove& move = path.moves[i];
     if (move.kind == PathMove::Kind::rapid) continue;
     double feed = 0.0;
-    // What corners leave of a move may reach next to nothing; named, that would be a standstill.
-    const double told = std::fmax(reached[i], kLeastNamed * move.feed_mm_min);
-    if (reached[i] > 0.0 && told < (1.0 - kKeepWithin) * move.feed_mm_min) {
-      const double most = std::fmin(move.feed_mm_min, kNamedWithin * told);
-      feed = before >= told && before <= most
+    if (reached[i] > 0.0 && reached[i] < (1.0 - kKeepWithin) * move.feed_mm_min) {
+      const double most = std::fmin(move.feed_mm_min, kNamedWithin * reached[i]);
+      feed = before >= reached[i] && before <= most
                  ? before
-                 : rounded(std::fmin(most, std::sqrt(kNamedWithin) * told));
+                 : rounded(std::fmin(most, std::sqrt(kNamedWithin) * reached[i]));
       by[i] = By::acceleration;
     } else {
       feed = chosen(move.feed_mm_min, before);

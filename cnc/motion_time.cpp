@@ -48,15 +48,17 @@ void MotionTimer::join(const Corner& c, const MoveLimits& next) {
                  c.speed_mm_s,  0};
   // What corners leave of a line is run at the speed of the corner if it is that short.
   constexpr double kShortestCycles = 4.0;
-  const bool whole =
-      c.length_mm > 0.0 && !m.curved && rest < kShortestCycles * machine_.cycle_s * c.speed_mm_s;
+  // Arcs of corners may meet in the middle of a move: nothing is left to be run by itself, least of
+  // all within a cycle, which would be a standstill.
+  constexpr double kNothing_mm = 1e-7;
+  const double least = m.curved ? kNothing_mm : kShortestCycles * machine_.cycle_s * c.speed_mm_s;
+  const bool whole = c.length_mm > 0.0 && rest < std::fmax(least, kNothing_mm);
   if (whole) {
     arc.length_mm += std::fmax(rest, 0.0);
     arc.entry_mm_s = entry_mm_s_;
     arc.moves_ended = ++blocks_;
   } else {
-    constexpr double kShortest_mm = 1e-7;  // arcs may meet in the middle of a move
-    rest = std::fmax(rest, kShortest_mm);
+    rest = std::fmax(rest, kNothing_mm);
     plan_.add({rest, std::fmin(m.speed_mm_s, rest / machine_.cycle_s), m.along_mm_s2 * share,
                m.jerk_mm_s3, entry_mm_s_, ++blocks_});
   }

@@ -76,6 +76,62 @@ MotionTime time_of(const std::vector<Motion>& motions, const Machine& m, const P
   return timer.time();
 }
 
+// Seven blocks of a finishing pass whose fourth is used up by the arcs of its corners: LinuxCNC's
+// rounding takes a third of it on one side and two on the other.
+std::vector<Motion> pass_with_a_used_up_arc() {
+  struct Block {
+    double x, z, k, i;  // k, i: centre from the start; 0: line
+    bool counter_clockwise;
+  };
+  const Block blocks[] = {{448.406, 53.351, 0, 0, false},
+                          {447.281, 53.44, -4.441, -0.915, false},
+                          {446.375, 53.626, 0, 0, false},
+                          {445.031, 53.807, -12.029, -2.304, false},
+                          {444.5, 53.836, -10.543, -0.842, false},
+                          {443.375, 53.879, 0, 0, false},
+                          {443.0, 53.916, 0, 0, false}};
+  std::vector<Motion> motions;
+  Vec3 from{449.0, 1500.0, 53.293};
+  for (const Block& b : blocks) {
+    const Vec3 to{b.x, 1500.0, b.z};
+    if (b.k == 0.0) {
+      motions.push_back(line(from, to, 5000.0));
+    } else {
+      const Vec3 centre = from + Vec3{b.i, 0.0, b.k}, p = from - centre, q = to - centre;
+      // In G18 angles run from z to x.
+      double sweep = std::atan2(q.x, q.z) - std::atan2(p.x, p.z);
+      if (sweep > 0.0) sweep -= 2.0 * kPi;
+      motions.push_back(arc(ArcPlane::zx, from, to, centre, sweep, 5000.0));
+    }
+    from = to;
+  }
+  return motions;
+}
+
+TEST(MotionTime, AMoveThatItsCornersUseUpIsNoStandstill) {
+  const auto motions = pass_with_a_used_up_arc();
+  const Machine m = *find_machine("portal_mill_2500");
+  std::vector<PlannedPiece> pieces;
+  std::uint32_t ended = 0;
+  double length = 0.0;
+  for (const double tolerance : {0.0005, 0.001, 0.002}) {
+    pieces.clear();
+    ended = 0;
+    length = 0.0;
+    const auto t = time_of(motions, m, {PathControl::Mode::blend, tolerance},
+                           [&](const PlannedPiece& p) { pieces.push_back(p); });
+    for (std::size_t i = 0; i < pieces.size(); ++i) {
+      ended += pieces[i].piece.moves_ended;
+      length += pieces[i].piece.length_mm;
+      if (i > 0) {
+        EXPECT_GT(pieces[i].entry_mm_s, 1.0) << "piece " << i << ", tolerance " << tolerance;
+      }
+    }
+    EXPECT_EQ(ended, motions.size());
+    EXPECT_NEAR(length, t.cutting_mm, 0.02 * t.cutting_mm) << "arcs of corners are shorter";
+  }
+}
+
 // ---- closed forms ----------------------------------------------------------
 
 TEST(MotionTime, OneLineFromRestToRest) {

@@ -10,6 +10,7 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
 
+#include "core/median.hpp"
 #include "core/random.hpp"
 #include "diagnosis/detail/sums.hpp"
 #include "diagnosis/probe_table.hpp"
@@ -26,18 +27,6 @@ constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after se
 constexpr double kStone_mm = 1e-3;        // higher than the ground: a stone
 constexpr double kBesideStone_mm = 3.0;   // a beam's width and what stones hide
 constexpr double kOtherProgram_mm = 0.5;  // robust spread of cut minus design
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0.0;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
-}
-double nmad(std::vector<double> v) {
-  const double m = median(v);
-  for (double& x : v) x = std::abs(x - m);
-  return 1.4826 * median(std::move(v));
-}
 
 struct Loaded {
   SetUp set_up;
@@ -128,7 +117,7 @@ std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
     std::vector<double> here;
     for (; j < order.size() && order[j].first == order[i].first; ++j)
       here.push_back(all[order[j].second].residual_mm);
-    const double m = here.size() >= 5 ? median(here) : here.size() == 1 ? here[0] : median(here);
+    const double m = median(std::move(here));
     for (; i < j; ++i) about[order[i].second] = all[order[i].second].residual_mm - m;
   }
   for (std::size_t i = from; i < all.size(); ++i) spread.push_back(about[i]);

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include <oneapi/tbb/parallel_for.h>
+#include "core/median.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -41,13 +42,6 @@ Means means_of(const std::vector<Observation>& all, const std::vector<double>& r
   return m;
 }
 
-double median(std::vector<double> v) {
-  if (v.empty()) return 0.0;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
-}
-
 /// Values over their robust spread, each scaled by the number of its points.
 struct Scores {
   std::vector<double> score;
@@ -62,7 +56,7 @@ Scores scored(const std::vector<double>& value, const std::vector<double>& infor
   Scores s{{}, cell, 0.0};
   std::vector<double> absolute;
   for (std::size_t i = 0; i < value.size(); ++i) absolute.push_back(std::abs(value[i]));
-  s.spread = 1.4826 * median(absolute);
+  s.spread = kMadToSigma * median(std::move(absolute));
   const double typical = median(information);
   for (std::size_t i = 0; i < value.size(); ++i)
     s.score.push_back(

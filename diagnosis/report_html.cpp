@@ -4,25 +4,11 @@
 
 #include <fmt/format.h>
 
+#include "core/markup.hpp"
 #include "diagnosis/diagnose.hpp"
 
 namespace maquette::diagnosis {
 namespace {
-
-std::string escaped(const std::string& s) {
-  std::string out;
-  for (const char c : s) {
-    if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else if (c == '&')
-      out += "&amp;";
-    else
-      out += c;
-  }
-  return out;
-}
 
 std::string colour(double v, double limit) {
   const double t = std::clamp(v / limit, -1.0, 1.0);
@@ -86,7 +72,7 @@ std::string plot_svg(const Dependence& p) {
       y(limit) + 4.0, limit, y(-limit), -limit, h - 1.0, p.at.front(), w - 10.0, h - 1.0,
       p.at.back());
   return s + fmt::format("</svg><figcaption>mean residual, mm, against {}</figcaption></figure>",
-                         escaped(p.covariate));
+                         markup_escaped(p.covariate));
 }
 
 }  // namespace
@@ -128,7 +114,7 @@ std::string to_html(const Diagnosis& d) {
          "happened</th><th>parameters</th><th>share of the excess</th><th>p</th><th>cannot be told "
          "from</th><th>next measurement</th></tr>";
     for (const Cause& c : d.causes) {
-      std::string parameters = escaped(c.law), equivalent;
+      std::string parameters = markup_escaped(c.law), equivalent;
       for (const Estimate& p : c.parameters)
         parameters += fmt::format("<br>{} = {:.4g} &plusmn; {:.2g}", p.name, p.value, p.sigma);
       for (const auto& [name, value] : c.fixed)
@@ -138,12 +124,12 @@ std::string to_html(const Diagnosis& d) {
       s += fmt::format(
           "<tr><td><b>{}</b></td><td>{}{}</td><td>{}</td><td>{:.0f} "
           "%</td><td>{:.1e}</td><td>{}</td><td>{}</td></tr>",
-          c.effect, effect ? escaped(effect->says) : "",
+          c.effect, effect ? markup_escaped(effect->says) : "",
           effect && !effect->correction.empty()
-              ? "<br><i>Correction: " + escaped(effect->correction) + "</i>"
+              ? "<br><i>Correction: " + markup_escaped(effect->correction) + "</i>"
               : "",
           parameters, 100.0 * c.share, c.p_value, equivalent.empty() ? "-" : equivalent,
-          escaped(c.separate_by));
+          markup_escaped(c.separate_by));
     }
     s += "</table>";
   }
@@ -178,18 +164,18 @@ std::string to_html(const Diagnosis& d) {
   for (const PoseEstimate& p : d.poses)
     s += fmt::format(
         "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f}</td><td>{:.0f}, {:.0f}, {:.0f}</td></tr>",
-        escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, p.turn_urad.x, p.turn_urad.y,
-        p.turn_urad.z);
+        markup_escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, p.turn_urad.x,
+        p.turn_urad.y, p.turn_urad.z);
   s += "</table><h2>Ruled out</h2><table>";
   for (const Rejected& r : d.rejected)
-    s += fmt::format("<tr><td>{}</td><td>{}</td></tr>", r.effect, escaped(r.why));
+    s += fmt::format("<tr><td>{}</td><td>{}</td></tr>", r.effect, markup_escaped(r.why));
   s += "</table>";
   if (!d.untestable.empty()) {
     s += "<h2>Cannot be tested with these data</h2><p>";
     for (const auto& e : d.untestable) s += e + " ";
     s += "</p>";
   }
-  for (const auto& n : d.notes) s += "<p>" + escaped(n) + "</p>";
+  for (const auto& n : d.notes) s += "<p>" + markup_escaped(n) + "</p>";
   return s + "</html>\n";
 }
 

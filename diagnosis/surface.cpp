@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <oneapi/tbb/parallel_for.h>
+#include "core/median.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -42,12 +43,6 @@ Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
   return pass(pass(z, true), false);
 }
 
-double median(std::vector<double>& v) {
-  if (v.empty()) return NAN;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
-}
 }  // namespace
 
 std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y) const {
@@ -91,9 +86,7 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
   for (const float v : off.cells())
     if (!std::isnan(v)) d.push_back(static_cast<double>(v));
   cut_share_ = static_cast<double>(d.size()) / static_cast<double>(off.cells().size());
-  const double middle = median(d);
-  for (double& v : d) v = std::abs(v - middle);
-  misfit_ = d.empty() ? INFINITY : 1.4826 * median(d);
+  misfit_ = d.empty() ? INFINITY : nmad(std::move(d));
   for (std::size_t k = 0; k < smooth_.size(); ++k)
     smooth_[k] = {smoothed(cut.z_mm, kCurvatureScales_mm[k] / step), cut.spacing, cut.x0, cut.y0};
 }

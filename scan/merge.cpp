@@ -14,6 +14,7 @@
 #include <Eigen/Dense>
 #include <nanoflann.hpp>
 
+#include "core/median.hpp"
 #include "scan/detail/surfels.hpp"
 
 namespace maquette::scan {
@@ -24,34 +25,8 @@ using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr double kTukey = 4.685;  // 95 % efficiency for normal residuals
-constexpr double kMadToSigma = 1.4826;
 constexpr double kSameWay = 0.8;  // cosine between normals of one surface
 constexpr std::size_t kLeastPieces = 30;
-
-/// Where each point was seen from: its station, or straight above where none is known.
-struct Views {
-  std::vector<Vec3> places;
-  std::vector<std::uint64_t> ends;
-};
-Views views_of(const Cloud& cloud) {
-  Views v;
-  Box3 box;
-  for (const Vec3& p : cloud.points_mm) box.add(p);
-  const Vec3 above =
-      0.5 * (box.min + box.max) + Vec3{0.0, 0.0, 1e3 * (1.0 + norm(box.max - box.min))};
-  std::uint64_t end = 0;
-  for (const ScanStation& s : cloud.stations) {
-    if (s.points == 0) continue;
-    end += s.points;
-    v.places.push_back(s.position_mm.value_or(above));
-    v.ends.push_back(end);
-  }
-  if (v.places.empty()) {
-    v.places.push_back(cloud.station_mm.value_or(above));
-    v.ends.push_back(cloud.points_mm.size());
-  }
-  return v;
-}
 
 struct Pieces {
   std::vector<Surfel> surfels;
@@ -82,8 +57,7 @@ Result<std::unique_ptr<Level>> make_level(const Cloud& cloud, double voxel) {
   if (!detail::make_voxel_grid(box, voxel, grid))
     return fail(kMergeOptions, fmt::format("voxels of {} mm are too small for a scan of {} mm",
                                            voxel, norm(box.max - box.min)));
-  const Views views = views_of(cloud);
-  for (const Surfel& s : detail::make_surfels(cloud, views.places, views.ends, grid))
+  for (const Surfel& s : detail::make_surfels(cloud, grid))
     if (dot(s.normal, s.normal) > 0.5) level->pieces.surfels.push_back(s);
   level->tree =
       std::make_unique<Tree>(3, level->pieces, nanoflann::KDTreeSingleIndexAdaptorParams(12));
@@ -126,13 +100,6 @@ std::vector<Match> match(const Level& a, const RigidTransform& pose_a, const Lev
                        std::sqrt(2.0 * na_points * nb_points / (na_points + nb_points))});
   }
   return matches;
-}
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0.0;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
 }
 
 /// Normal equations of one pair for a step of the first scan against the second, about `centre`.
@@ -251,9 +218,7 @@ void balance(std::vector<MergedPose>& poses, const std::vector<std::unique_ptr<L
       }
       if (ratios.size() < kLeastPieces) continue;
       double middle = median(ratios);
-      std::vector<double> off;
-      for (const double r : ratios) off.push_back(std::abs(r - middle));
-      const double sigma = std::fmax(kMadToSigma * median(std::move(off)), 1e-4);
+      const double sigma = std::fmax(nmad(ratios), 1e-4);
       for (int round = 0; round < 5; ++round) {
         double sum = 0.0, weights = 0.0;
         for (const double r : ratios) {
@@ -514,8 +479,7 @@ Result<Thinned> thin_merged(const Cloud& cloud, double voxel_mm) {
   if (!(voxel_mm > 0.0) || !detail::make_voxel_grid(box, voxel_mm, grid))
     return fail(kMergeOptions, fmt::format("a voxel of {} mm does not fit a cloud of {} mm",
                                            voxel_mm, norm(box.max - box.min)));
-  const Views views = views_of(cloud);
-  const auto surfels = detail::make_surfels(cloud, views.places, views.ends, grid);
+  const auto surfels = detail::make_surfels(cloud, grid);
   Thinned result;
   std::vector<double> rough;
   for (const Surfel& s : surfels) {
@@ -529,7 +493,7 @@ Result<Thinned> thin_merged(const Cloud& cloud, double voxel_mm) {
   }
   result.mean_points =
       static_cast<double>(cloud.points_mm.size()) / static_cast<double>(surfels.size());
-  result.rough_mm = median(std::move(rough));
+  result.rough_mm = median(std::move(rough), 0.0);
   return result;
 }
 

@@ -23,23 +23,6 @@ using detail::VoxelGrid;
 // Reach of a piece in voxels: nodes up to two voxels away feel it, by exp(-d^2 / voxel^2).
 constexpr std::int64_t kReach = 2;
 
-/// Stations of a cloud and the ends of their points; far above where none is known.
-void views_of(const Cloud& cloud, const Box3& box, std::vector<Vec3>& places,
-              std::vector<std::uint64_t>& ends) {
-  const Vec3 above =
-      0.5 * (box.min + box.max) + Vec3{0.0, 0.0, 1e3 * (1.0 + norm(box.max - box.min))};
-  std::uint64_t end = 0;
-  for (const ScanStation& s : cloud.stations) {
-    if (s.points == 0) continue;
-    end += s.points;
-    places.push_back(s.position_mm.value_or(above));
-    ends.push_back(end);
-  }
-  if (!places.empty()) return;
-  places.push_back(cloud.station_mm.value_or(above));
-  ends.push_back(cloud.points_mm.size());
-}
-
 /// The implicit function and the colour where it is known.
 struct Field {
   const VoxelGrid& grid;
@@ -175,10 +158,7 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
   if (!(result.voxel_mm > 0.0) || !detail::make_voxel_grid(box, result.voxel_mm, grid))
     return fail(kMeshCloudOptions, fmt::format("a voxel of {} mm does not fit a cloud of {} mm",
                                                result.voxel_mm, norm(box.max - box.min)));
-  std::vector<Vec3> places;
-  std::vector<std::uint64_t> ends;
-  views_of(cloud, box, places, ends);
-  std::vector<Surfel> surfels = detail::make_surfels(cloud, places, ends, grid);
+  std::vector<Surfel> surfels = detail::make_surfels(cloud, grid);
   std::erase_if(surfels, [](const Surfel& s) { return !(dot(s.normal, s.normal) > 0.5); });
   if (run.stopped()) return fail(kCancelled, "meshing was cancelled");
   run.progress(0.3);

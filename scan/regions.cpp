@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "core/median.hpp"
 #include "scan/statistics.hpp"
 
 namespace maquette::scan {
@@ -35,13 +36,6 @@ Result<void> add_polygon(Region& region, const json& rings, const std::string& w
     }
   }
   return {};
-}
-
-double median(std::vector<double> v) {
-  if (v.empty()) return NAN;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "core/check.hpp"
+#include "core/median.hpp"
 
 namespace maquette::scan {
 namespace {
@@ -17,13 +18,6 @@ constexpr double kLevelOfDetection = 1.96;  // 95 %, two-sided
 struct Cell {
   double n = 0.0, sum = 0.0, square = 0.0;
 };
-
-double median(std::vector<double>& v) {
-  if (v.empty()) return NAN;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
-}
 
 /// Two-sided probability of a standard normal beyond |z|.
 double tail(double z) {
@@ -70,10 +64,7 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
       map.sigma_mm(r, c) = static_cast<float>(std::sqrt(variance / cell.n));
       scores.push_back(mean / std::sqrt(variance / cell.n));
     }
-  std::vector<double> off = scores;
-  const double middle = median(off);
-  for (double& z : off) z = std::abs(z - middle);
-  map.inflation = std::fmax(1.0, 1.4826 * median(off));
+  map.inflation = std::fmax(1.0, nmad(scores));
 
   // Benjamini and Hochberg over all cells, with the pose's part in each.
   struct Test {

@@ -75,9 +75,28 @@ void KeyMap::grow() {
   }
 }
 
-std::vector<Surfel> make_surfels(const Cloud& cloud, std::span<const Vec3> view,
-                                 std::span<const std::uint64_t> station_ends,
-                                 const VoxelGrid& grid) {
+Views views_of(const Cloud& cloud) {
+  Views v;
+  Box3 box;
+  for (const Vec3& p : cloud.points_mm) box.add(p);
+  const Vec3 above =
+      0.5 * (box.min + box.max) + Vec3{0.0, 0.0, 1e3 * (1.0 + norm(box.max - box.min))};
+  std::uint64_t end = 0;
+  for (const ScanStation& s : cloud.stations) {
+    if (s.points == 0) continue;
+    end += s.points;
+    v.places_mm.push_back(s.position_mm.value_or(above));
+    v.ends.push_back(end);
+  }
+  if (v.places_mm.empty()) {
+    v.places_mm.push_back(cloud.station_mm.value_or(above));
+    v.ends.push_back(cloud.points_mm.size());
+  }
+  return v;
+}
+
+std::vector<Surfel> make_surfels(const Cloud& cloud, const VoxelGrid& grid) {
+  const Views views = views_of(cloud);
   const std::size_t n = cloud.points_mm.size();
   struct Entry {
     std::uint64_t key;
@@ -120,9 +139,7 @@ std::vector<Surfel> make_surfels(const Cloud& cloud, std::span<const Vec3> view,
         s.blue += cloud.colours[p].blue;
       }
       if (!cloud.intensity.empty()) s.intensity += cloud.intensity[p];
-      const auto station = static_cast<std::size_t>(
-          std::upper_bound(station_ends.begin(), station_ends.end(), p) - station_ends.begin());
-      const Vec3 way = view[station] - cloud.points_mm[p];
+      const Vec3 way = views.of(p) - cloud.points_mm[p];
       towards[k] += (1.0 / std::fmax(norm(way), 1e-9)) * way;
     }
     s.points = static_cast<std::uint32_t>(m.n);

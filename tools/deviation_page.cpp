@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "core/markup.hpp"
 #include "tools/deviation_view_text.hpp"
 #include "tools/pictures.hpp"
 #include "tools/report.hpp"
@@ -20,38 +21,21 @@ namespace {
 
 constexpr std::ptrdiff_t kViewNodes = 420;  // a side, at most
 
-std::string escape(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
-  }
-  return out;
-}
-
 std::string cell(const json& v) {
   if (v.is_null()) return "<td class='n'>&ndash;</td>";
   if (v.is_number_float()) return fmt::format("<td class='n'>{:.4g}</td>", v.get<double>());
   if (v.is_number()) return fmt::format("<td class='n'>{}</td>", v.dump());
-  if (v.is_string()) return fmt::format("<td>{}</td>", escape(v.get<std::string>()));
+  if (v.is_string()) return fmt::format("<td>{}</td>", markup_escaped(v.get<std::string>()));
   if (v.is_array()) {
     std::string text;
     for (const json& e : v)
-      text += (text.empty() ? "" : ", ") + (e.is_string() ? escape(e.get<std::string>())
+      text += (text.empty() ? "" : ", ") + (e.is_string() ? markup_escaped(e.get<std::string>())
                                             : e.is_number_float()
                                                 ? fmt::format("{:.4g}", e.get<double>())
                                                 : e.dump());
     return fmt::format("<td>{}</td>", text.empty() ? "nothing" : text);
   }
-  return fmt::format("<td>{}</td>", escape(v.dump()));
+  return fmt::format("<td>{}</td>", markup_escaped(v.dump()));
 }
 
 using Columns = std::vector<std::pair<const char*, const char*>>;  // key, heading
@@ -82,11 +66,11 @@ std::string figures(const json& from, const Columns& rows) {
 
 std::string picture(const fs::path& png, const std::string& caption, int width) {
   const auto data = read_file(png);
-  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", escape(png.string()));
+  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", markup_escaped(png.string()));
   return fmt::format(
       "<figure><img width='{}' alt='{}' src='data:image/png;base64,{}'><figcaption>{}</figcaption>"
       "</figure>\n",
-      width, escape(caption), base64(*data), escape(caption));
+      width, markup_escaped(caption), base64(*data), markup_escaped(caption));
 }
 
 /// 16 bit steps, -32768 for a void.
@@ -267,7 +251,7 @@ Result<void> write_deviation_page(const scan::Deviation& deviation,
                                  {"sdr", "Sdr"},
                                  {"form_mm", "form taken off, mm"}});
   for (const json& d : s["dependences"])
-    html += fmt::format("<h3>By {}</h3>\n", escape(d["on"].get<std::string>())) +
+    html += fmt::format("<h3>By {}</h3>\n", markup_escaped(d["on"].get<std::string>())) +
             table(d["bins"], {{"from", "from"},
                               {"to", "to"},
                               {"mean_mm", "mean, mm"},

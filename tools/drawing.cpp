@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "camera/image_io.hpp"
+#include "core/markup.hpp"
 #include "tools/pictures.hpp"
 #include "tools/stroke_letters.hpp"
 
@@ -19,21 +20,6 @@ constexpr double kCapitalShare = 0.72;
 
 std::string hex(Colour c) {
   return fmt::format("#{:02x}{:02x}{:02x}", c[0], c[1], c[2]);
-}
-
-std::string escape(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else
-      out += c;
-  }
-  return out;
 }
 
 class Painter {
@@ -156,7 +142,7 @@ struct SvgWriter {
         text.at.x, text.at.y, text.size, anchor, hex(text.colour));
     if (text.upwards)
       out += fmt::format(" transform=\"rotate(-90 {:.6g} {:.6g})\"", text.at.x, text.at.y);
-    out += fmt::format(">{}</text>\n", escape(text.text));
+    out += fmt::format(">{}</text>\n", markup_escaped(text.text));
   }
 };
 
@@ -174,7 +160,7 @@ std::string to_svg(const Drawing& drawing, const std::string& title) {
       "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0:.6g} {1:.6g}\" "
       "font-family=\"sans-serif\">\n<title>{2}</title>\n"
       "<rect width=\"{0:.6g}\" height=\"{1:.6g}\" fill=\"#ffffff\"/>\n",
-      drawing.width, drawing.height, escape(title));
+      drawing.width, drawing.height, markup_escaped(title));
   for (const auto& part : drawing.parts) std::visit(svg, part);
   svg.out += "</svg>\n";
   return std::move(svg.out);

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "core/markup.hpp"
 #include "tools/path_view.hpp"
 #include "tools/pictures.hpp"
 #include "tools/version.hpp"
@@ -36,44 +37,23 @@ svg text {{ fill: currentColor; }}
 )";
 constexpr const char* kPageEnd = "</body></html>\n";
 
-std::string escape(const std::string& text) {
-  std::string out;
-  for (const char c : text) switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  return out;
-}
-
 std::string head(const std::string& title) {
-  return fmt::format(fmt::runtime(kPageStart), fmt::arg("title", escape(title)));
+  return fmt::format(fmt::runtime(kPageStart), fmt::arg("title", markup_escaped(title)));
 }
 
 std::string picture(const fs::path& png, const std::string& caption, int width) {
   const auto data = read_file(png);
-  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", escape(png.string()));
+  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", markup_escaped(png.string()));
   return fmt::format(
       "<figure><img width='{}' alt='{}' src='data:image/png;base64,{}'><figcaption>{}</figcaption>"
       "</figure>\n",
-      width, escape(caption), base64(*data), escape(caption));
+      width, markup_escaped(caption), base64(*data), markup_escaped(caption));
 }
 
 std::string number(const json& v) {
   if (v.is_number_float()) return fmt::format("{:.6g}", v.get<double>());
-  if (v.is_string()) return escape(v.get<std::string>());
-  return escape(v.dump());
+  if (v.is_string()) return markup_escaped(v.get<std::string>());
+  return markup_escaped(v.dump());
 }
 
 /// The figures that a person asks for first, in this order, when present.
@@ -139,13 +119,14 @@ std::string paths(const fs::path& folder, const fs::path& page_folder, const std
   const json parsed = json::parse(*scene);
   for (const json& program : parsed["programs"]) {
     const auto name = program["name"].get<std::string>();
-    html += fmt::format("<tr><td>{}</td>", escape(name));
+    html += fmt::format("<tr><td>{}</td>", markup_escaped(name));
     for (const char* colour : {"feed", "engagement"}) {
       html += "<td>";
       for (const char* format : {"svg", "png"}) {
         const fs::path file = folder / "backplot" / fmt::format("{}.{}.{}", name, colour, format);
         html += fmt::format("<a href='{}'>{}</a> ",
-                            escape(file.lexically_relative(page_folder).generic_string()), format);
+                            markup_escaped(file.lexically_relative(page_folder).generic_string()),
+                            format);
       }
       html += "</td>";
     }
@@ -180,11 +161,12 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
   html += fmt::format(
       "<p>{}, {:.4f}&deg; latitude, {:.4f}&deg; longitude; {} mm x {} mm at {} mm; "
       "maquette {}.</p>\n",
-      escape(site.body), site.centre_latitude_deg, site.centre_longitude_deg, site.size_mm,
+      markup_escaped(site.body), site.centre_latitude_deg, site.centre_longitude_deg, site.size_mm,
       site.size_mm, site.spacing_mm, kVersion);
   for (const UnitRecord& r : records)
     if (!r.unmet.empty())
-      html += fmt::format("<p class='warn'>{}: {}</p>\n", escape(r.name), escape(r.unmet));
+      html += fmt::format("<p class='warn'>{}: {}</p>\n", markup_escaped(r.name),
+                          markup_escaped(r.unmet));
 
   for (const double scale : site.scales) {
     const std::string name = scale_folder(scale);
@@ -230,7 +212,7 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
       html += fmt::format(
           "<tr><td>{}</td><td class='n'>{}</td><td class='n'>{}</td><td class='n'>{}</td><td "
           "class='n'>{:.2f}</td><td class='n'>{:.1f}</td><td class='n'>{:.5f}</td></tr>",
-          escape(r.name.substr(name.size() + 6)), number(f["passes"]), number(f["blocks"]),
+          markup_escaped(r.name.substr(name.size() + 6)), number(f["passes"]), number(f["blocks"]),
           number(f["bytes"]), f.value("path_length_mm", 0.0) / 1000.0,
           f.value("cutting_time_min", 0.0), f.value("certified_gouge_mm", 0.0));
     }
@@ -267,7 +249,7 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
     html += fmt::format(
         "<tr><td>{}</td><td class='n'>{:.2f}</td><td class='n'>{:.2f}</td><td "
         "class='n'>{:.0f}</td><td>{}</td></tr>",
-        escape(r.name), r.wall_s, r.cpu_s, r.peak_mib, escape(r.note));
+        markup_escaped(r.name), r.wall_s, r.cpu_s, r.peak_mib, markup_escaped(r.note));
   return write_file(out, html + "</table>\n" + kPageEnd);
 }
 

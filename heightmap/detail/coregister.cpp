@@ -7,18 +7,13 @@
 #include <vector>
 
 #include <oneapi/tbb/parallel_for.h>
+#include "core/median.hpp"
 
 namespace maquette::heightmap::detail {
 namespace {
 
 constexpr int kCellsPerPixel = 3;  // of the coarser surface, along each axis
 constexpr double kLeastCorrelation = 0.5;
-
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 struct Spread {
   double median = 0.0, nmad = 0.0;
@@ -27,8 +22,7 @@ struct Spread {
 Spread spread_of(std::vector<double> values) {
   Spread s;
   s.median = median(values);
-  for (double& v : values) v = std::abs(v - s.median);
-  s.nmad = 1.4826 * median(values);
+  s.nmad = nmad(std::move(values));
   return s;
 }
 

@@ -4,6 +4,7 @@
 /// @file surfels.hpp
 /// A cloud in pieces: what the points of each voxel and its neighbours say about the surface.
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -61,6 +62,17 @@ class KeyMap {
   std::size_t used_ = 0;
 };
 
+/// Where each point was seen from: its station, or far above the cloud where none is known.
+struct Views {
+  std::vector<Vec3> places_mm;      ///< per station, in the points' frame
+  std::vector<std::uint64_t> ends;  ///< per station, the index behind its last point
+  [[nodiscard]] Vec3 of(std::size_t point) const {
+    return places_mm[static_cast<std::size_t>(std::upper_bound(ends.begin(), ends.end(), point) -
+                                              ends.begin())];
+  }
+};
+[[nodiscard]] Views views_of(const Cloud& cloud);
+
 struct Surfel {
   std::uint64_t key = 0;     ///< of its voxel
   Vec3 centre_mm;            ///< mean of the voxel's points
@@ -72,12 +84,8 @@ struct Surfel {
 
 /// One surfel a voxel that holds points, in the order of keys. The normal is that of least scatter
 /// of the points of the 27 voxels around it (at least six of them, and not on a line), turned
-/// to the side from which most of the voxel's points were seen.
-/// @param view  per station: where it stands (in the points' frame)
-/// @param station_ends  for each station the index behind its last point
-[[nodiscard]] std::vector<Surfel> make_surfels(const Cloud& cloud, std::span<const Vec3> view,
-                                               std::span<const std::uint64_t> station_ends,
-                                               const VoxelGrid& grid);
+/// to the side from which most of the voxel's points were seen (views_of).
+[[nodiscard]] std::vector<Surfel> make_surfels(const Cloud& cloud, const VoxelGrid& grid);
 
 /// Edge of the voxels that hold about `points` points each where there are any.
 [[nodiscard]] double voxel_for(std::span<const Vec3> points_mm, double points);

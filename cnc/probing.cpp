@@ -125,7 +125,7 @@ Result<std::string> probe_spheres(std::span<const Vec3> centres_mm, double spher
   Touches t(options);
   const double reach = sphere_radius_mm + options.ball_radius_mm;
   const double away = reach + options.search_mm;
-  double over = -INFINITY;
+  double over = options.over_mm;
   for (const Vec3& c : centres_mm) {
     for (const double v : {c.x, c.y, c.z})
       MAQUETTE_TRY_VOID(range("sphere centre (mm)", v, -1e5, 1e5));

@@ -19,6 +19,7 @@
 /// Sources: LinuxCNC 2.9, "G Codes": G10 L2, G10 L20, G38.n, "Overview": PROBEOPEN, numbered
 /// parameters 5061 and 5220 ff.; Grbl 1.1, "Commands".
 
+#include <cmath>
 #include <span>
 #include <string>
 
@@ -38,6 +39,7 @@ struct ProbingOptions {
   double search_mm = 10.0;        ///< how far off a face may be; rapids keep this distance
   double retract_mm = 1.0;        ///< less than search
   double fast_feed_mm_min = 200.0, slow_feed_mm_min = 10.0;
+  double over_mm = -INFINITY;  ///< probe_spheres: rapids between touches are at least as high
 };
 
 /// The corner with the smallest x and y of a block whose top is level.
@@ -54,9 +56,9 @@ struct BlockCorner {
                                                      const ProbingOptions& options);
 
 /// Five touches a sphere: on top, and from -x, +x, -y, +y at the height of the centre. LinuxCNC
-/// writes them to `log_name` (PROBEOPEN), one line a contact, in this order: x y z of the
-/// probe's tip; the probe's centre is a ball radius above, and lies sphere radius + ball radius
-/// from the sphere's centre. LinuxCNC only.
+/// writes them to `log_name` (PROBEOPEN), a line for the fast and one for the slow touch, in this
+/// order: x y z of the probe's tip (probed_spheres.hpp reads them); the probe's centre is a ball
+/// radius above, and lies sphere radius + ball radius from the sphere's centre. LinuxCNC only.
 /// @param centres_mm  as planned; right to within `search`
 /// @pre log name without parenthesis or line end
 /// @return as probe_block_corner

@@ -33,7 +33,8 @@ struct MillJob {
   /// What an earlier operation left (<program>.stock.tif, as_milled.tif): rapids then stay low
   /// over it, and roughing takes off only what is still there.
   std::optional<std::filesystem::path> stock;
-  std::optional<std::filesystem::path> stones;  ///< seats and outlines are theirs
+  std::optional<std::filesystem::path> stones;   ///< seats and outlines are theirs
+  std::optional<std::filesystem::path> spheres;  ///< sphere_file.hpp: seats and probing are theirs
 
   cnc::Tool tool;             ///< of a probe: the ball's radius
   double stepover_mm = 0.5;   ///< between passes, in plan
@@ -93,6 +94,13 @@ struct Strategy {
 /// CNC_FEED_OUT_OF_RANGE and CNC_SPINDLE_OUT_OF_RANGE for more than the machine can do
 [[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
                                          const RunContext& run);
+
+/// What the program of `probe-spheres` has had written, as [[datum]] tables of a case file; figures
+/// say how far each sphere is off its plan. @return errors of sphere_file.hpp, probed_spheres.hpp
+[[nodiscard]] Result<JobResult> probed_spheres_job(const std::filesystem::path& contacts,
+                                                   const std::filesystem::path& spheres,
+                                                   double probe_radius_mm,
+                                                   const std::filesystem::path& out);
 
 /// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
 [[nodiscard]] std::vector<std::filesystem::path> parts_of(const std::filesystem::path& program);

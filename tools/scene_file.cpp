@@ -63,7 +63,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   t.add({"deviation.regions", &c.regions, "GeoJSON polygons in mm, with name, lower_mm, upper_mm"});
   t.add({"deviation.band_width_mm", &c.band_width_mm, "statistics per strip along x; 0: none", 0,
          1e5});
-  t.array("datum", "features that tie the pose: bare pads, spheres, dowels", [&c] {
+  const auto datum_schema = [&c] {
     CaseDatum& datum = c.datums.emplace_back();
     Schema e;
     e.add({"kind", &datum.kind, "", -kInf, kInf, {"pad", "sphere", "dowel"}, true});
@@ -75,7 +75,9 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"half_x_mm", &datum.half_x_mm, "pad", 0, 1e5});
     e.add({"half_y_mm", &datum.half_y_mm, "pad", 0, 1e5});
     return e;
-  });
+  };
+  t.array("datum", "features that tie the pose: bare pads, spheres, dowels", datum_schema);
+  t.add({"datums", &c.datum_file, "file with more [[datum]], as `maquette spheres` writes it"});
   t.array("scan", "measured point clouds", [&c] {
     CaseScan& scan = c.scans.emplace_back();
     Schema e;
@@ -130,6 +132,11 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     return e;
   });
   MAQUETTE_TRY_VOID(t.read(path));
+  if (!c.datum_file.empty()) {
+    Schema more;
+    more.array("datum", "", datum_schema);
+    MAQUETTE_TRY_VOID(more.read(c.datum_file));
+  }
   if (c.scans.empty() && c.probes.empty() && c.photos.empty())
     return fail(kConfigInvalid,
                 fmt::format("{}: no measurement; add a [[scan]] table with points = \"FILE\"",

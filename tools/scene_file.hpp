@@ -72,6 +72,7 @@ struct Case {
   std::string schema_name = "maquette.case/1";
   std::filesystem::path design;
   std::vector<std::filesystem::path> gcode;  ///< programs of bands in the order of milling
+  std::filesystem::path datum_file;          ///< more [[datum]], as `maquette spheres` writes them
   std::filesystem::path ground, stones;      ///< design without its stones, and their plan
   std::filesystem::path regions;             ///< GeoJSON
   double band_width_mm = 0.0;                ///< 0: no table of bands

@@ -27,6 +27,7 @@
 #include <gtest/gtest.h>
 
 #include "cnc/cutter_location.hpp"
+#include "cnc/probed_spheres.hpp"
 #include "cnc/probing.hpp"
 #include "rs274_peer.hpp"
 #include "support/matchers.hpp"
@@ -404,6 +405,80 @@ TEST(Probing, TouchesSpheresOnFiveSides) {
     const Vec3 centre = machine.contacts[k] + Vec3{0.0, 0.0, o.ball_radius_mm};
     EXPECT_NEAR(norm(centre - (planned[k / 10] + off)), radius + o.ball_radius_mm, 1e-6);
   }
+  // What was touched says where they are, however far that is off the plan.
+  const auto found =
+      spheres_of_contacts(machine.contacts, planned, radius, o.ball_radius_mm, o.search_mm);
+  ASSERT_TRUE(found) << found.error().message;
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_NEAR(norm((*found)[k].centre_mm - (planned[k] + off)), 0.0, 2e-6);  // of the machine
+    EXPECT_LT((*found)[k].residual_mm, 2e-6);
+  }
+}
+
+TEST(Probing, FindsTheSpheresThatWereTouched) {
+  // Exact touches of a sphere off its plan, fast ones late: 1e-9 mm.
+  const double radius = 8.0, ball = 1.5;
+  const Vec3 plan{100.0, -20.0, 30.0}, centre = plan + Vec3{1.5, -2.25, 0.75};
+  const auto touches = [&](double sphere, double probe) {
+    std::vector<Vec3> tips;
+    const double reach = sphere + probe;
+    const auto add = [&](Vec3 touching, Vec3 late) {
+      tips.push_back(touching - Vec3{0.0, 0.0, probe} + late);
+      tips.push_back(touching - Vec3{0.0, 0.0, probe});
+    };
+    const Vec3 d = plan - centre;
+    const double up = std::sqrt(reach * reach - d.x * d.x - d.y * d.y);
+    add({plan.x, plan.y, centre.z + up}, {0.0, 0.0, -0.3});
+    const double along_x = std::sqrt(reach * reach - d.y * d.y - d.z * d.z);
+    const double along_y = std::sqrt(reach * reach - d.x * d.x - d.z * d.z);
+    for (const double side : {-1.0, 1.0})
+      add({centre.x + side * along_x, plan.y, plan.z}, {-0.3 * side, 0.0, 0.0});
+    for (const double side : {-1.0, 1.0})
+      add({plan.x, centre.y + side * along_y, plan.z}, {0.0, -0.3 * side, 0.0});
+    return tips;
+  };
+  const std::vector<Vec3> planned{plan};
+  const auto fit = [&](const std::vector<Vec3>& tips, double probe) {
+    return spheres_of_contacts(tips, planned, radius, probe, 10.0);
+  };
+  const auto exact = fit(touches(radius, ball), ball);
+  ASSERT_TRUE(exact) << exact.error().message;
+  EXPECT_LT(norm((*exact)[0].centre_mm - centre), 1e-9);
+  EXPECT_LT((*exact)[0].residual_mm, 1e-9);
+  // A ball of another radius: what the header says.
+  const double d = 0.02;
+  const auto other = fit(touches(radius, ball), ball + d);
+  ASSERT_TRUE(other) << other.error().message;
+  EXPECT_LE(norm((*other)[0].centre_mm - centre), 1.2 * d);
+  EXPECT_GT((*other)[0].residual_mm, 0.6 * d);
+  // Refused: CNC_PROBED_CONTACTS
+  EXPECT_THAT(fit(touches(radius, ball), ball + 0.5), FailsWith(kProbedContacts));
+  auto chip = touches(radius, ball);
+  chip[5].x += 0.2;
+  EXPECT_THAT(fit(chip, ball), FailsWith(kProbedContacts));
+  chip = touches(radius, ball);
+  chip[4].x += 0.2;  // a fast touch: does not count
+  EXPECT_TRUE(fit(chip, ball));
+  chip.pop_back();
+  EXPECT_THAT(fit(chip, ball), FailsWith(kProbedContacts));
+  EXPECT_THAT(spheres_of_contacts(touches(radius, ball), planned, radius, ball, 2.0),
+              FailsWith(kProbedContacts));
+  const ScratchFolder folder;
+  std::ofstream(folder / "c.txt") << "1 2 3 0 0 0 0 0 0\n\n-4.5 5e1 6 0 0 0\n";
+  const auto read = read_contacts(folder / "c.txt");
+  ASSERT_TRUE(read);
+  EXPECT_EQ(*read, (std::vector<Vec3>{{1.0, 2.0, 3.0}, {-4.5, 50.0, 6.0}}));
+  std::ofstream(folder / "c.txt") << "1 2 3\n1 2\n";
+  const auto bad = read_contacts(folder / "c.txt");
+  EXPECT_THAT(bad, FailsWith(kProbedContacts));
+  EXPECT_THAT(bad.error().message, testing::HasSubstr("c.txt:2"));
+}
+
+TEST(Probing, StaysAsHighAsItMust) {
+  ProbingOptions o;
+  o.over_mm = 123.5;
+  EXPECT_THAT(*probe_spheres(std::vector<Vec3>{{0.0, 0.0, 30.0}}, 10.0, "s", o),
+              testing::HasSubstr("G0 Z123.5000\n"));
 }
 
 TEST(Probing, LinuxCncReadsTheBlocks) {

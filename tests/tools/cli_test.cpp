@@ -4,6 +4,7 @@
 // what was expected, the documented exit code, and nothing half-written. Exit codes
 // 0, 1, 2 and 3 are reached here; 4 is our bug and has no input of its own.
 
+#include <array>
 #include <fstream>
 
 #include <fmt/format.h>
@@ -214,6 +215,104 @@ TEST_F(CommandLine, EveryStrategyMills) {
   const std::string touches = slurp(scratch / "probe.ngc");
   EXPECT_THAT(touches, AllOf(HasSubstr("G38.2"), HasSubstr("G10 L2 P2"), HasSubstr("G55")));
   EXPECT_THAT(touches, Not(HasSubstr("M3\n"))) << "the probe must not turn";
+}
+
+/// Seats are bored, spheres that lie a little beside their plan are touched, and the touches
+/// become datums.
+TEST_F(CommandLine, ReferenceSpheresBecomeDatums) {
+  const std::string d = design().string();  // 20 mm x 20 mm, heights -1 .. 1
+  const auto spheres = file("spheres.toml",
+                            "sphere_radius_mm = 10.0\nhole_radius_mm = 6.0\n[[sphere]]\nname = "
+                            "\"west\"\nat_mm = [-40.0, 10.0, 2.0]\n[[sphere]]\nat_mm = [60.0, "
+                            "10.0, 4.0]\n[[sphere]]\nname = \"north \\\"N\\\"\"\nat_mm = "
+                            "[10.0, 60.0, -3.0]\n")
+                           .string();
+  const auto mill = [&](const std::string& strategy, const std::string& more) {
+    return run(fmt::format("mill {} --json --quiet --strategy {} --spheres {} --out {} {}", d,
+                           strategy, spheres, (scratch / (strategy + ".ngc")).string(), more));
+  };
+  const auto bored = mill("sphere-seats", "");
+  ASSERT_EQ(bored.exit_code, 0) << bored.err;
+  // 10^2 = 6^2 + 8^2: the centre is 8 above the rim, the floor 10.5 below the centre.
+  const json seats = json::parse(bored.out);
+  EXPECT_EQ(seats["spheres"][0]["centre_mm"], json({-40.0, 10.0, 10.0}));
+  EXPECT_EQ(seats["passes"], 3);
+  EXPECT_NEAR(seats["lowest_tip_mm"].get<double>(), -3.0 + 8.0 - 10.5, 1e-9);
+  const auto touched = mill("probe-spheres", "--diameter-mm 3");
+  ASSERT_EQ(touched.exit_code, 0) << touched.err;
+  const std::string text = slurp(scratch / "probe-spheres.ngc");
+  EXPECT_THAT(text, AllOf(HasSubstr("G38.2"), HasSubstr("(PROBEOPEN probe-spheres.contacts.txt)"),
+                          Not(HasSubstr("M3\n"))));
+
+  // What the machine would have found of spheres 0.3, -0.2, 0.1 mm off: where each probing move
+  // of the program meets its sphere.
+  const Vec3 off{0.3, -0.2, 0.1};
+  const double reach = 10.0 + 1.5;
+  std::string contacts;
+  for (const auto& row : seats["spheres"]) {
+    const Vec3 plan{row["centre_mm"][0], row["centre_mm"][1], row["centre_mm"][2]};
+    const auto meets = [&](std::size_t axis, double side) {
+      std::array<double, 3> p{plan.x, plan.y, plan.z};
+      const std::array<double, 3> c{plan.x + off.x, plan.y + off.y, plan.z + off.z};
+      double aside2 = 0.0;
+      for (std::size_t k = 0; k < 3; ++k)
+        if (k != axis) aside2 += (p[k] - c[k]) * (p[k] - c[k]);
+      p[axis] = c[axis] + side * std::sqrt(reach * reach - aside2);
+      for (int k = 0; k < 2; ++k)
+        contacts += fmt::format("{:.6f} {:.6f} {:.6f} 0 0 0 0 0 0\n", p[0], p[1], p[2] - 1.5);
+    };
+    meets(2, 1.0);
+    for (const std::size_t axis : {0U, 1U})
+      for (const double side : {-1.0, 1.0}) meets(axis, side);
+  }
+  const auto measured = file("touch.txt", contacts).string();
+  const auto found = [&](const std::string& more) {
+    return run(fmt::format("spheres {} --json --quiet --spheres {} --out {} {}", measured, spheres,
+                           (scratch / "datums.toml").string(), more));
+  };
+  const auto o = found("--probe-diameter-mm 3");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json figures = json::parse(o.out);
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_NEAR(figures["spheres"][k]["off_plan_mm"][0].get<double>(), off.x, 1e-5);
+    EXPECT_NEAR(figures["spheres"][k]["off_plan_mm"][2].get<double>(), off.z, 1e-5);
+  }
+  EXPECT_THAT(slurp(scratch / "datums.toml"),
+              AllOf(HasSubstr("kind = \"sphere\"\nname = \"west\"\nat_mm = [-39.70000, 9.80000, "
+                              "10.10000]\nradius_mm = 10.0"),
+                    HasSubstr("\"sphere 2\""), HasSubstr("\"north \\\"N\\\"\"")));
+  // The case file takes them: the next thing it lacks is the scan.
+  const auto c = file("case.toml",
+                      "design = \"design.tif\"\ndatums = \"datums.toml\"\n"
+                      "[[scan]]\npoints = \"none.ply\"\n");
+  expect_refused(run("deviate " + c.string() + " --out " + out.string()), HasSubstr("none.ply"));
+  file("datums.toml", "[[datum]]\nkind = \"cube\"\n");
+  expect_refused(run("deviate " + c.string() + " --out " + out.string()),
+                 AllOf(HasSubstr("datums.toml:2"), HasSubstr("sphere")));
+
+  fs::remove(scratch / "datums.toml");
+  expect_refused(found("--probe-diameter-mm 4"), HasSubstr("sphere 1: a touch is"));
+  EXPECT_FALSE(fs::exists(scratch / "datums.toml"));
+  const std::string to = " --out " + (scratch / "x.ngc").string();
+  expect_refused(run("mill " + d + " --strategy sphere-seats" + to), HasSubstr("--spheres"));
+  expect_refused(mill("probe-spheres", "--post grbl"), HasSubstr("cannot write contacts"));
+  const auto with = [&](const std::string& strategy, const std::string& spheres_text) {
+    const auto f = file("bad.toml", spheres_text).string();
+    return run("mill " + d + " --strategy " + strategy + " --spheres " + f + to);
+  };
+  expect_refused(with("sphere-seats", "[[sphere]]\nat_mm = [10.0, 10.0, 0.5]\n"),
+                 AllOf(HasSubstr("sphere 1"), HasSubstr("the design is")));
+  expect_refused(with("sphere-seats", "[[sphere]]\nat_mm = [10.0, 10.0, 20.0]\n"),
+                 HasSubstr("the rim needs it from 19.950"));
+  expect_refused(with("probe-spheres", "[[sphere]]\nat_mm = [-8.0, 10.0, -9.0]\n"),
+                 HasSubstr("the probe beside the sphere's equator"));
+  expect_refused(with("sphere-seats",
+                      "hole_radius_mm = 12.0\n[[sphere]]\nat_mm = [-40.0, 0.0, "
+                      "0.0]\n"),
+                 HasSubstr("falls through"));
+  expect_refused(with("sphere-seats", "[[sphere]]\n"), HasSubstr("at_mm"));
+  expect_refused(with("sphere-seats", ""), HasSubstr("no [[sphere]]"));
+  EXPECT_FALSE(fs::exists(scratch / "x.ngc"));
 }
 
 TEST_F(CommandLine, StrategiesSayWhatTheyLack) {
@@ -518,8 +617,8 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
 
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
-       {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "verify", "backplot", "export",
-        "render", "compare", "scan", "deviate", "diagnose", "info", "doctor"}) {
+       {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "spheres", "verify", "backplot",
+        "export", "render", "compare", "scan", "deviate", "diagnose", "info", "doctor"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));

@@ -14,7 +14,7 @@ namespace fs = std::filesystem;
 namespace {
 
 struct Options {
-  fs::path design, out = "part.ngc", stock, stones, tools;
+  fs::path design, out = "part.ngc", stock, stones, spheres, tools;
   std::string strategy = "raster", machine = "unlimited", material;
   // NaN: as the strategy has it
   double diameter_mm = NAN, corner_mm = NAN, stepover_mm = NAN, step_down_mm = NAN,
@@ -75,6 +75,7 @@ Result<MillJob> job_of(const Options& o) {
   job.design = o.design;
   if (!o.stock.empty()) job.stock = o.stock;
   if (!o.stones.empty()) job.stones = o.stones;
+  if (!o.spheres.empty()) job.spheres = o.spheres;
   job.tool = preset.tool;
   if (o.tool > 0) job.tool.number = o.tool;
   if (!o.tools.empty()) {
@@ -165,6 +166,8 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--stock", o->stock,
                   "model field (.tif): what an earlier operation left, such as <rough>.stock.tif");
   app->add_option("--stones", o->stones, "seats, outlines: stones.json of `maquette stones`");
+  app->add_option("--spheres", o->spheres,
+                  "sphere-seats, probe-spheres: reference spheres (.toml, docs/spheres.md)");
   app->add_option("--direction-deg", o->direction_deg, "of the passes, counter-clockwise from +x")
       ->capture_default_str();
   app->add_flag("--one-way", o->one_way, "all passes in one direction instead of zig-zag");
@@ -216,6 +219,31 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
             MAQUETTE_TRY(const MillJob whole, job_of(*o));
             return finish(console, "mill",
                           [&](const RunContext& run) { return mill_job(whole, o->out, run); });
+          }};
+}
+
+Command add_spheres(CLI::App& root, const CommonOptions&) {
+  struct Given {
+    fs::path contacts, spheres, out = "datums.toml";
+    double probe_mm = 2.0;
+  };
+  auto o = std::make_shared<Given>();
+  auto* app = root.add_subcommand(
+      "spheres",
+      "Where reference spheres are, from the touches that a program of mill --strategy "
+      "probe-spheres has had written: datums for a case file.\n"
+      "Example: maquette spheres probe.contacts.txt --spheres spheres.toml --out datums.toml");
+  app->add_option("contacts", o->contacts, "one line a touch: x y z of the probe's tip, mm")
+      ->required();
+  app->add_option("--spheres", o->spheres, "that were probed (.toml, docs/spheres.md)")->required();
+  app->add_option("--probe-diameter-mm", o->probe_mm, "of the probe's ball")
+      ->capture_default_str()
+      ->check(CLI::Range(0.2, 40.0));
+  app->add_option("--out", o->out, "[[datum]] tables (.toml)")->capture_default_str();
+  return {app, [o](Console& console) -> Result<int> {
+            return finish(console, "spheres", [&](const RunContext&) {
+              return probed_spheres_job(o->contacts, o->spheres, 0.5 * o->probe_mm, o->out);
+            });
           }};
 }
 

@@ -107,7 +107,7 @@ class MillProgram {
 [[nodiscard]] std::filesystem::path beside(const std::filesystem::path& program,
                                            const std::string& what);
 
-// The strategies, mill_finish.cpp, mill_rough.cpp, mill_rest.cpp, mill_probe.cpp.
+// The strategies, mill_finish.cpp, mill_rough.cpp, mill_rest.cpp, mill_probe.cpp, mill_spheres.cpp.
 Result<JobResult> raster_job(const MillJob&, const std::filesystem::path&, const RunContext&);
 Result<JobResult> semi_finish_job(const MillJob&, const std::filesystem::path&, const RunContext&);
 Result<JobResult> waterline_job(const MillJob&, const std::filesystem::path&, const RunContext&);
@@ -117,5 +117,8 @@ Result<JobResult> rest_job(const MillJob&, const std::filesystem::path&, const R
 Result<JobResult> seats_job(const MillJob&, const std::filesystem::path&, const RunContext&);
 Result<JobResult> outlines_job(const MillJob&, const std::filesystem::path&, const RunContext&);
 Result<JobResult> probe_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> sphere_seats_job(const MillJob&, const std::filesystem::path&, const RunContext&);
+Result<JobResult> probe_spheres_job(const MillJob&, const std::filesystem::path&,
+                                    const RunContext&);
 
 }  // namespace maquette::tools

@@ -30,6 +30,10 @@ const Strategy kStrategies[] = {
      kNone, kNone, kNone, outlines_job},
     {"probe", "touches the block's corner and sets the work offset there (G38.2)", true, 10,
      cnc::Cutter::ball(1.0), kNone, kNone, kNone, probe_job},
+    {"sphere-seats", "bores that the reference spheres of --spheres rest in", false, 5,
+     cnc::Cutter::flat(3.0), kNone, kNone, kNone, sphere_seats_job},
+    {"probe-spheres", "touches the reference spheres of --spheres (G38.2), for the scan", false, 10,
+     cnc::Cutter::ball(1.0), kNone, kNone, kNone, probe_spheres_job},
 };
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace maquette::scan {
 namespace {
 
 constexpr int kSizes = 5;
-constexpr double kFalseDiscoveries = 0.01;
+constexpr double kFalseDiscoveries = 0.01;  // over all sizes
 constexpr double kLevelOfDetection = 1.96;  // 95 %, two-sided
 
 struct Cell {
@@ -24,8 +24,10 @@ double tail(double z) {
   return std::erfc(std::abs(z) / std::numbers::sqrt2);
 }
 
+/// @param shares  points of each scan per cell
+/// @param rate    of false discoveries
 CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
-               const Registration* registration) {
+               std::span<const ScanPose> scans, std::span<const Grid<float>> shares, double rate) {
   const std::ptrdiff_t rows = cells.rows(), cols = cells.cols();
   CellMap map{cell_mm,
               x0,
@@ -76,12 +78,16 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
       if (std::isnan(map.mean_mm(r, c))) continue;
       map.sigma_mm(r, c) *= static_cast<float>(map.inflation);
-      const Vec3 at{x0 + cell_mm * (static_cast<double>(c) + 0.5),
-                    y0 + cell_mm * (static_cast<double>(r) + 0.5),
-                    registration != nullptr ? registration->centre_mm.z : 0.0};
-      const double pose =
-          registration != nullptr ? pose_sigma_mm(*registration, at, {0.0, 0.0, 1.0}) : 0.0;
-      const double sigma = std::hypot(static_cast<double>(map.sigma_mm(r, c)), pose);
+      double pose2 = 0.0;
+      for (std::size_t k = 0; k < scans.size(); ++k) {
+        const Vec3 at{x0 + cell_mm * (static_cast<double>(c) + 0.5),
+                      y0 + cell_mm * (static_cast<double>(r) + 0.5),
+                      scans[k].registration.centre_mm.z};
+        const double part = static_cast<double>(shares[k](r, c)) / cells(r, c).n *
+                            pose_sigma_mm(scans[k].registration, at, {0.0, 0.0, 1.0});
+        pose2 += part * part;
+      }
+      const double sigma = std::hypot(static_cast<double>(map.sigma_mm(r, c)), std::sqrt(pose2));
       map.lod_mm(r, c) = static_cast<float>(kLevelOfDetection * sigma);
       tests.push_back({tail(static_cast<double>(map.mean_mm(r, c)) / sigma), r, c});
     }
@@ -90,8 +96,7 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
   });
   std::size_t accepted = 0;
   for (std::size_t i = 0; i < tests.size(); ++i)
-    if (tests[i].p <=
-        kFalseDiscoveries * static_cast<double>(i + 1) / static_cast<double>(tests.size()))
+    if (tests[i].p <= rate * static_cast<double>(i + 1) / static_cast<double>(tests.size()))
       accepted = i + 1;
   for (std::size_t i = 0; i < accepted; ++i) map.significant(tests[i].row, tests[i].col) = 1;
   map.significant_share = static_cast<double>(accepted) / static_cast<double>(tests.size());
@@ -350,9 +355,13 @@ bool overlap(const Finding& a, const Finding& b) {
 }  // namespace
 
 Significance significance(std::span<const Vec3> points, std::span<const float> deviation,
-                          const Registration* registration, double finest_mm) {
+                          std::span<const ScanPose> scans, double finest_mm) {
   MAQUETTE_CHECK(points.size() == deviation.size(), "{} points, {} deviations", points.size(),
                  deviation.size());
+  std::size_t of_scans = 0;
+  for (const ScanPose& s : scans) of_scans += s.points;
+  MAQUETTE_CHECK(scans.empty() || of_scans == points.size(), "{} points, {} in the scans",
+                 points.size(), of_scans);
   Box3 box;
   std::size_t used = 0;
   for (std::size_t i = 0; i < points.size(); ++i)
@@ -372,18 +381,27 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
     return static_cast<std::ptrdiff_t>(std::floor(length / cell)) + 1;
   };
   Grid<Cell> cells(count(deep), count(wide));
+  std::vector<Grid<float>> shares(scans.size(), Grid<float>(cells.rows(), cells.cols(), 0.0F));
+  std::size_t scan = 0, end_of_scan = scans.empty() ? points.size() : scans[0].points;
   for (std::size_t i = 0; i < points.size(); ++i) {
+    while (i >= end_of_scan) end_of_scan += scans[++scan].points;
     if (std::isnan(deviation[i])) continue;
-    Cell& c = cells(static_cast<std::ptrdiff_t>((points[i].y - box.min.y) / cell),
-                    static_cast<std::ptrdiff_t>((points[i].x - box.min.x) / cell));
+    const auto row = static_cast<std::ptrdiff_t>((points[i].y - box.min.y) / cell);
+    const auto col = static_cast<std::ptrdiff_t>((points[i].x - box.min.x) / cell);
+    if (!scans.empty()) shares[scan](row, col) += 1.0F;
+    Cell& c = cells(row, col);
     const auto d = static_cast<double>(deviation[i]);
     c.n += 1.0;
     c.sum += d;
     c.square += d * d;
   }
   std::vector<Finding> all;
-  for (int size = 0; size < kSizes && std::min(cells.rows(), cells.cols()) >= 8; ++size) {
-    result.maps.push_back(map_of(cells, cell, box.min.x, box.min.y, registration));
+  int sizes = 0;
+  for (auto side = std::min(cells.rows(), cells.cols()); sizes < kSizes && side >= 8; ++sizes)
+    side = (side + 1) / 2;
+  for (int size = 0; size < sizes; ++size) {
+    result.maps.push_back(map_of(cells, cell, box.min.x, box.min.y, scans, shares,
+                                 kFalseDiscoveries / static_cast<double>(sizes)));
     for (const Patch& patch : patches_of(result.maps.back()))
       all.push_back(describe(result.maps.back(), patch));
     Grid<Cell> coarse((cells.rows() + 1) / 2, (cells.cols() + 1) / 2);
@@ -394,6 +412,12 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
         to.sum += cells(r, c).sum;
         to.square += cells(r, c).square;
       }
+    for (Grid<float>& share : shares) {
+      Grid<float> sum(coarse.rows(), coarse.cols(), 0.0F);
+      for (std::ptrdiff_t r = 0; r < cells.rows(); ++r)
+        for (std::ptrdiff_t c = 0; c < cells.cols(); ++c) sum(r / 2, c / 2) += share(r, c);
+      share = std::move(sum);
+    }
     cells = std::move(coarse);
     cell *= 2.0;
   }

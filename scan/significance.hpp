@@ -15,10 +15,21 @@
 /// Correlation  s^2 / n holds for independent points. Whether it holds is asked of the data:
 ///           if the robust spread of mean / sigma over all cells of a size is f > 1, sigmas of
 ///           that size are multiplied by f (empirical null: Efron 2004,
-///           doi:10.1198/016214504000000089).
-/// Findings  Cells with a false discovery rate below 1 % (Benjamini and Hochberg 1995,
-///           doi:10.1111/j.2517-6161.1995.tb02031.x) that touch and have one sign. Of findings of
-///           several cell sizes that overlap, the most certain is kept.
+///           doi:10.1198/016214504000000089). This needs most of the part to
+///           be unchanged: the spread is that of the middle half of all cells. Where a fifth of
+///           the part stands clearly off to one side f is 1.4 instead of 1, where a third does
+///           2.1, and weak findings are lost; where half of it or more does, the change passes
+///           for noise. `inflation` shows that, but the data cannot tell a change of most of the
+///           part from noise that is correlated over it.
+/// Findings  Cells with a false discovery rate below 1 % over all cell sizes together (Benjamini
+///           and Hochberg 1995, doi:10.1111/j.2517-6161.1995.tb02031.x; each size has its equal
+///           part of it) that touch and have one sign. Of findings of several cell sizes that
+///           overlap, the most certain is kept. On a part that is as expected one scan in a
+///           hundred has a finding by chance.
+/// Expected  Findings are of what is given: deviations from the design contain what was known
+/// before
+///           (scallops, creases that the ball does not reach), and these are found too. Deviations
+///           from the expected surface (expected_surface.hpp) contain only what was not.
 /// Size      Heights are steps against the surroundings, so what the registration absorbed of
 ///           the whole does not enter them.
 
@@ -28,7 +39,7 @@
 
 #include "core/grid.hpp"
 #include "core/vec.hpp"
-#include "scan/register.hpp"
+#include "scan/joint_pose.hpp"
 
 namespace maquette::scan {
 
@@ -62,11 +73,12 @@ struct Significance {
 
 /// @param points_mm     in the model frame
 /// @param deviation_mm  per point; NaN: off the part
-/// @param registration  whose covariance counts; null: the pose is known
+/// @param scans         poses whose covariances count, in the order of the points, as many as
+///                      all of them together; none: the poses are known
 /// @param finest_mm     side of the smallest cells; 0: some 6 points in each
 /// Five sizes of cells, as long as there are at least 8 a side.
 [[nodiscard]] Significance significance(std::span<const Vec3> points_mm,
                                         std::span<const float> deviation_mm,
-                                        const Registration* registration, double finest_mm = 0.0);
+                                        std::span<const ScanPose> scans, double finest_mm = 0.0);
 
 }  // namespace maquette::scan

@@ -143,25 +143,31 @@ Result<void> write_deviation_page(const scan::Deviation& deviation,
                                   const fs::path& map_png, const fs::path& significant_png,
                                   const fs::path& out) {
   const json s = json::parse(summary_json);
-  std::string html = figures(s, {{"points", "points on the part"},
-                                 {"off_part", "points off the part"},
-                                 {"coverage", "share of nodes measured"},
-                                 {"mean_mm", "mean, mm"},
-                                 {"rms_mm", "RMS, mm"},
-                                 {"sigma_mm", "standard deviation, mm"},
-                                 {"median_mm", "median, mm"},
-                                 {"nmad_mm", "NMAD, mm"},
-                                 {"p05_mm", "5th percentile, mm"},
-                                 {"p95_mm", "95th percentile, mm"},
-                                 {"min_mm", "lowest, mm"},
-                                 {"max_mm", "highest, mm"}});
+  std::string html = figures(s, {kDeviationFigures.begin(), kDeviationFigures.end()});
   html += "<h2>Deviation</h2>\n" +
           picture(map_png, "measured minus design along the normal; grey: not measured", 520) +
           picture(significant_png,
-                  "the same where it is more than noise (1 % false discoveries); white: not "
-                  "significant",
+                  s.contains("expected")
+                      ? "measured minus expected, where it is more than noise (1 % false "
+                        "discoveries); white: not significant"
+                      : "the same where it is more than noise (1 % false discoveries); white: not "
+                        "significant",
                   520) +
           signed_legend_svg(limit_mm, "mm");
+  if (s.contains("expected"))
+    html +=
+        "<h2>Beside what was expected</h2>\n<p>The design with what the program leaves on it and "
+        "the coat that was declared. Poses were found on this surface, and what is significant is "
+        "a deviation from it.</p>\n" +
+        figures(s["expected"], {{"as_milled", "simulated cut"},
+                                {"coating_mm", "coat, mm"},
+                                {"known_mean_mm", "expected deviation from the design, mean, mm"},
+                                {"known_max_mm", "highest, mm"},
+                                {"mean_mm", "measured minus expected, mean, mm"},
+                                {"rms_mm", "RMS, mm"},
+                                {"nmad_mm", "NMAD, mm"},
+                                {"p05_mm", "5th percentile, mm"},
+                                {"p95_mm", "95th percentile, mm"}});
   html += view(deviation, design, limit_mm);
   html += "<h2>What is significant</h2>\n";
   html +=

@@ -5,14 +5,31 @@
 /// The page that workshop and customer read: what was made, where it differs, by how much, how
 /// sure. One file, no network; the part can be turned with the deviation on it (WebGL).
 
+#include <array>
 #include <filesystem>
 #include <string>
+#include <utility>
 
 #include "core/result.hpp"
 #include "heightmap/height_field.hpp"
 #include "scan/deviate.hpp"
 
 namespace maquette::tools {
+
+/// The figures that a person asks for first: key in summary.json, words for it.
+inline constexpr std::array<std::pair<const char*, const char*>, 12> kDeviationFigures{
+    {{"points", "points on the part"},
+     {"off_part", "points off the part"},
+     {"coverage", "share of nodes measured"},
+     {"mean_mm", "mean, mm"},
+     {"rms_mm", "RMS, mm"},
+     {"sigma_mm", "standard deviation, mm"},
+     {"median_mm", "median, mm"},
+     {"nmad_mm", "NMAD, mm"},
+     {"p05_mm", "5th percentile, mm"},
+     {"p95_mm", "95th percentile, mm"},
+     {"min_mm", "lowest, mm"},
+     {"max_mm", "highest, mm"}}};
 
 /// @param summary_json  what deviate_job writes to summary.json
 /// @param limit_mm      deviation of full colour

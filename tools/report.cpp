@@ -8,6 +8,7 @@
 
 #include "core/files.hpp"
 #include "core/markup.hpp"
+#include "tools/deviation_page.hpp"
 #include "tools/path_view.hpp"
 #include "tools/pictures.hpp"
 #include "tools/version.hpp"
@@ -58,27 +59,12 @@ std::string number(const json& v) {
 
 /// The figures that a person asks for first, in this order, when present.
 std::string figure_table(const json& figures,
-                         std::initializer_list<std::pair<const char*, const char*>> rows) {
+                         const std::vector<std::pair<const char*, const char*>>& rows) {
   std::string html = "<table>";
   for (const auto& [key, label] : rows)
     if (figures.contains(key))
       html += fmt::format("<tr><td>{}</td><td class='n'>{}</td></tr>", label, number(figures[key]));
   return html + "</table>\n";
-}
-
-std::string deviation_rows(const json& s) {
-  return figure_table(s, {{"points", "points on the part"},
-                          {"off_part", "points off the part"},
-                          {"coverage", "share of nodes measured"},
-                          {"mean_mm", "mean, mm"},
-                          {"rms_mm", "RMS, mm"},
-                          {"sigma_mm", "standard deviation, mm"},
-                          {"median_mm", "median, mm"},
-                          {"nmad_mm", "NMAD, mm"},
-                          {"p05_mm", "5th percentile, mm"},
-                          {"p95_mm", "95th percentile, mm"},
-                          {"min_mm", "lowest, mm"},
-                          {"max_mm", "highest, mm"}});
 }
 
 /// Machining time as the verified programs of one scale take it; nothing where there is none.
@@ -136,7 +122,8 @@ std::string paths(const fs::path& folder, const fs::path& page_folder, const std
 }
 
 constexpr const char* kRegistrationRemark =
-    "<p>Each scan was brought onto the design by best fit before this comparison. A best fit "
+    "<p>Each scan was brought onto what the programs leave by best fit before this comparison. A "
+    "best fit "
     "absorbs what looks like a shift or a tilt of the whole part, an even coat of paint for "
     "example: such a deviation does not appear here.</p>\n";
 
@@ -232,7 +219,9 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
         picture(here / "excess.png", "material left (red) and gouged (blue) after milling", 400);
 
     const json deviation = figures_of(name + ".deviate");
-    html += "<h3>Scan against design</h3>\n" + deviation_rows(deviation) + kRegistrationRemark +
+    html += "<h3>Scan against design</h3>\n" +
+            figure_table(deviation, {kDeviationFigures.begin(), kDeviationFigures.end()}) +
+            kRegistrationRemark +
             picture(here / "deviation.png",
                     "measured minus design along the normal; grey: not measured", 500);
     if (deviation.contains("histogram")) {

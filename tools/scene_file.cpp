@@ -55,11 +55,14 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   t.add(
       {"ground", &c.ground, "the design without stones; with `stones`, their poses are measured"});
   t.add({"stones", &c.stones, "plan of the stones"});
+  t.add({"as_milled", &c.as_milled,
+         "simulated cut of the ground: what it leaves on the design is expected, not found"});
   t.add({"tool.ball_diameter_mm", &c.ball_diameter_mm, "", 0.01, 1000});
   t.add({"coating.thickness_mm", &c.coating_thickness_mm, "as declared", 0, 100});
   t.add({"coating.roughness_sigma_mm", &c.coating_roughness_sigma_mm, "", 0, 10});
   t.add({"coating.roughness_correlation_mm", &c.coating_roughness_correlation_mm, "", 0, 1000});
   t.add({"deviation.reach_mm", &c.reach_mm, "farther points are off the part", 0.01, 1000});
+  t.add({"deviation.scale", &c.scale, "the scans' scale is unknown and estimated"});
   t.add({"deviation.regions", &c.regions, "GeoJSON polygons in mm, with name, lower_mm, upper_mm"});
   t.add({"deviation.band_width_mm", &c.band_width_mm, "statistics per strip along x; 0: none", 0,
          1e5});

@@ -74,12 +74,14 @@ struct Case {
   std::vector<std::filesystem::path> gcode;  ///< programs of bands in the order of milling
   std::filesystem::path datum_file;          ///< more [[datum]], as `maquette spheres` writes them
   std::filesystem::path ground, stones;      ///< design without its stones, and their plan
+  std::filesystem::path as_milled;           ///< simulated cut of the ground
   std::filesystem::path regions;             ///< GeoJSON
   double band_width_mm = 0.0;                ///< 0: no table of bands
   double ball_diameter_mm = 6.0;
   double coating_thickness_mm = 0.0, coating_roughness_sigma_mm = 0.04,
          coating_roughness_correlation_mm = 0.25;
   double reach_mm = 5.0;
+  bool scale = false;  ///< is the scans' scale unknown?
   std::deque<CaseScan> scans;
   std::deque<CaseDatum> datums;
   std::deque<CaseProbe> probes;

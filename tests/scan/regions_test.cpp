@@ -6,6 +6,7 @@
 
 #include "scan/regions.hpp"
 
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -79,7 +80,7 @@ TEST(Regions, VerdictsWithAGuardBand) {
     // 0.05 mm of noise; 0.3 mm too high in the right fifth.
     d.push_back(static_cast<float>(0.05 * random_normal(2, i) + (points[i].x > 160.0 ? 0.3 : 0.0)));
   }
-  const Significance s = significance(points, d, nullptr, 4.0);
+  const Significance s = significance(points, d, {}, 4.0);
   const auto region = [](double x0, double x1, double lower, double upper) {
     Region r;
     r.name = "r";
@@ -149,7 +150,7 @@ TEST(Budget, AddsUp) {
   }
   Registration pose;
   pose.covariance[14] = 4e-6;  // z: 0.002 mm
-  const Significance s = significance(points, d, &pose, 4.0);
+  const Significance s = significance(points, d, std::array{ScanPose{pose, points.size()}}, 4.0);
   const Budget b = budget_of(s.maps[0], &pose, part);
   ASSERT_EQ(b.contributions.size(), 4U);
   EXPECT_NEAR(b.contributions[0].u_mm, 0.05 / std::sqrt(96.0), 0.0005);

@@ -261,7 +261,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   }
   stages.push_back(std::move(scan_stage));
 
-  std::vector<fs::path> deviate_inputs{surface};
+  std::vector<fs::path> deviate_inputs{surface, as_milled};
   deviate_inputs.insert(deviate_inputs.end(), scans.begin(), scans.end());
   stages.push_back(single("deviate", deviate_inputs, {"deviation.", "scanner.", "cutter."},
                           [=, &site](const RunContext& run) -> Result<JobResult> {

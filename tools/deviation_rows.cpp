@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tools/deviation_rows.hpp"
+
+#include <numbers>
+
+#include <nlohmann/json.hpp>
+
+namespace maquette::tools {
+using nlohmann::json;
+
+json registration_row(const scan::Registration& r, const std::string& name) {
+  return {{"points", name},
+          {"iterations", r.iterations},
+          {"rms_before_mm", r.rms_before_mm},
+          {"rms_after_mm", r.rms_after_mm},
+          {"noise_mm", r.noise_mm},
+          {"overlap", r.overlap},
+          {"likeness", r.likeness},
+          {"found_anywhere", r.found_anywhere},
+          {"effective_points", r.effective_points},
+          {"scale", r.scale},
+          {"sigma_scale", r.sigma_scale},
+          {"sigma_translation_mm", r.sigma_translation_mm},
+          {"sigma_rotation_rad", r.sigma_rotation_rad},
+          {"free_directions", r.free_directions}};
+}
+
+json datum_row(const scan::DatumRegistration& on, const scan::Absorbed& a,
+               const std::string& name) {
+  json fits = json::array();
+  for (const scan::DatumFit& f : on.datums)
+    fits.push_back(
+        {{"name", f.name}, {"points", f.points}, {"mean_mm", f.mean_mm}, {"noise_mm", f.noise_mm}});
+  return {{"points", name},
+          {"absorbed_mean_mm", a.mean_mm},
+          {"absorbed_sigma_mm", a.sigma_mm},
+          {"absorbed_rms_mm", a.rms_mm},
+          {"absorbed_min_mm", a.min_mm},
+          {"absorbed_max_mm", a.max_mm},
+          {"sigma_translation_mm", on.registration.sigma_translation_mm},
+          {"sigma_rotation_rad", on.registration.sigma_rotation_rad},
+          {"free_directions", on.registration.free_directions},
+          {"fits", fits}};
+}
+
+json findings_json(const scan::Significance& s) {
+  json rows = json::array();
+  for (const scan::Finding& f : s.findings) {
+    if (rows.size() == 500) break;
+    rows.push_back({{"x_mm", f.centre_mm.x},
+                    {"y_mm", f.centre_mm.y},
+                    {"height_mm", f.height_mm},
+                    {"sigma_height_mm", f.sigma_height_mm},
+                    {"diameter_mm", f.diameter_mm},
+                    {"sigma_diameter_mm", f.sigma_diameter_mm},
+                    {"length_mm", f.length_mm},
+                    {"width_mm", f.width_mm},
+                    {"area_mm2", f.area_mm2},
+                    {"volume_mm3", f.volume_mm3},
+                    {"sigma_volume_mm3", f.sigma_volume_mm3},
+                    {"certainty", f.certainty},
+                    {"cell_mm", f.cell_mm}});
+  }
+  return rows;
+}
+
+json stones_json(const std::vector<scan::StoneFinding>& stones) {
+  json rows = json::array();
+  constexpr double kDegrees = 180.0 / std::numbers::pi;
+  for (const scan::StoneFinding& f : stones) {
+    json row = {{"number", f.number},
+                {"state", scan::name_of(f.state)},
+                {"points", f.points},
+                {"height_share", f.height_share}};
+    if (f.state == scan::StoneState::swapped) row["carries"] = f.carries;
+    if (f.state == scan::StoneState::as_planned || f.state == scan::StoneState::moved) {
+      row["shift_mm"] = {f.shift_mm.x, f.shift_mm.y, f.shift_mm.z};
+      row["sigma_shift_mm"] = {f.sigma_shift_mm.x, f.sigma_shift_mm.y, f.sigma_shift_mm.z};
+      row["turn_deg"] = kDegrees * f.turn_rad;
+      row["sigma_turn_deg"] = kDegrees * f.sigma_turn_rad;
+      row["tilt_deg"] = kDegrees * f.tilt_rad;
+    }
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+json regions_json(const std::vector<scan::RegionResult>& regions) {
+  json rows = json::array();
+  for (const scan::RegionResult& r : regions)
+    rows.push_back({{"name", r.name},
+                    {"points", r.statistics.points},
+                    {"mean_mm", r.statistics.mean_mm},
+                    {"sigma_mean_mm", r.sigma_mean_mm},
+                    {"rms_mm", r.statistics.rms_mm},
+                    {"median_mm", r.statistics.median_mm},
+                    {"nmad_mm", r.statistics.nmad_mm},
+                    {"p05_mm", r.statistics.p05_mm},
+                    {"p95_mm", r.statistics.p95_mm},
+                    {"within", r.within},
+                    {"verdict", scan::name_of(r.verdict)},
+                    {"worst_mm", r.worst_mm},
+                    {"worst_at_mm", {r.worst_at_mm.x, r.worst_at_mm.y}}});
+  return rows;
+}
+
+json dependence_json(const scan::Dependence& d) {
+  json bins = json::array();
+  for (std::size_t k = 0; k < d.points.size(); ++k)
+    bins.push_back({{"from", d.from[k]},
+                    {"to", d.to[k]},
+                    {"mean_mm", d.mean_mm[k]},
+                    {"nmad_mm", d.nmad_mm[k]},
+                    {"points", d.points[k]}});
+  return {{"on", d.on}, {"bins", bins}};
+}
+
+json budget_json(const scan::Budget& budget) {
+  json rows = json::array();
+  for (const scan::Contribution& c : budget.contributions)
+    rows.push_back({{"source", c.source}, {"u_mm", c.u_mm}, {"evaluation", c.evaluation}});
+  return {{"contributions", rows},
+          {"combined_mm", budget.combined_mm},
+          {"expanded_mm", budget.expanded_mm}};
+}
+
+json texture_json(const scan::Texture& t) {
+  return {{"sa_mm", t.sa_mm}, {"sq_mm", t.sq_mm}, {"sz_mm", t.sz_mm},    {"ssk", t.ssk},
+          {"sku", t.sku},     {"sdr", t.sdr},     {"form_mm", t.form_mm}};
+}
+
+}  // namespace maquette::tools

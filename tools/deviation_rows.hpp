@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file deviation_rows.hpp
+/// What a comparison found, as rows of summary.json: the one place where its keys are named.
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "scan/datums.hpp"
+#include "scan/find_stones.hpp"
+#include "scan/regions.hpp"
+#include "scan/significance.hpp"
+
+namespace maquette::tools {
+
+[[nodiscard]] nlohmann::json registration_row(const scan::Registration& r, const std::string& name);
+[[nodiscard]] nlohmann::json datum_row(const scan::DatumRegistration& on, const scan::Absorbed& a,
+                                       const std::string& name);
+[[nodiscard]] nlohmann::json findings_json(const scan::Significance& s);
+[[nodiscard]] nlohmann::json stones_json(const std::vector<scan::StoneFinding>& stones);
+[[nodiscard]] nlohmann::json regions_json(const std::vector<scan::RegionResult>& regions);
+[[nodiscard]] nlohmann::json dependence_json(const scan::Dependence& d);
+[[nodiscard]] nlohmann::json budget_json(const scan::Budget& budget);
+[[nodiscard]] nlohmann::json texture_json(const scan::Texture& texture);
+
+}  // namespace maquette::tools

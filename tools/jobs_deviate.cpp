@@ -1,0 +1,284 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// Scans against the design: poses, deviations, what of them is more than noise, and the report.
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "camera/image_io.hpp"
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/stones.hpp"
+#include "scan/deviate.hpp"
+#include "scan/expected_surface.hpp"
+#include "scan/statistics.hpp"
+#include "tools/deviation_page.hpp"
+#include "tools/deviation_rows.hpp"
+#include "tools/jobs.hpp"
+#include "tools/pictures.hpp"
+#include "tools/scene_file.hpp"
+
+namespace maquette::tools {
+using heightmap::ModelField;
+using nlohmann::json;
+namespace {
+
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+std::vector<scan::Datum> datums_of(const Case& input) {
+  std::vector<scan::Datum> datums;
+  for (const CaseDatum& d : input.datums) {
+    const auto kind = d.kind == "pad"      ? scan::Datum::Kind::pad
+                      : d.kind == "sphere" ? scan::Datum::Kind::sphere
+                                           : scan::Datum::Kind::dowel;
+    datums.push_back({kind,
+                      d.name.empty() ? fmt::format("{} {}", d.kind, datums.size() + 1) : d.name,
+                      d.at_mm, d.radius_mm, d.half_x_mm, d.half_y_mm, d.axis, d.length_mm});
+  }
+  return datums;
+}
+
+/// What the part should be: as designed, and as it must come out when nothing goes wrong.
+struct Nominal {
+  ModelField design;                   ///< with stones
+  std::optional<ModelField> ground;    ///< without
+  std::optional<ModelField> expected;  ///< with what the program leaves and the coat
+  [[nodiscard]] const ModelField& to_meet() const { return expected ? *expected : design; }
+};
+
+Result<Nominal> read_nominal(const Case& input) {
+  Nominal n;
+  MAQUETTE_TRY(n.design, heightmap::read_model_field(input.design));
+  if (!input.ground.empty()) {
+    MAQUETTE_TRY(n.ground, heightmap::read_model_field(input.ground));
+    if (n.ground->z_mm.rows() != n.design.z_mm.rows() ||
+        n.ground->z_mm.cols() != n.design.z_mm.cols())
+      return fail(kConfigInvalid,
+                  fmt::format("{}: ground must have the nodes of the design, {} x {}",
+                              input.ground.string(), n.design.z_mm.cols(), n.design.z_mm.rows()));
+  }
+  if (input.as_milled.empty() && input.coating_thickness_mm == 0.0) return n;
+  std::optional<ModelField> as_milled;
+  if (!input.as_milled.empty()) {
+    MAQUETTE_TRY(as_milled, heightmap::read_model_field(input.as_milled));
+  }
+  n.expected = scan::expected_surface(n.design, n.ground ? *n.ground : n.design,
+                                      as_milled ? &*as_milled : nullptr,
+                                      Millimetres{input.coating_thickness_mm});
+  return n;
+}
+
+/// All scans in the model frame, and what is known of each point beside its place.
+struct Measured {
+  scan::Cloud cloud;
+  std::vector<float> range_mm, incidence_deg, slope_deg;
+  std::vector<scan::ScanPose> scans;
+  json registrations = json::array(), datums = json::array();
+};
+
+void add_angles(Measured& all, Vec3 p, const ModelField& design, std::optional<Vec3> station) {
+  const double s = design.spacing.value();
+  const double h = heightmap::height_at(design, p.x, p.y);
+  const double rise_x = heightmap::height_at(design, p.x + s, p.y) - h;
+  const double rise_y = heightmap::height_at(design, p.x, p.y + s) - h;
+  const Vec3 normal = normalized(Vec3{-rise_x / s, -rise_y / s, 1.0});
+  all.slope_deg.push_back(static_cast<float>(kDegrees * std::acos(normal.z)));
+  if (!station) {
+    all.range_mm.push_back(NAN);
+    all.incidence_deg.push_back(NAN);
+    return;
+  }
+  const Vec3 look = *station - p;
+  const double range = norm(look);
+  all.range_mm.push_back(static_cast<float>(range));
+  all.incidence_deg.push_back(
+      static_cast<float>(kDegrees * std::acos(std::clamp(dot(look, normal) / range, -1.0, 1.0))));
+}
+
+Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
+                      const Nominal& nominal, const RunContext& run) {
+  const std::string name = entry.points.filename().string();
+  const auto within = [&](Error error) {
+    return tl::unexpected(std::move(error).within(entry.points.string()));
+  };
+  MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points));
+  if (!std::isnan(entry.scanner_position_mm.x)) cloud.station_mm = entry.scanner_position_mm;
+  scan::RegisterOptions options;
+  options.scale = input.scale;
+  auto best = scan::register_scan(cloud, nominal.to_meet(), options, run);
+  if (!best) return within(std::move(best.error()));
+  all.registrations.push_back(registration_row(*best, name));
+  if (input.scale) {
+    for (Vec3& p : cloud.points_mm) p = best->scale * p;
+    if (cloud.station_mm) *cloud.station_mm = best->scale * *cloud.station_mm;
+  }
+  scan::Registration used = *best;
+  if (!input.datums.empty()) {
+    auto on = scan::register_datums(cloud, nominal.design, datums_of(input), best->model_from_scan,
+                                    2.0, run);
+    if (!on) return within(std::move(on.error()));
+    all.datums.push_back(
+        datum_row(*on, scan::absorbed_by(*best, on->registration, nominal.design), name));
+    used = on->registration;
+  }
+  std::optional<Vec3> station;
+  if (cloud.station_mm) station = used.model_from_scan.point(*cloud.station_mm);
+  for (const Vec3& q : cloud.points_mm) {
+    const Vec3 p = used.model_from_scan.point(q);
+    all.cloud.points_mm.push_back(p);
+    add_angles(all, p, nominal.design, station);
+  }
+  const std::size_t before = all.cloud.intensity.size();
+  all.cloud.intensity.resize(all.cloud.points_mm.size(), NAN);
+  if (cloud.intensity.size() == cloud.points_mm.size())
+    std::copy(cloud.intensity.begin(), cloud.intensity.end(),
+              all.cloud.intensity.begin() + static_cast<std::ptrdiff_t>(before));
+  all.scans.push_back({used, cloud.points_mm.size()});
+  return {};
+}
+
+/// The deviation where its cell is significant, zero where it is not, on the design's nodes.
+Grid<float> significant_map(const scan::Significance& s, const ModelField& design) {
+  Grid<float> map(design.z_mm.rows(), design.z_mm.cols(), NAN);
+  if (s.maps.empty()) return map;
+  for (std::ptrdiff_t r = 0; r < map.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < map.cols(); ++c)
+      for (const scan::CellMap& m : s.maps) {
+        const auto i = static_cast<std::ptrdiff_t>((design.y_mm(r) - m.y0_mm) / m.cell_mm);
+        const auto j = static_cast<std::ptrdiff_t>((design.x_mm(c) - m.x0_mm) / m.cell_mm);
+        if (!m.mean_mm.contains(i, j) || std::isnan(m.mean_mm(i, j))) continue;
+        if (std::isnan(map(r, c))) map(r, c) = 0.0F;
+        if (m.significant(i, j) == 0) continue;
+        map(r, c) = m.mean_mm(i, j);
+        break;
+      }
+  return map;
+}
+
+/// Figures of the deviation from what the part must come out as, and of what that is.
+json expected_json(const scan::DeviationStatistics& s, const Nominal& nominal, const Case& input) {
+  Grid<float> known(nominal.design.z_mm.rows(), nominal.design.z_mm.cols());
+  for (std::ptrdiff_t r = 0; r < known.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < known.cols(); ++c)
+      known(r, c) = nominal.expected->z_mm(r, c) - nominal.design.z_mm(r, c);
+  const scan::DeviationStatistics k = scan::summarize(known.cells());
+  return {{"as_milled", input.as_milled.filename().string()},
+          {"coating_mm", input.coating_thickness_mm},
+          {"known_mean_mm", k.mean_mm},
+          {"known_max_mm", k.max_mm},
+          {"mean_mm", s.mean_mm},
+          {"rms_mm", s.rms_mm},
+          {"sigma_mm", s.sigma_mm},
+          {"nmad_mm", s.nmad_mm},
+          {"p05_mm", s.p05_mm},
+          {"p95_mm", s.p95_mm}};
+}
+
+}  // namespace
+
+Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
+                              const RunContext& run) {
+  MAQUETTE_TRY(const auto input, read_case(case_path));
+  if (input->scans.empty())
+    return fail(
+        kConfigInvalid,
+        fmt::format("{}: deviate compares scans; add a [[scan]] table with points = \"FILE\"",
+                    case_path.string()));
+  MAQUETTE_TRY(const Nominal nominal, read_nominal(*input));
+  const ModelField& design = nominal.design;
+  std::vector<scan::Region> regions;
+  if (!input->regions.empty()) {
+    MAQUETTE_TRY(regions, scan::read_regions(input->regions));
+  }
+  if (input->band_width_mm > 0.0)
+    for (scan::Region& band : scan::band_regions(design, input->band_width_mm))
+      regions.push_back(std::move(band));
+  Measured all;
+  for (const CaseScan& entry : input->scans)
+    MAQUETTE_TRY_VOID(add_scan(all, entry, *input, nominal, run));
+  const scan::Registration joint = scan::joint_pose(all.scans);
+  const RigidTransform in_model;  // every cloud has been brought there above
+  const Millimetres reach{input->reach_mm};
+  MAQUETTE_TRY(const auto deviation, scan::deviate(all.cloud, in_model, design, reach, run));
+  const auto& points = all.cloud.points_mm;
+  const auto& d = deviation.per_point_mm;
+  // Regions are judged by the design, as a customer draws them; findings are what nobody expected.
+  const scan::Significance by_design = scan::significance(points, d, all.scans);
+  std::optional<scan::Significance> by_expected;
+  json expected;
+  if (nominal.expected) {
+    MAQUETTE_TRY(const auto from_expected,
+                 scan::deviate(all.cloud, in_model, *nominal.expected, reach, run));
+    by_expected = scan::significance(points, from_expected.per_point_mm, all.scans);
+    expected = expected_json(from_expected.statistics, nominal, *input);
+  }
+  const scan::Significance& significance = by_expected ? *by_expected : by_design;
+  std::vector<scan::StoneFinding> stones;
+  if (!input->stones.empty() && nominal.ground) {
+    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(input->stones));
+    stones = scan::find_stones(points, *nominal.ground, plan, deviation.statistics.nmad_mm, &joint);
+  }
+
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  JobResult result;
+  const fs::path significant_png = folder / "significant.png";
+  result.outputs = {folder / "summary.json",  folder / "deviation.tif", folder / "deviation.ply",
+                    folder / "deviation.png", folder / "report.html",   significant_png};
+  json summary = json::parse(scan::to_json(deviation.statistics, &all.scans.front().registration));
+  if (!expected.is_null()) summary["expected"] = expected;
+  summary["registrations"] = all.registrations;
+  summary["datums"] = all.datums;
+  summary["findings"] = findings_json(significance);
+  summary["stones"] = stones_json(stones);
+  summary["regions"] = regions_json(scan::judge_regions(points, d, regions, by_design, &joint));
+  summary["budget"] = budget_json({});
+  if (!significance.maps.empty()) {
+    const scan::CellMap& cells = significance.maps.front();
+    summary["budget"] = budget_json(scan::budget_of(cells, &joint, design));
+    summary["cell_mm"] = cells.cell_mm;
+    summary["correlation_inflation"] = cells.inflation;
+    summary["significant_share"] = cells.significant_share;
+  }
+  summary["texture"] = texture_json(scan::texture_of(deviation.map_mm, design.spacing.value()));
+  summary["dependences"] = json::array();
+  for (const auto& [name, values] : {std::pair{"slope of the design, degrees", &all.slope_deg},
+                                     {"angle of incidence, degrees", &all.incidence_deg},
+                                     {"range, mm", &all.range_mm},
+                                     {"intensity", &all.cloud.intensity}})
+    if (const scan::Dependence on = scan::depend_on(name, *values, d); !on.points.empty())
+      summary["dependences"].push_back(dependence_json(on));
+  MAQUETTE_TRY_VOID(write_file(result.outputs[0], summary.dump(1)));
+  MAQUETTE_TRY_VOID(heightmap::write_model_grid(deviation.map_mm, design, "mm", result.outputs[1]));
+  all.cloud.intensity.clear();
+  MAQUETTE_TRY_VOID(scan::write_deviation_ply(all.cloud, in_model, deviation, result.outputs[2]));
+  const double limit = colour_limit(deviation.map_mm, 0.05);
+  MAQUETTE_TRY_VOID(camera::write_png(signed_picture(deviation.map_mm, limit), result.outputs[3]));
+  MAQUETTE_TRY_VOID(camera::write_png(signed_picture(significant_map(significance, design), limit),
+                                      significant_png));
+  MAQUETTE_TRY_VOID(write_deviation_page(deviation, design, summary.dump(), limit,
+                                         result.outputs[3], significant_png, result.outputs[4]));
+  // The histogram belongs to the figures: the run's own report draws it again.
+  summary["histogram"] = deviation.histogram;
+  summary["histogram_limit_mm"] = deviation.histogram_limit_mm;
+  summary["colour_limit_mm"] = limit;
+  result.figures_json = summary.dump();
+  const auto& s = deviation.statistics;
+  const auto off = std::count_if(stones.begin(), stones.end(), [](const scan::StoneFinding& f) {
+    return f.state != scan::StoneState::as_planned && f.state != scan::StoneState::present &&
+           f.state != scan::StoneState::unseen;
+  });
+  result.note =
+      fmt::format("mean {:+.3f} mm, rms {:.3f} mm over {} points; {} significant patches{}",
+                  s.mean_mm, s.rms_mm, s.points, significance.findings.size(),
+                  stones.empty() ? "" : fmt::format(", {} stones not as planned", off));
+  return result;
+}
+
+}  // namespace maquette::tools

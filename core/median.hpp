@@ -21,8 +21,8 @@ inline double median(std::vector<double> values, double if_none = NAN) {
 }
 
 /// Normalised median absolute deviation about the median: the standard deviation of normal noise,
-/// with up to half of the values spoilt (Hoehle & Hoehle 2009, doi:10.1016/j.isprsjprs.2009.02.003).
-/// NaN where there are no values.
+/// with up to half of the values spoilt (Hoehle & Hoehle 2009,
+/// doi:10.1016/j.isprsjprs.2009.02.003). NaN where there are no values.
 inline double nmad(std::vector<double> values) {
   const double middle = median(values);
   for (double& v : values) v = std::abs(v - middle);

@@ -61,22 +61,20 @@ struct NodeSums {
   }
 };
 
-}  // namespace
-
-Result<Deviation> deviate(const Cloud& cloud, const RigidTransform& model_from_scan,
-                          const ModelField& design, Millimetres reach, const RunContext& run) {
-  MAQUETTE_CHECK(design.z_mm.rows() >= 2 && design.z_mm.cols() >= 2, "design of {} x {} nodes",
-                 design.z_mm.rows(), design.z_mm.cols());
+/// Distances of all points, in chunks.
+/// @param each  makes for a chunk what takes a point of the model frame and its index and gives
+///              its distance, or NaN; it may remember its last point
+template <class Each>
+Result<void> measure(Deviation& d, const Cloud& cloud, const RigidTransform& model_from_scan,
+                     Millimetres reach, const RunContext& run, const Each& each) {
   const std::size_t n = cloud.points_mm.size();
   if (n == 0) return fail(kCloudEmpty, "the cloud has no points to compare with the design");
   if (!(reach.value() > 0.0 && reach.value() <= kLargestReachMm))
     return fail(kReach, fmt::format("reach must be above 0 and at most {} mm, got {} mm",
                                     kLargestReachMm, reach.value()));
-  if (const auto unit = check_unit(cloud, design); !unit) run.warn(unit.error().message);
-
-  Deviation d;
   d.per_point_mm.assign(n, NAN);
-  NodeSums nodes(design);
+  // Neighbours look at the same triangles: a cloud in no order would wait for memory.
+  const std::vector<std::uint32_t> order = near_each_other(cloud.points_mm);
   const std::size_t chunks = (n + kChunk - 1) / kChunk;
   std::atomic<std::size_t> done{0};
   std::atomic<bool> stopped{false};
@@ -86,14 +84,12 @@ Result<Deviation> deviate(const Cloud& cloud, const RigidTransform& model_from_s
       stopped = true;
       return;
     }
+    auto distance_of = each();
     const std::size_t end = std::min(n, (chunk + 1) * kChunk);
-    for (std::size_t i = chunk * kChunk; i < end; ++i) {
-      const Vec3 p = model_from_scan.point(cloud.points_mm[i]);
-      const double distance = signed_distance_mm(design, p, reach.value());
-      if (std::isnan(distance)) continue;
-      d.per_point_mm[i] = static_cast<float>(distance);
-      const double s = design.spacing.value();
-      nodes.add((p.x - design.x0.value()) / s, (p.y - design.y0.value()) / s, distance);
+    for (std::size_t k = chunk * kChunk; k < end; ++k) {
+      const std::size_t i = order[k];
+      if (const double e = distance_of(model_from_scan.point(cloud.points_mm[i])); !std::isnan(e))
+        d.per_point_mm[i] = static_cast<float>(e);
     }
     if (const std::size_t k = ++done; k % 64 == 0)
       run.progress(0.9 * static_cast<double>(k) / static_cast<double>(chunks));
@@ -109,26 +105,95 @@ Result<Deviation> deviate(const Cloud& cloud, const RigidTransform& model_from_s
                             n, reach.value()));
   d.histogram_limit_mm = round_up_125(std::fmax(absolute_quantile(ascending, 0.0, 0.995), 1e-6));
   d.histogram = histogram_101(ascending, d.histogram_limit_mm);
+  return {};
+}
 
-  d.map_mm = Grid<float>(nodes.rows, nodes.cols, NAN);
-  std::vector<std::uint64_t> covered(static_cast<std::size_t>(nodes.rows), 0), present = covered;
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, nodes.rows, [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < nodes.cols; ++c) {
-      const auto i = static_cast<std::size_t>(r * nodes.cols + c);
-      if (nodes.count[i] > 0)
-        d.map_mm(r, c) = static_cast<float>(static_cast<double>(nodes.sum[i]) /
-                                            (kUnitsPerMm * static_cast<double>(nodes.count[i])));
-      if (std::isnan(design.z_mm(r, c))) continue;
-      ++present[static_cast<std::size_t>(r)];
-      covered[static_cast<std::size_t>(r)] += nodes.covered[i];
-    }
-  });
-  std::uint64_t covered_nodes = 0, present_nodes = 0;
-  for (std::size_t r = 0; r < covered.size(); ++r) {
-    covered_nodes += covered[r];
-    present_nodes += present[r];
+float mean_of(std::int64_t sum, std::uint32_t count) {
+  return count == 0 ? NAN
+                    : static_cast<float>(static_cast<double>(sum) /
+                                         (kUnitsPerMm * static_cast<double>(count)));
+}
+
+Grid<float> map_of(const NodeSums& nodes) {
+  Grid<float> map(nodes.rows, nodes.cols);
+  for (std::size_t i = 0; i < nodes.sum.size(); ++i)
+    map(static_cast<std::ptrdiff_t>(i) / nodes.cols, static_cast<std::ptrdiff_t>(i) % nodes.cols) =
+        mean_of(nodes.sum[i], nodes.count[i]);
+  return map;
+}
+
+}  // namespace
+
+Result<Deviation> deviate(const Cloud& cloud, const RigidTransform& model_from_scan,
+                          const ModelField& design, Millimetres reach, const RunContext& run) {
+  MAQUETTE_CHECK(design.z_mm.rows() >= 2 && design.z_mm.cols() >= 2, "design of {} x {} nodes",
+                 design.z_mm.rows(), design.z_mm.cols());
+  if (!cloud.points_mm.empty())
+    if (const auto unit = check_unit(cloud, design); !unit) run.warn(unit.error().message);
+  Deviation d;
+  NodeSums nodes(design);
+  const double s = design.spacing.value();
+  MAQUETTE_TRY_VOID(measure(d, cloud, model_from_scan, reach, run, [&] {
+    return [&](Vec3 p) {
+      const double distance = signed_distance_mm(design, p, reach.value());
+      if (!std::isnan(distance))
+        nodes.add((p.x - design.x0.value()) / s, (p.y - design.y0.value()) / s, distance);
+      return distance;
+    };
+  }));
+  d.map_mm = map_of(nodes);
+  std::uint64_t covered = 0, present = 0;
+  for (std::size_t i = 0; i < nodes.covered.size(); ++i) {
+    if (std::isnan(design.z_mm.cells()[i])) continue;
+    ++present;
+    covered += nodes.covered[i];
   }
-  d.statistics.coverage = static_cast<double>(covered_nodes) / static_cast<double>(present_nodes);
+  d.statistics.coverage = static_cast<double>(covered) / static_cast<double>(present);
+  run.progress(1.0);
+  return d;
+}
+
+Result<MeshDeviation> deviate(const Cloud& cloud, const RigidTransform& model_from_scan,
+                              const MeshDistance& mesh, const ModelField& top, Millimetres reach,
+                              const RunContext& run) {
+  const auto& v = mesh.mesh().vertices_mm;
+  const auto& triangles = mesh.mesh().triangles;
+  MeshDeviation d;
+  NodeSums nodes(top);
+  std::vector<std::int64_t> sum(v.size(), 0);
+  std::vector<std::uint32_t> count(v.size(), 0);
+  std::vector<std::uint8_t> covered(v.size(), 0);
+  const double s = top.spacing.value();
+  MAQUETTE_TRY_VOID(measure(d, cloud, model_from_scan, reach, run, [&] {
+    return [&, hint = std::uint32_t{0}](Vec3 p) mutable {
+      const auto n = mesh.nearest(p, reach.value(), hint);
+      if (!n) return static_cast<double>(NAN);
+      hint = n->triangle;
+      if (n->border) return static_cast<double>(NAN);
+      const auto& t = triangles[n->triangle];
+      std::uint32_t corner = t[0];
+      for (const std::uint32_t k : t) {
+        std::atomic_ref(covered[k]).store(1, std::memory_order_relaxed);
+        if (norm(v[k] - n->foot_mm) < norm(v[corner] - n->foot_mm)) corner = k;
+      }
+      std::atomic_ref(sum[corner])
+          .fetch_add(std::llround(n->distance_mm * kUnitsPerMm), std::memory_order_relaxed);
+      std::atomic_ref(count[corner]).fetch_add(1, std::memory_order_relaxed);
+      if (std::abs(p.z - heightmap::height_at(top, p.x, p.y)) <= reach.value())
+        nodes.add((p.x - top.x0.value()) / s, (p.y - top.y0.value()) / s, n->distance_mm);
+      return n->distance_mm;
+    };
+  }));
+  d.map_mm = map_of(nodes);
+  d.per_vertex_mm.resize(v.size());
+  for (std::size_t i = 0; i < v.size(); ++i) d.per_vertex_mm[i] = mean_of(sum[i], count[i]);
+  double seen = 0.0, all = 0.0;
+  for (const auto& t : triangles) {
+    const double area = norm(cross(v[t[1]] - v[t[0]], v[t[2]] - v[t[0]]));
+    all += area;
+    seen += area * (covered[t[0]] + covered[t[1]] + covered[t[2]]) / 3.0;
+  }
+  d.statistics.coverage = seen / all;
   run.progress(1.0);
   return d;
 }

@@ -26,6 +26,7 @@
 #include "core/vec.hpp"
 #include "heightmap/height_field.hpp"
 #include "scan/cloud.hpp"
+#include "scan/mesh_distance.hpp"
 #include "scan/register.hpp"
 
 namespace maquette::scan {
@@ -64,6 +65,23 @@ struct Deviation {
                                         Millimetres reach = Millimetres{5.0},
                                         const RunContext& run = {});
 
+struct MeshDeviation : Deviation {
+  std::vector<float> per_vertex_mm;  ///< mean of the points nearest to each vertex; NaN: none
+};
+
+/// The same for a part given as triangles: distance to the nearest of them, signed
+/// (mesh_distance.hpp), all sides of the part. A point whose nearest place is the border of an
+/// open mesh is off the part. Coverage is a share of the mesh's area: of triangles by the share
+/// of their corners that have a point on a triangle round them. The map is of the points within
+/// reach of `top`.
+/// @param top  upper_envelope() of the mesh
+[[nodiscard]] Result<MeshDeviation> deviate(const Cloud& cloud,
+                                            const RigidTransform& model_from_scan,
+                                            const MeshDistance& mesh,
+                                            const heightmap::ModelField& top,
+                                            Millimetres reach = Millimetres{5.0},
+                                            const RunContext& run = {});
+
 /// summary.json: statistics and registration, flat keys (mean_mm, rms_mm, p95_mm, ...); with
 /// one also `registration` with what it hides.
 [[nodiscard]] std::string to_json(const DeviationStatistics& statistics,
@@ -75,5 +93,9 @@ struct Deviation {
                                                const RigidTransform& model_from_scan,
                                                const Deviation& deviation,
                                                const std::filesystem::path& path);
+
+/// The mesh with `deviation_mm` per vertex, binary PLY.
+[[nodiscard]] Result<void> write_deviation_mesh(const TriMesh& mesh, const MeshDeviation& deviation,
+                                                const std::filesystem::path& path);
 
 }  // namespace maquette::scan

@@ -2,8 +2,10 @@
 
 // What deviate() found, as files for programs and viewers.
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "core/files.hpp"
 #include "scan/detail/cloud_parts.hpp"
 #include "scan/deviate.hpp"
 
@@ -51,6 +53,29 @@ Result<void> write_deviation_ply(const Cloud& cloud, const RigidTransform& model
   const detail::ExtraScalar extra{"deviation_mm", &deviation.per_point_mm};
   MAQUETTE_TRY(const auto writer, detail::create_ply(path, {}, &extra));
   return detail::write_all(cloud, &model_from_scan, *writer);
+}
+
+Result<void> write_deviation_mesh(const TriMesh& mesh, const MeshDeviation& deviation,
+                                  const std::filesystem::path& path) {
+  std::string bytes = fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment maquette deviation, unit mm\n"
+      "element vertex {}\nproperty double x\nproperty double y\nproperty double z\n"
+      "property float deviation_mm\nelement face {}\n"
+      "property list uchar uint vertex_indices\nend_header\n",
+      mesh.vertices_mm.size(), mesh.triangles.size());
+  bytes.reserve(bytes.size() + 28 * mesh.vertices_mm.size() + 13 * mesh.triangles.size());
+  const auto put = [&](const auto& value) {
+    bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+  };
+  for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
+    put(mesh.vertices_mm[i].x), put(mesh.vertices_mm[i].y), put(mesh.vertices_mm[i].z);
+    put(deviation.per_vertex_mm[i]);
+  }
+  for (const auto& t : mesh.triangles) {
+    bytes.push_back(3);
+    put(t[0]), put(t[1]), put(t[2]);
+  }
+  return write_file(path, bytes);
 }
 
 }  // namespace maquette::scan

@@ -7,42 +7,18 @@
 
 #include <Eigen/Dense>
 
+#include "scan/detail/mesh_surface.hpp"
 #include "scan/detail/registration_steps.hpp"
-#include "scan/mesh_distance.hpp"
 
 namespace maquette::scan {
 namespace {
 
-using detail::Foot;
 using detail::Pose;
 
 constexpr std::size_t kLeastOnStone = 25;
 constexpr std::size_t kSample = 1'500;
 constexpr std::size_t kFewer = 120;  // to find the heading
 constexpr int kHeadings = 16;
-
-/// The plane of the triangle whose point is nearest.
-class MeshSurface : public detail::Surface {
- public:
-  MeshSurface(const MeshDistance& mesh, double reach_mm) : mesh_(mesh), reach_(reach_mm) {}
-  void feet(std::span<const Vec3> points, std::span<Foot> feet) const override {
-    std::uint32_t hint = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      feet[i] = {};
-      if (const auto n = mesh_.nearest(points[i], reach_, hint)) {
-        hint = n->triangle;
-        feet[i] = {dot(points[i] - n->foot_mm, n->normal), n->normal, 1.0};
-        // Beyond an edge the plane says less than the edge.
-        if (std::abs(n->distance_mm) > std::abs(feet[i].e_mm) + 1e-9)
-          feet[i] = {n->distance_mm, (1.0 / n->distance_mm) * (points[i] - n->foot_mm), 1.0};
-      }
-    }
-  }
-
- private:
-  const MeshDistance& mesh_;
-  double reach_;
-};
 
 struct Shape {
   TriMesh mesh;
@@ -71,7 +47,7 @@ struct Match {
 /// The points on one mesh, from one heading.
 Match match(const std::vector<Vec3>& points, const MeshDistance& mesh, const Pose& start,
             double reach_mm, int rounds) {
-  const MeshSurface surface(mesh, reach_mm);
+  const detail::MeshSurface surface(mesh, reach_mm);
   // The search for a heading need not come to rest.
   const detail::Level level{&surface, (rounds > 1 ? 0.05 : 1.0) * reach_mm,
                             static_cast<double>(points.size()), 1e-8};
@@ -204,7 +180,9 @@ std::vector<StoneFinding> find_stones(std::span<const Vec3> points,
     }
     f.points = on.size();
     f.height_share = planned > 0.0 ? high / planned : 0.0;
-    if (over >= 5 && std::abs(high) / static_cast<double>(over) < lift) {
+    const double sigma_share =
+        planned > 0.0 ? noise_mm * std::sqrt(static_cast<double>(over)) / planned : INFINITY;
+    if (over >= 5 && f.height_share < 0.25 && f.height_share < 0.5 - 3.0 * sigma_share) {
       f.state = StoneState::missing;
     } else if (on.size() >= kLeastOnStone) {
       const std::vector<Vec3> some = detail::sample(on, kSample);
@@ -239,9 +217,8 @@ std::vector<StoneFinding> find_stones(std::span<const Vec3> points,
         f.noise_mm = own.noise_mm;
       }
     }
-    if (f.state == StoneState::unseen && over >= 5 && f.height_share > 0.5) {
-      f.state = StoneState::present;
-    }
+    if (f.state == StoneState::unseen && over >= 5)
+      f.state = f.height_share > 0.5 ? StoneState::present : StoneState::unclear;
     findings.push_back(f);
   }
   return findings;

@@ -9,10 +9,12 @@
 /// Pose     Gauss-Newton, point to triangle plane at the nearest point of the mesh, Huber, from
 ///          16 headings if the planned one does not fit. Covariance from the residuals; the
 ///          scan's own pose is added.
-/// State    as planned or moved (beyond 99 % of its covariance), missing (the ground is there
-///          instead), swapped (another stone of the plan fits clearly better), unclear (nothing
-///          fits), present (something as high stands there, with too few points for a pose),
-///          unseen (no points).
+/// State    as planned or moved (beyond 99 % of its covariance), missing (over its middle the mean
+///          height is below a quarter of the plan's, and below a half by more than three standard
+///          deviations of that mean), swapped (another stone of the plan fits clearly better),
+///          unclear (nothing fits), present (something as high stands there, with too few points
+///          for a pose), unseen (too few points over its middle). A beam wider than a
+///          stone shows it lower than it is: unclear or present, not missing.
 
 #include <span>
 #include <string_view>

@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <tuple>
 
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/parallel_sort.h>
@@ -212,18 +213,67 @@ std::optional<MeshDistance::Nearest> MeshDistance::nearest(Vec3 p, double reach_
   return result;
 }
 
+TriMesh welded(TriMesh mesh) {
+  const std::size_t n = mesh.vertices_mm.size();
+  std::vector<std::uint32_t> order(n), same(n);
+  for (std::size_t i = 0; i < n; ++i) order[i] = static_cast<std::uint32_t>(i);
+  const auto& v = mesh.vertices_mm;
+  const auto key = [&](std::uint32_t i) { return std::tuple(v[i].x, v[i].y, v[i].z); };
+  oneapi::tbb::parallel_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return key(a) != key(b) ? key(a) < key(b) : a < b;
+  });
+  bool any = false;
+  for (std::size_t i = 0; i < n; ++i) {
+    const bool twin = i > 0 && key(order[i]) == key(order[i - 1]);
+    same[order[i]] = twin ? same[order[i - 1]] : order[i];
+    any = any || twin;
+  }
+  if (any)  // the others stay, unused
+    for (auto& t : mesh.triangles)
+      for (std::uint32_t& corner : t) corner = same[corner];
+  return mesh;
+}
+
+std::vector<std::uint32_t> near_each_other(std::span<const Vec3> points) {
+  MAQUETTE_CHECK(points.size() < std::numeric_limits<std::uint32_t>::max(), "{} points",
+                 points.size());
+  Box3 box;
+  for (const Vec3& p : points) box.add(p);
+  // 10 bits an axis of the longest side, so three passes of 10 bits sort them.
+  const Vec3 size = box.max - box.min;
+  const double cell = std::fmax(1e-12, std::max({size.x, size.y, size.z})) / 1023.0;
+  std::vector<std::uint32_t> keys(points.size()), order(points.size()), next(points.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
+    const Vec3 c = (1.0 / cell) * (points[i] - box.min);
+    const auto step = [](double a) { return static_cast<std::uint64_t>(std::fmax(0.0, a)); };
+    keys[i] = static_cast<std::uint32_t>(spread_bits(step(c.x)) | spread_bits(step(c.y)) << 1 |
+                                         spread_bits(step(c.z)) << 2);
+    order[i] = static_cast<std::uint32_t>(i);
+  });
+  for (const unsigned shift : {0U, 10U, 20U}) {
+    std::vector<std::size_t> start(1025, 0);
+    for (const std::uint32_t k : keys) ++start[((k >> shift) & 1023U) + 1];
+    for (std::size_t d = 0; d < 1024; ++d) start[d + 1] += start[d];
+    for (const std::uint32_t i : order) next[start[(keys[i] >> shift) & 1023U]++] = i;
+    order.swap(next);
+  }
+  return order;
+}
+
 std::vector<float> signed_distances_mm(std::span<const Vec3> points,
                                        const RigidTransform& model_from_scan,
                                        const MeshDistance& mesh, double reach_mm) {
   constexpr std::size_t kChunk = 4096;
   std::vector<float> distances(points.size(), NAN);
+  const std::vector<std::uint32_t> order = near_each_other(points);
   oneapi::tbb::parallel_for(
       std::size_t{0}, (points.size() + kChunk - 1) / kChunk, [&](std::size_t k) {
         std::uint32_t hint = std::numeric_limits<std::uint32_t>::max();
         for (std::size_t i = k * kChunk; i < std::min(points.size(), (k + 1) * kChunk); ++i)
-          if (const auto n = mesh.nearest(model_from_scan.point(points[i]), reach_mm, hint)) {
+          if (const auto n =
+                  mesh.nearest(model_from_scan.point(points[order[i]]), reach_mm, hint)) {
             hint = n->triangle;
-            if (!n->border) distances[i] = static_cast<float>(n->distance_mm);
+            if (!n->border) distances[order[i]] = static_cast<float>(n->distance_mm);
           }
       });
   return distances;

@@ -13,8 +13,10 @@
 ///           both, of a vertex the sum weighted by angles (Baerentzen and Aanaes 2005,
 ///           doi:10.1109/TVCG.2005.49). For a closed mesh that is inside or outside without
 ///           exception; over an open one, the side of the surface.
-/// Cost      Building 4 M triangles some 2 s of CPU; a query 1 to 2 us near the surface, some
-///           more far from it. Memory beside the mesh: some 40 bytes per triangle.
+/// Cost      Building 4 M triangles some 0.7 s of CPU. A query near the surface is some 1 us if its
+///           neighbour in the list is its neighbour in space, ten times that if not: what is
+///           compared as a whole is put in order first (near_each_other). Memory beside the mesh:
+///           some 40 bytes per triangle.
 
 #include <cstdint>
 #include <optional>
@@ -58,8 +60,15 @@ class MeshDistance {
   std::vector<std::uint32_t> first_, fan_;  // triangles round each vertex
 };
 
+/// Vertices of equal coordinates become one. Some formats write each triangle with corners of its
+/// own; every edge would be a border.
+[[nodiscard]] TriMesh welded(TriMesh mesh);
+
+/// Indices of the points along a Morton curve: neighbours in the list are neighbours in space.
+[[nodiscard]] std::vector<std::uint32_t> near_each_other(std::span<const Vec3> points_mm);
+
 /// Signed distance of each point, NaN beyond `reach_mm` and where the nearest place is on the
-/// mesh's border. Points near each other in the list make it fast.
+/// mesh's border.
 [[nodiscard]] std::vector<float> signed_distances_mm(std::span<const Vec3> points_mm,
                                                      const RigidTransform& model_from_scan,
                                                      const MeshDistance& mesh, double reach_mm);

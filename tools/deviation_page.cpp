@@ -221,6 +221,15 @@ Result<void> write_deviation_page(const scan::Deviation& deviation,
                                      {"sigma_rotation_rad", "rad"},
                                      {"effective_points", "independent points"},
                                      {"free_directions", "not determined"}});
+  if (s.contains("spheres") && !s["spheres"].empty())
+    html += "<p>Reference spheres found in the clouds, and matched to datums:</p>\n" +
+            table(s["spheres"], {{"points", "scan"},
+                                 {"found", "spheres found"},
+                                 {"matched", "matched"},
+                                 {"missing", "not found"},
+                                 {"rms_mm", "RMS off, mm"},
+                                 {"sigma_translation_mm", "pose &plusmn;, mm"},
+                                 {"sigma_rotation_rad", "rad"}});
   if (s.contains("datums") && !s["datums"].empty()) {
     html +=
         "<p>The comparison uses the registration on datums. Beside it, what a best fit would "

@@ -43,6 +43,20 @@ json datum_row(const scan::DatumRegistration& on, const scan::Absorbed& a,
           {"fits", fits}};
 }
 
+json sphere_row(const scan::SphereMatch& m, std::size_t found, const std::string& name) {
+  json residuals = json::array();
+  for (std::size_t k = 0; k < m.matched.size(); ++k)
+    residuals.push_back({{"name", m.matched[k]}, {"off_mm", m.residual_mm[k]}});
+  return {{"points", name},
+          {"found", found},
+          {"matched", m.matched},
+          {"missing", m.missing},
+          {"rms_mm", m.registration.rms_after_mm},
+          {"sigma_translation_mm", m.registration.sigma_translation_mm},
+          {"sigma_rotation_rad", m.registration.sigma_rotation_rad},
+          {"residuals", residuals}};
+}
+
 json findings_json(const scan::Significance& s) {
   json rows = json::array();
   for (const scan::Finding& f : s.findings) {

@@ -10,6 +10,7 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "scan/datums.hpp"
+#include "scan/find_spheres.hpp"
 #include "scan/find_stones.hpp"
 #include "scan/regions.hpp"
 #include "scan/significance.hpp"
@@ -19,6 +20,8 @@ namespace maquette::tools {
 [[nodiscard]] nlohmann::json registration_row(const scan::Registration& r, const std::string& name);
 [[nodiscard]] nlohmann::json datum_row(const scan::DatumRegistration& on, const scan::Absorbed& a,
                                        const std::string& name);
+[[nodiscard]] nlohmann::json sphere_row(const scan::SphereMatch& match, std::size_t found,
+                                        const std::string& name);
 [[nodiscard]] nlohmann::json findings_json(const scan::Significance& s);
 [[nodiscard]] nlohmann::json stones_json(const std::vector<scan::StoneFinding>& stones);
 [[nodiscard]] nlohmann::json regions_json(const std::vector<scan::RegionResult>& regions);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <optional>
 
@@ -13,10 +14,14 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
 #include "scan/deviate.hpp"
 #include "scan/expected_surface.hpp"
+#include "scan/find_spheres.hpp"
+#include "scan/register_mesh.hpp"
 #include "scan/statistics.hpp"
+#include "scan/upper_envelope.hpp"
 #include "tools/deviation_page.hpp"
 #include "tools/deviation_rows.hpp"
 #include "tools/jobs.hpp"
@@ -28,6 +33,7 @@ using heightmap::ModelField;
 using nlohmann::json;
 namespace {
 
+constexpr double kOfSphere = 1.1;  // radii: points of a reference sphere, not of the part
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 std::vector<scan::Datum> datums_of(const Case& input) {
@@ -48,11 +54,34 @@ struct Nominal {
   ModelField design;                   ///< with stones
   std::optional<ModelField> ground;    ///< without
   std::optional<ModelField> expected;  ///< with what the program leaves and the coat
+  std::optional<TriMesh> mesh;  ///< the design as triangles; `design` is then its upper envelope
+  std::unique_ptr<scan::MeshDistance> to_mesh;
   [[nodiscard]] const ModelField& to_meet() const { return expected ? *expected : design; }
 };
 
-Result<Nominal> read_nominal(const Case& input) {
-  Nominal n;
+bool is_field(const fs::path& path) {
+  return path.extension() == ".tif" || path.extension() == ".tiff";
+}
+
+/// A part of any shape: STL, PLY, OBJ.
+Result<void> read_mesh_design(Nominal& n, const Case& input, const RunContext& run) {
+  if (!input.ground.empty() || !input.as_milled.empty() || input.coating_thickness_mm != 0.0)
+    return fail(
+        kConfigInvalid,
+        fmt::format("{}: ground, as_milled and coating.thickness_mm need a design that is a "
+                    "model field (.tif), not a mesh",
+                    input.design.string()));
+  MAQUETTE_TRY(auto mesh, meshing::read_mesh(input.design, run));
+  n.mesh = scan::welded(std::move(mesh));
+  n.to_mesh = std::make_unique<scan::MeshDistance>(*n.mesh);
+  auto top = scan::upper_envelope(*n.mesh);
+  if (!top) return tl::unexpected(std::move(top.error()).within(input.design.string()));
+  n.design = std::move(*top);
+  return {};
+}
+
+Result<void> read_nominal(Nominal& n, const Case& input, const RunContext& run) {
+  if (!is_field(input.design)) return read_mesh_design(n, input, run);
   MAQUETTE_TRY(n.design, heightmap::read_model_field(input.design));
   if (!input.ground.empty()) {
     MAQUETTE_TRY(n.ground, heightmap::read_model_field(input.ground));
@@ -62,7 +91,7 @@ Result<Nominal> read_nominal(const Case& input) {
                   fmt::format("{}: ground must have the nodes of the design, {} x {}",
                               input.ground.string(), n.design.z_mm.cols(), n.design.z_mm.rows()));
   }
-  if (input.as_milled.empty() && input.coating_thickness_mm == 0.0) return n;
+  if (input.as_milled.empty() && input.coating_thickness_mm == 0.0) return {};
   std::optional<ModelField> as_milled;
   if (!input.as_milled.empty()) {
     MAQUETTE_TRY(as_milled, heightmap::read_model_field(input.as_milled));
@@ -70,7 +99,7 @@ Result<Nominal> read_nominal(const Case& input) {
   n.expected = scan::expected_surface(n.design, n.ground ? *n.ground : n.design,
                                       as_milled ? &*as_milled : nullptr,
                                       Millimetres{input.coating_thickness_mm});
-  return n;
+  return {};
 }
 
 /// All scans in the model frame, and what is known of each point beside its place.
@@ -78,8 +107,26 @@ struct Measured {
   scan::Cloud cloud;
   std::vector<float> range_mm, incidence_deg, slope_deg;
   std::vector<scan::ScanPose> scans;
-  json registrations = json::array(), datums = json::array();
+  std::size_t at_rim = 0;  ///< left out: part of their beam passed the rim
+  json registrations = json::array(), datums = json::array(), spheres = json::array();
 };
+
+/// A beam that passes the rim meets the part with what is left of it: its range is that of this
+/// rest, its direction still that of the whole, so the point stands in the air. Along the line of
+/// sight the beam is longer by the angle of incidence on the ground plane.
+bool crosses_rim(Vec3 p, const ModelField& design, double beam_mm, std::optional<Vec3> station) {
+  double reach_x = 0.5 * beam_mm, reach_y = reach_x;
+  if (station) {
+    const Vec3 look = *station - p;
+    const double longer = norm(look) / std::fmax(1e-9, std::abs(look.z));
+    const double flat = std::fmax(1e-9, std::hypot(look.x, look.y));
+    reach_x = 0.5 * beam_mm * std::hypot(longer * look.x / flat, look.y / flat);
+    reach_y = 0.5 * beam_mm * std::hypot(longer * look.y / flat, look.x / flat);
+  }
+  return p.x - design.x0.value() < reach_x || p.y - design.y0.value() < reach_y ||
+         design.x_mm(design.z_mm.cols() - 1) - p.x < reach_x ||
+         design.y_mm(design.z_mm.rows() - 1) - p.y < reach_y;
+}
 
 void add_angles(Measured& all, Vec3 p, const ModelField& design, std::optional<Vec3> station) {
   const double s = design.spacing.value();
@@ -100,6 +147,25 @@ void add_angles(Measured& all, Vec3 p, const ModelField& design, std::optional<V
       static_cast<float>(kDegrees * std::acos(std::clamp(dot(look, normal) / range, -1.0, 1.0))));
 }
 
+/// Where the spheres among the datums are found and matched, the pose that they give.
+std::optional<scan::SphereMatch> look_for_spheres(Measured& all, const scan::Cloud& cloud,
+                                                  const std::vector<scan::Datum>& datums,
+                                                  const std::string& name, const RunContext& run) {
+  std::vector<double> radii;
+  for (const scan::Datum& d : datums)
+    if (d.kind == scan::Datum::Kind::sphere) radii.push_back(d.radius_mm);
+  if (radii.size() < 3) return std::nullopt;
+  const auto found = scan::find_spheres(cloud, radii, run);
+  const auto match = found ? scan::match_spheres(*found, datums)
+                           : Result<scan::SphereMatch>(tl::unexpected(found.error()));
+  if (!match) {
+    run.warn(fmt::format("{}: no pose from reference spheres: {}", name, match.error().message));
+    return std::nullopt;
+  }
+  all.spheres.push_back(sphere_row(*match, found->size(), name));
+  return *match;
+}
+
 Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
                       const Nominal& nominal, const RunContext& run) {
   const std::string name = entry.points.filename().string();
@@ -110,7 +176,21 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   if (!std::isnan(entry.scanner_position_mm.x)) cloud.station_mm = entry.scanner_position_mm;
   scan::RegisterOptions options;
   options.scale = input.scale;
-  auto best = scan::register_scan(cloud, nominal.to_meet(), options, run);
+  std::vector<scan::Datum> datums = datums_of(input);
+  const auto spheres = look_for_spheres(all, cloud, datums, name, run);
+  if (spheres) {
+    options.model_from_scan = spheres->model_from_scan;
+    std::erase_if(datums, [&](const scan::Datum& d) {  // what was not scanned ties nothing
+      return d.kind == scan::Datum::Kind::sphere &&
+             std::find(spheres->missing.begin(), spheres->missing.end(), d.name) !=
+                 spheres->missing.end();
+    });
+  }
+  auto best = nominal.mesh
+                  ? scan::register_mesh(cloud, *nominal.to_mesh, nominal.design, options, run)
+                  : scan::register_scan(cloud, nominal.to_meet(), options, run);
+  // A flat part, or one that came out quite different, is no hindrance where spheres tie the pose.
+  if (!best && spheres && best.error().code != kCancelled) best = spheres->registration;
   if (!best) return within(std::move(best.error()));
   all.registrations.push_back(registration_row(*best, name));
   if (input.scale) {
@@ -118,9 +198,11 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
     if (cloud.station_mm) *cloud.station_mm = best->scale * *cloud.station_mm;
   }
   scan::Registration used = *best;
-  if (!input.datums.empty()) {
-    auto on = scan::register_datums(cloud, nominal.design, datums_of(input), best->model_from_scan,
-                                    2.0, run);
+  if (!datums.empty()) {
+    // Spheres are nearer to where they were matched than to where a best fit brings them.
+    auto on =
+        scan::register_datums(cloud, nominal.design, datums,
+                              spheres ? spheres->model_from_scan : best->model_from_scan, 2.0, run);
     if (!on) return within(std::move(on.error()));
     all.datums.push_back(
         datum_row(*on, scan::absorbed_by(*best, on->registration, nominal.design), name));
@@ -128,17 +210,24 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   }
   std::optional<Vec3> station;
   if (cloud.station_mm) station = used.model_from_scan.point(*cloud.station_mm);
-  for (const Vec3& q : cloud.points_mm) {
-    const Vec3 p = used.model_from_scan.point(q);
+  const bool bright = cloud.intensity.size() == cloud.points_mm.size();
+  const std::size_t before = all.cloud.points_mm.size();
+  for (std::size_t i = 0; i < cloud.points_mm.size(); ++i) {
+    const Vec3 p = used.model_from_scan.point(cloud.points_mm[i]);
+    if (entry.beam_diameter_mm > 0.0 &&
+        crosses_rim(p, nominal.design, entry.beam_diameter_mm, station)) {
+      ++all.at_rim;
+      continue;
+    }
+    if (std::any_of(datums.begin(), datums.end(), [&](const scan::Datum& d) {
+          return d.kind == scan::Datum::Kind::sphere && norm(p - d.at_mm) < kOfSphere * d.radius_mm;
+        }))
+      continue;
     all.cloud.points_mm.push_back(p);
+    all.cloud.intensity.push_back(bright ? cloud.intensity[i] : NAN);
     add_angles(all, p, nominal.design, station);
   }
-  const std::size_t before = all.cloud.intensity.size();
-  all.cloud.intensity.resize(all.cloud.points_mm.size(), NAN);
-  if (cloud.intensity.size() == cloud.points_mm.size())
-    std::copy(cloud.intensity.begin(), cloud.intensity.end(),
-              all.cloud.intensity.begin() + static_cast<std::ptrdiff_t>(before));
-  all.scans.push_back({used, cloud.points_mm.size()});
+  all.scans.push_back({used, all.cloud.points_mm.size() - before});
   return {};
 }
 
@@ -189,7 +278,8 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
         kConfigInvalid,
         fmt::format("{}: deviate compares scans; add a [[scan]] table with points = \"FILE\"",
                     case_path.string()));
-  MAQUETTE_TRY(const Nominal nominal, read_nominal(*input));
+  Nominal nominal;  // its search tree points at its mesh: it stays where it is
+  MAQUETTE_TRY_VOID(read_nominal(nominal, *input, run));
   const ModelField& design = nominal.design;
   std::vector<scan::Region> regions;
   if (!input->regions.empty()) {
@@ -201,10 +291,21 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   Measured all;
   for (const CaseScan& entry : input->scans)
     MAQUETTE_TRY_VOID(add_scan(all, entry, *input, nominal, run));
+  if (all.cloud.points_mm.empty())
+    return fail(scan::kTooFewPoints,
+                "every point lies within half a beam of the part's rim: is "
+                "beam_diameter_mm in mm?");
   const scan::Registration joint = scan::joint_pose(all.scans);
   const RigidTransform in_model;  // every cloud has been brought there above
   const Millimetres reach{input->reach_mm};
-  MAQUETTE_TRY(const auto deviation, scan::deviate(all.cloud, in_model, design, reach, run));
+  scan::MeshDeviation deviation;
+  if (nominal.mesh) {
+    MAQUETTE_TRY(deviation,
+                 scan::deviate(all.cloud, in_model, *nominal.to_mesh, design, reach, run));
+  } else {
+    MAQUETTE_TRY(static_cast<scan::Deviation&>(deviation),
+                 scan::deviate(all.cloud, in_model, design, reach, run));
+  }
   const auto& points = all.cloud.points_mm;
   const auto& d = deviation.per_point_mm;
   // Regions are judged by the design, as a customer draws them; findings are what nobody expected.
@@ -233,8 +334,10 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
                     folder / "deviation.png", folder / "report.html",   significant_png};
   json summary = json::parse(scan::to_json(deviation.statistics, &all.scans.front().registration));
   if (!expected.is_null()) summary["expected"] = expected;
+  summary["at_rim"] = all.at_rim;
   summary["registrations"] = all.registrations;
   summary["datums"] = all.datums;
+  summary["spheres"] = all.spheres;
   summary["findings"] = findings_json(significance);
   summary["stones"] = stones_json(stones);
   summary["regions"] = regions_json(scan::judge_regions(points, d, regions, by_design, &joint));
@@ -258,6 +361,10 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(deviation.map_mm, design, "mm", result.outputs[1]));
   all.cloud.intensity.clear();
   MAQUETTE_TRY_VOID(scan::write_deviation_ply(all.cloud, in_model, deviation, result.outputs[2]));
+  if (nominal.mesh) {
+    result.outputs.push_back(folder / "deviation_mesh.ply");
+    MAQUETTE_TRY_VOID(scan::write_deviation_mesh(*nominal.mesh, deviation, result.outputs.back()));
+  }
   const double limit = colour_limit(deviation.map_mm, 0.05);
   MAQUETTE_TRY_VOID(camera::write_png(signed_picture(deviation.map_mm, limit), result.outputs[3]));
   MAQUETTE_TRY_VOID(camera::write_png(signed_picture(significant_map(significance, design), limit),

@@ -50,7 +50,13 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   Case& c = *result;
   Schema t;
   t.add({"schema", &c.schema_name, "", -kInf, kInf, {"maquette.case/1"}});
-  t.add({"design", &c.design, "designed surface, model frame, mm", -kInf, kInf, {}, true});
+  t.add({"design",
+         &c.design,
+         "designed surface, model frame, mm: a field, for deviate also a mesh",
+         -kInf,
+         kInf,
+         {},
+         true});
   t.add({"gcode", &c.gcode, "the program that was run; a list for bands, in the order of milling"});
   t.add(
       {"ground", &c.ground, "the design without stones; with `stones`, their poses are measured"});
@@ -87,6 +93,8 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"points", &scan.points, "point cloud, mm", -kInf, kInf, {}, true});
     e.add({"scanner_position_mm", &scan.scanner_position_mm, "in the cloud's frame"});
     e.add({"range_sigma_mm", &scan.range_sigma_mm, "", 0, 100});
+    e.add({"beam_diameter_mm", &scan.beam_diameter_mm,
+           "at the part: points whose beam crosses the part's rim are left out; 0: a ray", 0, 100});
     return e;
   });
   t.array("probe", "probed or CMM points", [&c] {

@@ -40,6 +40,7 @@ struct CaseScan {
   std::filesystem::path points;
   Vec3 scanner_position_mm{NAN, NAN, NAN};
   double range_sigma_mm = 0.05;
+  double beam_diameter_mm = 0.0;  ///< at the part; 0: a ray
 };
 /// A feature that no coat has changed: tools/scene_file.cpp says what each kind needs.
 struct CaseDatum {

@@ -89,18 +89,70 @@ Result<Layer> read_layer(const FuseRequest& request, const DemReader& dem,
   return layer;
 }
 
-/// Moves a layer's height field by (east, north); what it covers may change a little.
-Result<void> shift(Layer& layer, const DemReader& dem, const detail::SiteFrame& site,
-                   detail::NodeGrid nodes, const detail::Coregistration& by,
-                   const RunContext& run) {
+/// Moves a layer onto the surface below it; what it covers may change a little.
+Result<void> move(Layer& layer, const DemReader& dem, const detail::SiteFrame& site,
+                  const detail::NodeGrid& nodes, const detail::Coregistration& by,
+                  const RunContext& run) {
   if (by.horizontal) {
-    nodes.x0_m -= by.east_m;
-    nodes.y0_m -= by.north_m;
-    MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run));
+    const auto [x, y] = by.origin_of(0.0, 0.0);
+    const auto [ex, ey] = by.origin_of(1.0, 0.0);
+    const auto [nx, ny] = by.origin_of(0.0, 1.0);
+    const detail::Origin origin{ex - x, nx - x, ey - y, ny - y, x, y};
+    MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run, origin));
     MAQUETTE_TRY(layer.window, read_window(dem, map, layer.pixel, run));
     MAQUETTE_TRY(layer.z_m, map.sample(layer.window, run));
   }
-  for (float& h : layer.z_m.cells()) h = static_cast<float>(static_cast<double>(h) + by.up_m);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, nodes.rows, [&](std::ptrdiff_t r) {
+    const double y = nodes.y0_m + nodes.spacing_m * static_cast<double>(r);
+    for (std::ptrdiff_t c = 0; c < nodes.cols; ++c) {
+      const double x = nodes.x0_m + nodes.spacing_m * static_cast<double>(c);
+      float& h = layer.z_m(r, c);
+      h = static_cast<float>(static_cast<double>(h) + by.up_m + by.tilt_east * x +
+                             by.tilt_north * y);
+    }
+  });
+  return {};
+}
+
+/// Brings a layer onto the surface below it and reports how.
+Result<void> align(Layer& layer, SourceReport& report, const Source& source, const DemReader& dem,
+                   const detail::SiteFrame& site, const detail::NodeGrid& nodes,
+                   const Grid<float>& below, double lower_pixel_m, const RunContext& run) {
+  // What is finer than nodes was averaged to them.
+  const double lower_m = std::max(lower_pixel_m, nodes.spacing_m);
+  const double upper_m = std::max(report.pixel_m, nodes.spacing_m);
+  detail::CoregisterOptions options;
+  options.height_only = source.align == Source::Align::height;
+  options.rotation = options.scale = source.similarity;
+  const auto found =
+      detail::coregister(below, layer.z_m, nodes.spacing_m, lower_m, upper_m, options);
+  if (source.align == Source::Align::required && (!found || !found->horizontal))
+    return fail(kNotAligned,
+                fmt::format("{}: cannot be aligned with the sources before it: {}; `align = "
+                            "\"auto\"` would move its height alone",
+                            dem.name(), found ? found->refusal : "they have no height in common"));
+  if (!found) return {};
+  const double coarse_m = std::max(lower_m, upper_m);
+  if (coarse_m > nodes.spacing_m * static_cast<double>(nodes.cols - 1))
+    run.warn(
+        fmt::format("{}: the surface below it has pixels of {:.0f} m, more than the "
+                    "site; its height was moved by {:.1f} m on that authority",
+                    dem.name(), coarse_m, found->up_m));
+  MAQUETTE_TRY_VOID(move(layer, dem, site, nodes, *found, run));
+  report.shift_east_m = found->east_m;
+  report.shift_north_m = found->north_m;
+  report.shift_up_m = found->up_m;
+  report.tilt_east = found->tilt_east;
+  report.tilt_north = found->tilt_north;
+  report.turn_rad = found->rotation_rad;
+  report.scale = found->scale;
+  report.covariance = found->covariance;
+  report.overlap = found->overlap;
+  report.height_only = found->refusal;
+  report.median_before_m = found->median_before_m;
+  report.median_after_m = found->median_after_m;
+  report.nmad_before_m = found->nmad_before_m;
+  report.nmad_after_m = found->nmad_after_m;
   return {};
 }
 
@@ -196,22 +248,9 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
       surface.source = Grid<std::uint8_t>(nodes.rows, nodes.cols, 0);
       fill_base(surface, source.sigma_m);
     } else {
-      const double coarse_m = std::max(lower_pixel_m, report.pixel_m);
-      const auto found =
-          detail::coregister(surface.field.z_m, layer.z_m, nodes.spacing_m, coarse_m);
-      if (found) {
-        if (coarse_m > 2.0 * request.half_width.value())
-          run.warn(
-              fmt::format("{}: the surface below it has pixels of {:.0f} m, more than the "
-                          "site; its height was moved by {:.1f} m on that authority",
-                          dem.name(), coarse_m, found->up_m));
-        MAQUETTE_TRY_VOID(shift(layer, dem, site, nodes, *found, run));
-        report.shift_east_m = found->east_m;
-        report.shift_north_m = found->north_m;
-        report.shift_up_m = found->up_m;
-        report.nmad_before_m = found->nmad_before_m;
-        report.nmad_after_m = found->nmad_after_m;
-      }
+      if (source.align != Source::Align::none)
+        MAQUETTE_TRY_VOID(
+            align(layer, report, source, dem, site, nodes, surface.field.z_m, lower_pixel_m, run));
       blend(surface, layer, source.sigma_m, feather_nodes(lower_pixel_m, report.pixel_m, nodes),
             static_cast<std::uint8_t>(i));
     }

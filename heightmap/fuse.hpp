@@ -11,10 +11,9 @@
 /// Method. Each output node is a point of the tangent plane at the site's centre
 /// (GeographicLib::LocalCartesian on the body's ellipsoid), so the distortion of
 /// the sources' map projections is removed. The first source is the base and is
-/// the vertical reference; each further source is shifted onto it (robust median
-/// in height; horizontally by the slope relation of Nuth and Kaab 2011,
-/// doi:10.5194/tc-5-271-2011, where the relief carries it) and laid over it where
-/// it has data, with a feathered border.
+/// the vertical reference; each further source is moved onto it (shift, height and tilt,
+/// where asked turn and scale: detail/coregister.hpp; only height where the relief does not
+/// tell more) and laid over it where it has data, with a feathered border.
 ///
 /// What a height is. The value at (x, y) is the sources' height above their datum at
 /// the point of the ellipsoid below (x, y); it is not lowered by the curvature between
@@ -26,14 +25,15 @@
 /// Interpolation is bicubic, so nodes much finer than pixels see a surface without
 /// facets; pixels at least twice as fine as the nodes are averaged first.
 ///
-/// Horizontal alignment is tried if both share at least 30 pixels of the
-/// coarser source, and used if slopes of both correlate by 0.5 or more and the shift is
-/// known to a tenth of that pixel; else only the height is moved. A base whose pixel is
-/// wider than the site is a poor vertical reference; the run's warning says so.
+/// Horizontal alignment is used if both share at least 30 pixels of the coarser source, slopes
+/// of both correlate by 0.5 or more and the shift is known to a tenth of that pixel; else only the
+/// height is moved, and the source's report says why. A base whose pixel is wider than the site is
+/// a poor vertical reference; the run's warning says so.
 ///
 /// Cost: 4001 x 4001 nodes from two sources take about 3 s of CPU and 0.4 GB, with
 /// synthetic detail 8 s and 0.9 GB.
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -50,6 +50,7 @@ namespace maquette::heightmap {
 inline constexpr ErrorCode kNoProjection{"HEIGHTMAP_NO_PROJECTION"};
 inline constexpr ErrorCode kWrongBody{"HEIGHTMAP_WRONG_BODY"};
 inline constexpr ErrorCode kNoOverlap{"HEIGHTMAP_NO_OVERLAP"};
+inline constexpr ErrorCode kNotAligned{"HEIGHTMAP_NOT_ALIGNED"};
 inline constexpr ErrorCode kNotCovered{"HEIGHTMAP_NOT_COVERED"};
 inline constexpr ErrorCode kSourceUnit{"HEIGHTMAP_SOURCE_UNIT"};
 inline constexpr ErrorCode kImplausibleHeight{"HEIGHTMAP_IMPLAUSIBLE_HEIGHT"};
@@ -60,6 +61,15 @@ struct Source {
   std::filesystem::path path;  ///< what GDAL opens: image, label, VRT
   std::string unit = "auto";   ///< of the values after scale and offset: auto, m, km
   double sigma_m = 1.0;        ///< standard uncertainty of one pixel
+  /// How it is brought onto the sources before it.
+  enum class Align {
+    automatic,  ///< shift, height and tilt, or height alone where the relief tells no more
+    required,   ///< shift, height and tilt, or an error that says why not
+    height,     ///< height alone
+    none        ///< as the product says
+  };
+  Align align = Align::automatic;
+  bool similarity = false;  ///< turn about the vertical and scale too
 };
 
 struct FuseRequest {
@@ -82,7 +92,15 @@ struct SourceReport {
   double coverage = 0.0;  ///< share of the site's nodes that it covers, before any shift
   /// By how much the source was moved to lie on what was there before.
   double shift_east_m = 0.0, shift_north_m = 0.0, shift_up_m = 0.0;
-  double nmad_before_m = 0.0, nmad_after_m = 0.0;  ///< against the surface below it; 0 for the base
+  double tilt_east = 0.0, tilt_north = 0.0;  ///< metres per metre, added
+  double turn_rad = 0.0, scale = 1.0;        ///< about the site's centre, counter-clockwise
+  /// Of the values above in their order; zeros where only the height was moved.
+  std::array<std::array<double, 7>, 7> covariance{};
+  double overlap = 0.0;     ///< share of the site in which both have heights
+  std::string height_only;  ///< why only the height was moved; empty if it was not so
+  /// Lower less this, in the coarser one's resolution; 0 for the base.
+  double median_before_m = 0.0, median_after_m = 0.0;
+  double nmad_before_m = 0.0, nmad_after_m = 0.0;
 };
 
 struct FusedSurface {
@@ -108,6 +126,7 @@ struct FusedSurface {
 ///                                taken for height, wrong byte order): gives the range seen
 ///   HEIGHTMAP_ALL_VOID           nothing but voids inside the site
 ///   HEIGHTMAP_NO_OVERLAP         source does not touch the site; gives both extents
+///   HEIGHTMAP_NOT_ALIGNED        `required`, and relief or overlap do not tell where; says why
 ///   HEIGHTMAP_NOT_COVERED        the base leaves more than 1 % of the site uncovered
 ///   CORE_CANCELLED
 [[nodiscard]] Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run = {});

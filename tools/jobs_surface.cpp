@@ -59,8 +59,14 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   request.spacing = ModelScale(scale).unscale_horizontal(Millimetres{site.spacing_mm});
   request.synthetic_detail = site.synthetic_detail;
   request.seed = static_cast<std::uint64_t>(site.seed);
-  for (const SiteSource& s : sources)
-    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m});
+  for (const SiteSource& s : sources) {
+    using Align = heightmap::Source::Align;
+    const Align align = s.align == "required" ? Align::required
+                        : s.align == "height" ? Align::height
+                        : s.align == "none"   ? Align::none
+                                              : Align::automatic;
+    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity});
+  }
   MAQUETTE_TRY(const auto fused, heightmap::fuse(request, run));
 
   const ModelScale model_scale(scale, site.exaggeration);
@@ -100,6 +106,18 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
                                   {"shift_east_m", s.shift_east_m},
                                   {"shift_north_m", s.shift_north_m},
                                   {"shift_up_m", s.shift_up_m},
+                                  {"tilt_east", s.tilt_east},
+                                  {"tilt_north", s.tilt_north},
+                                  {"turn_rad", s.turn_rad},
+                                  {"scale", s.scale},
+                                  {"sigma_east_m", std::sqrt(s.covariance[0][0])},
+                                  {"sigma_north_m", std::sqrt(s.covariance[1][1])},
+                                  {"sigma_up_m", std::sqrt(s.covariance[2][2])},
+                                  {"covariance", s.covariance},
+                                  {"overlap", s.overlap},
+                                  {"height_only", s.height_only},
+                                  {"median_before_m", s.median_before_m},
+                                  {"median_after_m", s.median_after_m},
                                   {"nmad_before_m", s.nmad_before_m},
                                   {"nmad_after_m", s.nmad_after_m}});
   MAQUETTE_TRY_VOID(write_file(result.outputs[4], figures.dump(1)));

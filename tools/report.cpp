@@ -171,13 +171,18 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
                                                        {"highest_m", "highest, m"}});
     html +=
         "<table><tr><th>source</th><th>pixel, m</th><th>coverage</th><th>shift east, "
-        "m</th><th>north, m</th><th>up, m</th><th>NMAD before, m</th><th>after, m</th></tr>";
+        "m</th><th>&plusmn;</th><th>north, m</th><th>&plusmn;</th><th>up, m</th><th>&plusmn;</th>"
+        "<th>tilt east, m/m</th><th>north, m/m</th><th>NMAD before, m</th><th>after, m</th>"
+        "<th></th></tr>";
     for (const json& s : fuse.value("sources", json::array())) {
       html += "<tr>";
-      for (const char* key : {"name", "pixel_m", "coverage", "shift_east_m", "shift_north_m",
-                              "shift_up_m", "nmad_before_m", "nmad_after_m"})
+      for (const char* key : {"name", "pixel_m", "coverage", "shift_east_m", "sigma_east_m",
+                              "shift_north_m", "sigma_north_m", "shift_up_m", "sigma_up_m",
+                              "tilt_east", "tilt_north", "nmad_before_m", "nmad_after_m"})
         html += fmt::format("<td class='n'>{}</td>", number(s[key]));
-      html += "</tr>";
+      const auto why = s.value("height_only", std::string());
+      html +=
+          fmt::format("<td>{}</td></tr>", why.empty() ? "" : "height only: " + markup_escaped(why));
     }
     html += "</table>\n<h3>Mesh</h3>\n" +
             figure_table(figures_of(name + ".mesh"),

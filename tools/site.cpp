@@ -257,6 +257,14 @@ SiteFile empty_site_file() {
                true});
         e.add({"unit", &source.unit, "of the heights", -INFINITY, INFINITY, {"auto", "m", "km"}});
         e.add({"sigma_m", &source.sigma_m, "standard uncertainty of one pixel", 1e-6, 1e6});
+        e.add({"align",
+               &source.align,
+               "onto the sources before it: shift, height and tilt (auto: height alone where "
+               "relief tells no more; required: an error there), height, or none",
+               -INFINITY,
+               INFINITY,
+               {"auto", "required", "height", "none"}});
+        e.add({"similarity", &source.similarity, "align turn and scale too"});
         return e;
       });
   return file;

@@ -22,6 +22,8 @@ struct SiteSource {
   std::filesystem::path path;
   std::string unit = "auto";
   double sigma_m = 1.0;
+  std::string align = "auto";
+  bool similarity = false;
 };
 
 struct Site {

@@ -2,33 +2,36 @@
 #include "heightmap/detail/coregister.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <vector>
 
+#include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/parallel_reduce.h>
+#include <Eigen/Dense>
+
 #include "core/median.hpp"
 
 namespace maquette::heightmap::detail {
 namespace {
 
+constexpr int kUnknowns = Coregistration::kUnknowns;
+using Vector = Eigen::Matrix<double, kUnknowns, 1>;
+using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
+
 constexpr int kCellsPerPixel = 3;  // of the coarser surface, along each axis
+constexpr double kLeastPixels = 30.0;
 constexpr double kLeastCorrelation = 0.5;
-
-struct Spread {
-  double median = 0.0, nmad = 0.0;
-};
-
-Spread spread_of(std::vector<double> values) {
-  Spread s;
-  s.median = median(values);
-  s.nmad = nmad(std::move(values));
-  return s;
-}
+constexpr double kTukey = 4.685;      // 95 % efficiency for normal noise
+constexpr double kCommonBlur = 0.5;   // of both, in coarser pixels (standard deviation)
+constexpr double kMostSamples = 4e5;  // of a step
+constexpr std::ptrdiff_t kMostLag = 12;
+constexpr const char* kOneDirection = "the relief does not tell all directions apart";
 
 /// Means of m x m nodes; void if more than half of them are. Nodes left over at the
 /// upper and right edge are dropped.
 Grid<float> block_means(const Grid<float>& z, std::ptrdiff_t m) {
+  if (m == 1) return z;
   Grid<float> out(z.rows() / m, z.cols() / m, NAN);
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, out.rows(), [&](std::ptrdiff_t r) {
     for (std::ptrdiff_t c = 0; c < out.cols(); ++c) {
@@ -46,24 +49,88 @@ Grid<float> block_means(const Grid<float>& z, std::ptrdiff_t m) {
   return out;
 }
 
-/// Mean of 3 x 3 cells: the finer surface as the coarser pixel would have seen it.
-Grid<float> mean_of_nine(const Grid<float>& z) {
-  Grid<float> out(z.rows(), z.cols(), NAN);
-  for (std::ptrdiff_t r = 1; r + 1 < z.rows(); ++r)
+/// Voids where a cell is off the median of its neighbours by more than six times what cells
+/// usually are: spikes, which smoothing would spread.
+Grid<float> without_spikes(const Grid<float>& z) {
+  Grid<float> off(z.rows(), z.cols(), NAN);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{1}, z.rows() - 1, [&](std::ptrdiff_t r) {
     for (std::ptrdiff_t c = 1; c + 1 < z.cols(); ++c) {
-      double sum = 0.0;
-      for (std::ptrdiff_t i = -1; i <= 1; ++i)
-        for (std::ptrdiff_t j = -1; j <= 1; ++j) sum += static_cast<double>(z(r + i, c + j));
-      out(r, c) = static_cast<float>(sum / 9.0);
+      std::array<float, 8> around;
+      std::size_t n = 0;
+      for (std::ptrdiff_t i = r - 1; i <= r + 1; ++i)
+        for (std::ptrdiff_t j = c - 1; j <= c + 1; ++j)
+          if ((i != r || j != c) && !std::isnan(z(i, j))) around[n++] = z(i, j);
+      if (n < 5 || std::isnan(z(r, c))) continue;
+      const auto middle = around.begin() + static_cast<std::ptrdiff_t>(n / 2);
+      std::nth_element(around.begin(), middle, around.begin() + static_cast<std::ptrdiff_t>(n));
+      off(r, c) = std::abs(z(r, c) - *middle);
     }
+  });
+  std::vector<double> size;
+  const std::size_t step = 1 + z.cells().size() / 1'000'000;
+  for (std::size_t i = 0; i < off.cells().size(); i += step)
+    if (!std::isnan(off.cells()[i])) size.push_back(static_cast<double>(off.cells()[i]));
+  const auto limit = static_cast<float>(6.0 * kMadToSigma * median(std::move(size), INFINITY));
+  Grid<float> out = z;
+  for (std::size_t i = 0; i < out.cells().size(); ++i)
+    if (off.cells()[i] > limit) out.cells()[i] = NAN;
   return out;
+}
+
+/// One pass along a line of n values `stride` apart; voids are left out where the rest of the
+/// kernel weighs three quarters.
+void convolve_line(const float* in, float* out, std::ptrdiff_t n, std::ptrdiff_t stride,
+                   const std::vector<double>& kernel) {
+  const auto reach = static_cast<std::ptrdiff_t>(kernel.size()) - 1;  // kernel[0] is the middle
+  for (std::ptrdiff_t i = 0; i < n; ++i) {
+    double sum = 0.0, weight = 0.0;
+    for (std::ptrdiff_t k = std::max(-reach, -i); k <= std::min(reach, n - 1 - i); ++k) {
+      const float v = in[(i + k) * stride];
+      const double w = std::isnan(v) ? 0.0 : kernel[static_cast<std::size_t>(std::abs(k))];
+      weight += w;
+      if (w != 0.0) sum += w * static_cast<double>(v);
+    }
+    out[i * stride] = weight >= 0.75 ? static_cast<float>(sum / weight) : NAN;
+  }
+}
+
+Grid<float> convolved(const Grid<float>& z, const std::vector<double>& kernel) {
+  if (kernel.size() == 1) return z;
+  Grid<float> half(z.rows(), z.cols(), NAN), out(z.rows(), z.cols(), NAN);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, z.rows(), [&](std::ptrdiff_t r) {
+    convolve_line(&z(r, 0), &half(r, 0), z.cols(), 1, kernel);
+  });
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, z.cols(), [&](std::ptrdiff_t c) {
+    convolve_line(&half(0, c), &out(0, c), z.rows(), z.cols(), kernel);
+  });
+  return out;
+}
+
+std::vector<double> gaussian(double sigma) {
+  std::vector<double> kernel{1.0};
+  for (double x = 1.0; x <= std::ceil(3.0 * sigma) && sigma > 0.05; ++x)
+    kernel.push_back(std::exp(-0.5 * x * x / (sigma * sigma)));
+  double sum = -kernel[0];
+  for (const double k : kernel) sum += 2.0 * k;
+  for (double& k : kernel) k /= sum;
+  return kernel;
+}
+
+/// Mean over `width` cells, the outermost of them by their share.
+std::vector<double> box(double width) {
+  std::vector<double> kernel{std::min(1.0, 1.0 / width)};
+  for (double x = 1.0; x - 0.5 < 0.5 * width; ++x)
+    kernel.push_back(std::min(1.0, 0.5 * width - (x - 0.5)) / width);
+  return kernel;
 }
 
 /// Cubic convolution in cell units with its gradient; NaN if any of the 16 is missing.
 std::array<double, 3> height_and_gradient(const Grid<float>& z, double x, double y) {
   const double fx = std::floor(x), fy = std::floor(y);
+  if (!(fx >= 1.0 && fy >= 1.0 && fx + 2.0 < static_cast<double>(z.cols()) &&
+        fy + 2.0 < static_cast<double>(z.rows())))
+    return {NAN, NAN, NAN};
   const auto c = static_cast<std::ptrdiff_t>(fx), r = static_cast<std::ptrdiff_t>(fy);
-  if (!(fx >= 1.0 && fy >= 1.0) || c + 2 >= z.cols() || r + 2 >= z.rows()) return {NAN, NAN, NAN};
   const auto weights = [](double t) {
     const double s = 1.0 - t;
     return std::array<double, 4>{-0.5 * t * s * s, 1.0 + t * t * (1.5 * t - 2.5),
@@ -76,165 +143,483 @@ std::array<double, 3> height_and_gradient(const Grid<float>& z, double x, double
   };
   const auto wx = weights(x - fx), wy = weights(y - fy), gx = slopes(x - fx), gy = slopes(y - fy);
   std::array<double, 3> out{0.0, 0.0, 0.0};
-  for (std::size_t j = 0; j < 4; ++j)
+  for (std::size_t j = 0; j < 4; ++j) {
+    const float* row = &z(r - 1 + static_cast<std::ptrdiff_t>(j), c - 1);
+    double value = 0.0, slope = 0.0;
     for (std::size_t i = 0; i < 4; ++i) {
-      const auto h = static_cast<double>(
-          z(r - 1 + static_cast<std::ptrdiff_t>(j), c - 1 + static_cast<std::ptrdiff_t>(i)));
-      out[0] += wy[j] * wx[i] * h;
-      out[1] += wy[j] * gx[i] * h;
-      out[2] += gy[j] * wx[i] * h;
+      value += wx[i] * static_cast<double>(row[i]);
+      slope += gx[i] * static_cast<double>(row[i]);
     }
+    out[0] += wy[j] * value;
+    out[1] += wy[j] * slope;
+    out[2] += gy[j] * value;
+  }
   return out;
 }
 
-struct Sample {
-  double difference, slope_x, slope_y;
+/// Where the upper surface is looked up for a point p from the middle:
+/// p + (dx, dy) + ((k, -r), (r, k)) p, and the height up + tilt . p that is added to it.
+struct Pose {
+  Vector v = Vector::Zero();  ///< dx, dy, up, tilt x, tilt y, r, k; lengths in finest cells
+  [[nodiscard]] std::array<double, 2> look(double x, double y) const {
+    return {x + v[0] - v[5] * y + v[6] * x, y + v[1] + v[5] * x + v[6] * y};
+  }
 };
 
-std::vector<Sample> compare(const Grid<float>& lower, const Grid<float>& upper, double dx,
-                            double dy) {
-  std::vector<Sample> out;
-  for (std::ptrdiff_t r = 0; r < lower.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < lower.cols(); ++c) {
-      const auto h = static_cast<double>(lower(r, c));
+struct Level {
+  Grid<float> lower, upper;
+  double cell = 1.0;  ///< in cells of the finest level
+  [[nodiscard]] std::array<double, 2> from_middle(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return {(static_cast<double>(c) - 0.5 * static_cast<double>(lower.cols() - 1)) * cell,
+            (static_cast<double>(r) - 0.5 * static_cast<double>(lower.rows() - 1)) * cell};
+  }
+};
+
+struct Samples {
+  std::ptrdiff_t rows = 0, cols = 0;
+  std::vector<double> residual;  ///< NaN where there is none
+  /// Derivatives of the model by the slopes of the upper and of the lower surface.
+  std::vector<Vector> upper, lower;
+  bool by_upper = false;  ///< whose slopes residuals are weighed with
+  [[nodiscard]] const std::vector<Vector>& weights() const { return by_upper ? upper : lower; }
+};
+
+/// Residuals and derivatives at every `stride`-th cell. Unknowns are in finest cells.
+Samples compare(const Level& level, const Pose& pose, std::ptrdiff_t stride, bool by_upper) {
+  Samples s;
+  s.by_upper = by_upper;
+  s.rows = (level.lower.rows() + stride - 1) / stride;
+  s.cols = (level.lower.cols() + stride - 1) / stride;
+  const auto n = static_cast<std::size_t>(s.rows * s.cols);
+  s.residual.assign(n, NAN);
+  s.upper.resize(n);
+  s.lower.resize(n);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, s.rows, [&](std::ptrdiff_t i) {
+    for (std::ptrdiff_t j = 0; j < s.cols; ++j) {
+      const auto h = static_cast<double>(level.lower(i * stride, j * stride));
       if (std::isnan(h)) continue;
-      const auto [u, gx, gy] =
-          height_and_gradient(upper, static_cast<double>(c) + dx, static_cast<double>(r) + dy);
-      if (!std::isnan(u)) out.push_back({h - u, gx, gy});
+      const auto [x, y] = level.from_middle(i * stride, j * stride);
+      const auto [u, v] = pose.look(x, y);
+      const auto [z, gx_cell, gy_cell] =
+          height_and_gradient(level.upper, static_cast<double>(j * stride) + (u - x) / level.cell,
+                              static_cast<double>(i * stride) + (v - y) / level.cell);
+      const auto [l, lx_cell, ly_cell] = height_and_gradient(
+          level.lower, static_cast<double>(j * stride), static_cast<double>(i * stride));
+      if (std::isnan(z + l)) continue;
+      const auto row = [&, x = x, y = y](double gx, double gy) {
+        Vector out;
+        out << gx / level.cell, gy / level.cell, 1.0, x, y, (gy * x - gx * y) / level.cell,
+            (gx * x + gy * y) / level.cell;
+        return out;
+      };
+      const auto k = static_cast<std::size_t>(i * s.cols + j);
+      s.residual[k] = h - z - pose.v[2] - pose.v[3] * x - pose.v[4] * y;
+      s.upper[k] = row(gx_cell, gy_cell);
+      s.lower[k] = row(lx_cell, ly_cell);
     }
+  });
+  return s;
+}
+
+struct Spread {
+  double median = 0.0, nmad = 0.0;
+  std::size_t n = 0;
+};
+
+Spread spread_of(const std::vector<double>& residual) {
+  std::vector<double> known;
+  for (const double e : residual)
+    if (!std::isnan(e)) known.push_back(e);
+  return {median(known), nmad(known), known.size()};
+}
+
+/// Tukey's psi(e) / scale and its derivative.
+double psi(double e, double limit) {
+  const double u = e / limit, w = 1.0 - u * u;
+  return w > 0.0 ? e * w * w : 0.0;
+}
+double psi_slope(double e, double limit) {
+  const double u = e / limit, w = 1.0 - u * u;
+  return w > 0.0 ? w * (1.0 - 5.0 * u * u) : 0.0;
+}
+
+struct Normal {
+  Matrix a = Matrix::Zero();
+  Vector b = Vector::Zero();
+  double slope = 0.0, n = 0.0;
+};
+
+/// Derivative and value of the sum of psi times slopes. The product of the upper's slopes with the
+/// lower's is free of what the noise of each adds to its own slopes: with squares of one of them
+/// steps would be too short and the covariance too small.
+/// Fixed chunks summed in order: the same for any number of threads.
+Normal normal_of(const Samples& s, double limit) {
+  std::vector<Normal> part(static_cast<std::size_t>(s.rows));
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, s.rows, [&](std::ptrdiff_t i) {
+    Normal& p = part[static_cast<std::size_t>(i)];
+    for (std::ptrdiff_t j = 0; j < s.cols; ++j) {
+      const auto k = static_cast<std::size_t>(i * s.cols + j);
+      const double e = s.residual[k];
+      if (std::isnan(e)) continue;
+      p.slope += psi_slope(e, limit);
+      p.n += 1.0;
+      p.b += psi(e, limit) * s.weights()[k];
+      p.a.selfadjointView<Eigen::Lower>().rankUpdate(s.upper[k], s.lower[k], 0.5);
+    }
+  });
+  Normal sum;
+  for (const Normal& p : part) {
+    sum.a += p.a;
+    sum.b += p.b;
+    sum.slope += p.slope;
+    sum.n += p.n;
+  }
+  sum.a = (sum.slope / sum.n) * Matrix(sum.a.selfadjointView<Eigen::Lower>());
+  return sum;
+}
+
+using Free = std::array<bool, kUnknowns>;
+
+/// Inverse over the free unknowns; nothing if they cannot be told apart.
+std::optional<Matrix> inverse(const Matrix& a, const Free& free) {
+  std::vector<int> at;
+  for (int i = 0; i < kUnknowns; ++i)
+    if (free[static_cast<std::size_t>(i)]) at.push_back(i);
+  const auto n = static_cast<Eigen::Index>(at.size());
+  Eigen::MatrixXd m(n, n);
+  Eigen::VectorXd scale(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    scale[i] = std::sqrt(a(at[static_cast<std::size_t>(i)], at[static_cast<std::size_t>(i)]));
+    if (!(scale[i] > 0.0)) return std::nullopt;  // of slopes' products: noise may make it negative
+  }
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j)
+      m(i, j) = a(at[static_cast<std::size_t>(i)], at[static_cast<std::size_t>(j)]) /
+                (scale[i] * scale[j]);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(m);
+  if (!(eigen.eigenvalues()[0] > 1e-9)) return std::nullopt;
+  const Eigen::MatrixXd inv = m.inverse();
+  Matrix out = Matrix::Zero();
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j)
+      out(at[static_cast<std::size_t>(i)], at[static_cast<std::size_t>(j)]) =
+          inv(i, j) / (scale[i] * scale[j]);
   return out;
 }
 
-Spread spread_of(const std::vector<Sample>& samples) {
-  std::vector<double> d(samples.size());
-  std::transform(samples.begin(), samples.end(), d.begin(),
-                 [](const Sample& s) { return s.difference; });
-  return spread_of(std::move(d));
+/// Covariance of the unknowns: inverse derivative of the scores (`bread`) around the covariance of
+/// their sum, scores of neighbours being alike.
+Matrix sandwich(const Samples& s, double limit, const Matrix& bread, const Free& free) {
+  const std::size_t count = s.residual.size();
+  std::vector<double> weighed(count, NAN);
+  std::vector<Vector> score(count);
+  for (std::size_t k = 0; k < count; ++k)
+    if (!std::isnan(s.residual[k])) {
+      weighed[k] = psi(s.residual[k], limit);
+      score[k] = weighed[k] * s.weights()[k];
+      for (int u = 0; u < kUnknowns; ++u)
+        if (!free[static_cast<std::size_t>(u)]) score[k][u] = 0.0;
+    }
+  const auto for_pairs = [&](std::ptrdiff_t dr, std::ptrdiff_t dc, auto&& each) {
+    const std::ptrdiff_t c_begin = std::max<std::ptrdiff_t>(0, -dc);
+    const std::ptrdiff_t c_end = s.cols - std::max<std::ptrdiff_t>(0, dc);
+    for (std::ptrdiff_t i = 0; i + dr < s.rows; ++i)
+      for (std::ptrdiff_t j = c_begin; j < c_end; ++j) {
+        const auto a = static_cast<std::size_t>(i * s.cols + j);
+        const auto b = static_cast<std::size_t>((i + dr) * s.cols + j + dc);
+        if (!std::isnan(weighed[a]) && !std::isnan(weighed[b])) each(a, b);
+      }
+  };
+  // Lags of the half plane; lag 0 first.
+  struct Lag {
+    std::ptrdiff_t dr, dc;
+    double far, product, n;
+  };
+  std::vector<Lag> lags;
+  for (std::ptrdiff_t dr = 0; dr <= kMostLag; ++dr)
+    for (std::ptrdiff_t dc = dr == 0 ? 0 : -kMostLag; dc <= kMostLag; ++dc)
+      lags.push_back(
+          {dr, dc, std::hypot(static_cast<double>(dr), static_cast<double>(dc)), 0.0, 0.0});
+  oneapi::tbb::parallel_for(std::size_t{0}, lags.size(), [&](std::size_t k) {
+    Lag& l = lags[k];
+    for_pairs(l.dr, l.dc, [&](std::size_t a, std::size_t b) {
+      l.product += weighed[a] * weighed[b];
+      l.n += 1.0;
+    });
+  });
+  // Flat-top window: full weight up to the lag behind which rings no longer correlate, then
+  // falling to zero at twice that.
+  const double c0 = lags[0].product / lags[0].n;
+  std::vector<double> ring(static_cast<std::size_t>(kMostLag) + 1, 0.0), ring_n(ring);
+  for (const Lag& l : lags)
+    if (const auto r = static_cast<std::size_t>(std::lround(l.far)); r < ring.size()) {
+      ring[r] += l.product;
+      ring_n[r] += l.n;
+    }
+  const auto correlated = [&](std::ptrdiff_t r) {
+    const auto i = static_cast<std::size_t>(r);
+    return r <= kMostLag && ring_n[i] > 0.0 && std::abs(ring[i] / ring_n[i]) > 0.03 * c0;
+  };
+  std::ptrdiff_t m = 1;
+  while (m < kMostLag && (correlated(m) || correlated(m + 1))) ++m;
+  const auto weight = [m](const Lag& l) {
+    return std::clamp(2.0 - l.far / static_cast<double>(m), 0.0, 1.0);
+  };
+  std::vector<Matrix> part(lags.size(), Matrix::Zero());
+  oneapi::tbb::parallel_for(std::size_t{0}, lags.size(), [&](std::size_t k) {
+    const Lag& l = lags[k];
+    if (weight(l) == 0.0) return;
+    Matrix sum = Matrix::Zero();
+    for_pairs(l.dr, l.dc, [&](std::size_t a, std::size_t b) {
+      sum.noalias() += score[a] * score[b].transpose();
+    });
+    part[k] = l.far == 0.0 ? sum : Matrix(weight(l) * (sum + sum.transpose()));
+  });
+  Matrix meat = Matrix::Zero();
+  for (const Matrix& p : part) meat += p;
+  // The fit took the longest waves out of the residuals: as many of the n / window independent
+  // ones as there are unknowns.
+  double window = -1.0;
+  for (const Lag& l : lags) window += 2.0 * weight(l);
+  const auto unknowns = static_cast<double>(std::count(free.begin(), free.end(), true));
+  const double kept = 1.0 - unknowns * window / lags[0].n;
+  return bread * meat * bread / std::fmax(0.1, kept);
 }
 
-/// Correlation of the slopes of both. Noise has slopes too, but shares them with nobody.
-double slope_correlation(const Grid<float>& lower, const Grid<float>& upper, double dx, double dy) {
-  double ll = 0.0, uu = 0.0, lu = 0.0;
-  for (std::ptrdiff_t r = 1; r + 1 < lower.rows(); ++r)
-    for (std::ptrdiff_t c = 1; c + 1 < lower.cols(); ++c) {
-      // The same central difference of both: at whole shifts they weigh noise alike.
-      const auto at = [&](std::ptrdiff_t dr, std::ptrdiff_t dc) {
-        return height_and_gradient(upper, static_cast<double>(c + dc) + dx,
-                                   static_cast<double>(r + dr) + dy)[0];
-      };
-      const double lx = static_cast<double>(lower(r, c + 1)) - static_cast<double>(lower(r, c - 1));
-      const double ly = static_cast<double>(lower(r + 1, c)) - static_cast<double>(lower(r - 1, c));
-      const double ux = at(0, 1) - at(0, -1), uy = at(1, 0) - at(-1, 0);
-      if (std::isnan(lx + ly + ux + uy)) continue;
+/// Central differences, clipped at three times their spread so that no cliff or spike rules.
+struct Slopes {
+  Grid<float> x, y;
+};
+Slopes slopes_of(const Grid<float>& z) {
+  Slopes s{Grid<float>(z.rows(), z.cols(), NAN), Grid<float>(z.rows(), z.cols(), NAN)};
+  std::vector<double> size;
+  for (std::ptrdiff_t r = 1; r + 1 < z.rows(); ++r)
+    for (std::ptrdiff_t c = 1; c + 1 < z.cols(); ++c) {
+      const float gx = z(r, c + 1) - z(r, c - 1), gy = z(r + 1, c) - z(r - 1, c);
+      if (std::isnan(gx + gy)) continue;
+      s.x(r, c) = gx;
+      s.y(r, c) = gy;
+      size.push_back(static_cast<double>(std::abs(gx)));
+      size.push_back(static_cast<double>(std::abs(gy)));
+    }
+  const auto limit = static_cast<float>(3.0 * kMadToSigma * median(std::move(size), 0.0));
+  for (Grid<float>* g : {&s.x, &s.y})
+    for (float& v : g->cells())
+      if (!std::isnan(v)) v = std::clamp(v, -limit, limit);
+  return s;
+}
+
+/// Correlation of slopes with the upper surface looked up `dc`, `dr` cells further; 0 if less than
+/// `least` cells are common.
+double correlation(const Slopes& low, const Slopes& high, std::ptrdiff_t dr, std::ptrdiff_t dc,
+                   double least) {
+  double ll = 0.0, uu = 0.0, lu = 0.0, n = 0.0;
+  const std::ptrdiff_t rows = low.x.rows(), cols = low.x.cols();
+  for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, -dr); r < std::min(rows, high.x.rows() - dr);
+       ++r)
+    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, -dc);
+         c < std::min(cols, high.x.cols() - dc); ++c) {
+      const auto lx = static_cast<double>(low.x(r, c)), ly = static_cast<double>(low.y(r, c));
+      const auto ux = static_cast<double>(high.x(r + dr, c + dc)),
+                 uy = static_cast<double>(high.y(r + dr, c + dc));
+      if (std::isnan(lx + ux)) continue;
       ll += lx * lx + ly * ly;
       uu += ux * ux + uy * uy;
       lu += lx * ux + ly * uy;
+      n += 1.0;
     }
-  return ll > 0.0 && uu > 0.0 ? lu / std::sqrt(ll * uu) : 0.0;
+  return n >= least && ll > 0.0 && uu > 0.0 ? lu / std::sqrt(ll * uu) : 0.0;
 }
 
-struct Step {
-  double dx = 0.0, dy = 0.0;
-  double sigma_x = INFINITY, sigma_y = INFINITY;  ///< standard errors, cells
-};
+/// The upper surface looked up through a pose, on the lower's cells.
+Grid<float> looked_up(const Level& level, const Pose& pose) {
+  Grid<float> out(level.lower.rows(), level.lower.cols(), NAN);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, out.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < out.cols(); ++c) {
+      const auto [x, y] = level.from_middle(r, c);
+      const auto [u, v] = pose.look(x, y);
+      out(r, c) = static_cast<float>(
+          height_and_gradient(level.upper, static_cast<double>(c) + (u - x) / level.cell,
+                              static_cast<double>(r) + (v - y) / level.cell)[0]);
+    }
+  });
+  return out;
+}
 
-/// Slopes about their mean: the constant drops out of the normal equations.
-Step solve(const std::vector<Sample>& samples, const Spread& spread) {
-  const double limit = 3.0 * spread.nmad;
-  double n = 0.0, mx = 0.0, my = 0.0, md = 0.0;
-  const auto kept = [&](const Sample& s) {
-    return std::abs(s.difference - spread.median) <= limit;
-  };
-  for (const Sample& s : samples)
-    if (kept(s)) {
-      n += 1.0;
-      mx += s.slope_x;
-      my += s.slope_y;
-      md += s.difference;
-    }
-  if (n < 3.0) return {};
-  mx /= n;
-  my /= n;
-  md /= n;
-  double xx = 0.0, xy = 0.0, yy = 0.0, xd = 0.0, yd = 0.0;
-  for (const Sample& s : samples)
-    if (kept(s)) {
-      const double x = s.slope_x - mx, y = s.slope_y - my, d = s.difference - md;
-      xx += x * x;
-      xy += x * y;
-      yy += y * y;
-      xd += x * d;
-      yd += y * d;
-    }
-  const double det = xx * yy - xy * xy;
-  if (!(det > 1e-12 * xx * yy) || !(det > 0.0)) return {};
-  Step step;
-  step.dx = (yy * xd - xy * yd) / det;
-  step.dy = (xx * yd - xy * xd) / det;
-  step.sigma_x = spread.nmad * std::sqrt(yy / det);
-  step.sigma_y = spread.nmad * std::sqrt(xx / det);
-  return step;
+/// Best whole shift in cells of a level.
+std::array<double, 2> search(const Level& level, double reach_cells) {
+  const Slopes low = slopes_of(level.lower), high = slopes_of(level.upper);
+  double common = 0.0;
+  for (std::size_t k = 0; k < low.x.cells().size(); ++k)
+    if (!std::isnan(low.x.cells()[k]) && !std::isnan(high.x.cells()[k])) common += 1.0;
+  const auto most = std::min(level.lower.rows(), level.lower.cols()) / 2;
+  const auto reach =
+      std::min<std::ptrdiff_t>(most, static_cast<std::ptrdiff_t>(std::ceil(reach_cells)));
+  const std::ptrdiff_t side = 2 * reach + 1;
+  std::vector<double> score(static_cast<std::size_t>(side * side), 0.0);
+  oneapi::tbb::parallel_for(std::size_t{0}, score.size(), [&](std::size_t k) {
+    const std::ptrdiff_t dr = static_cast<std::ptrdiff_t>(k) / side - reach;
+    const std::ptrdiff_t dc = static_cast<std::ptrdiff_t>(k) % side - reach;
+    score[k] = correlation(low, high, dr, dc, std::max(20.0, 0.25 * common));
+  });
+  if (*std::max_element(score.begin(), score.end()) <= 0.0) return {0.0, 0.0};
+  const auto best = std::max_element(score.begin(), score.end()) - score.begin();
+  return {static_cast<double>(best % side - reach), static_cast<double>(best / side - reach)};
 }
 
 }  // namespace
 
+double Coregistration::sigma(Unknown u) const {
+  const auto i = static_cast<std::size_t>(u);
+  return std::sqrt(covariance[i][i]);
+}
+
+std::array<double, 2> Coregistration::origin_of(double x_m, double y_m) const {
+  const double x = x_m - east_m, y = y_m - north_m;
+  const double c = std::cos(rotation_rad) / scale, s = std::sin(rotation_rad) / scale;
+  return {c * x + s * y, -s * x + c * y};
+}
+
 std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<float>& upper,
-                                         double spacing_m, double coarse_pixel_m) {
-  const double cell_wanted = coarse_pixel_m / kCellsPerPixel / spacing_m;
+                                         double spacing_m, double lower_pixel_m,
+                                         double upper_pixel_m, const CoregisterOptions& options) {
+  const double coarse_m = std::max(lower_pixel_m, upper_pixel_m);
+  const double fine_m = std::min(lower_pixel_m, upper_pixel_m);
+  const double cell_wanted = coarse_m / kCellsPerPixel / spacing_m;
   const auto smallest_side = static_cast<double>(std::min(lower.rows(), lower.cols()));
+  const bool resolved = cell_wanted <= smallest_side / 16.0;
   const auto m = static_cast<std::ptrdiff_t>(
       std::max(1.0, std::round(std::min(cell_wanted, smallest_side / 16.0))));
   const double cell_m = static_cast<double>(m) * spacing_m;
-  const bool resolved = cell_wanted <= smallest_side / 16.0;
-  const Grid<float> low = block_means(lower, m);
-  Grid<float> high = block_means(upper, m);
+  Level finest;
+  finest.lower = block_means(without_spikes(lower), m);
+  finest.upper = block_means(without_spikes(upper), m);
 
   Coregistration result;
-  std::vector<double> differences;
-  for (std::size_t i = 0; i < low.cells().size(); ++i)
-    if (!std::isnan(low.cells()[i]) && !std::isnan(high.cells()[i]))
-      differences.push_back(static_cast<double>(low.cells()[i]) -
-                            static_cast<double>(high.cells()[i]));
-  if (differences.empty()) return std::nullopt;
-  const Spread raw = spread_of(std::move(differences));
-  result.up_m = raw.median;
-  result.nmad_before_m = result.nmad_after_m = raw.nmad;
-  if (!resolved) return result;
-
-  if (cell_wanted >= 0.5) high = mean_of_nine(high);
-  double dx = 0.0, dy = 0.0;
-  Step step;
-  const std::vector<Sample> first = compare(low, high, 0.0, 0.0);
-  // Cells of one coarse pixel are not independent of each other.
-  const double per_pixel = std::max(1.0, std::pow(coarse_pixel_m / cell_m, 2.0));
-  if (static_cast<double>(first.size()) < 30.0 * per_pixel) return result;
-  const Spread before = spread_of(first);
-  std::vector<Sample> samples = first;
-  Spread spread = before;
-  const double farthest = smallest_side / static_cast<double>(m) / 4.0;
-  bool settled = false;
-  for (int i = 0; i < 30 && !settled; ++i) {
-    step = solve(samples, spread);
-    if (!std::isfinite(step.sigma_x)) return result;
-    dx += step.dx;
-    dy += step.dy;
-    if (std::hypot(dx, dy) > farthest) return result;
-    samples = compare(low, high, dx, dy);
-    if (static_cast<double>(samples.size()) < 30.0 * per_pixel) return result;
-    spread = spread_of(samples);
-    settled = std::hypot(step.dx, step.dy) < 1e-3;
+  {
+    std::vector<double> difference(finest.lower.cells().size());
+    for (std::size_t i = 0; i < difference.size(); ++i)
+      difference[i] = static_cast<double>(finest.lower.cells()[i]) -
+                      static_cast<double>(finest.upper.cells()[i]);
+    const Spread raw = spread_of(difference);
+    if (raw.n == 0) return std::nullopt;
+    result.overlap = static_cast<double>(raw.n) / static_cast<double>(difference.size());
+    result.median_before_m = result.up_m = raw.median;
+    result.nmad_before_m = result.nmad_after_m = raw.nmad;  // and a median of zero
   }
-  const double sigma_m = std::max(step.sigma_x, step.sigma_y) * std::sqrt(per_pixel) * cell_m;
-  const double shift_m = std::hypot(dx, dy) * cell_m;
-  // Known to a tenth of a pixel, larger than its own error, of use, and from shared relief.
-  if (!settled || sigma_m > 0.1 * coarse_pixel_m || shift_m < 3.0 * sigma_m ||
-      spread.nmad > before.nmad || slope_correlation(low, high, dx, dy) < kLeastCorrelation)
+  const auto refused = [&](std::string why) {
+    result.refusal = std::move(why);
     return result;
+  };
+  if (options.height_only) return refused("nothing else was asked for");
+  const double pixels = result.overlap * static_cast<double>(lower.rows()) *
+                        static_cast<double>(lower.cols()) * std::pow(spacing_m / coarse_m, 2.0);
+  if (!resolved || pixels < kLeastPixels)
+    return refused(fmt::format("only {:.1f} pixels of {:.4g} m are common, {:.0f} are needed",
+                               pixels, coarse_m, kLeastPixels));
+
+  // The finer one as the coarser pixel would have seen it, then both a little blurred.
+  const double pixel_cells = coarse_m / cell_m;
+  Grid<float>& sharper = lower_pixel_m <= upper_pixel_m ? finest.lower : finest.upper;
+  const double seen = std::sqrt(std::max(0.0, coarse_m * coarse_m - fine_m * fine_m)) / cell_m;
+  if (seen > 1.0) sharper = convolved(sharper, box(seen));
+  const std::vector<double> blur = gaussian(kCommonBlur * pixel_cells);
+  finest.lower = convolved(finest.lower, blur);
+  finest.upper = convolved(finest.upper, blur);
+  std::vector<Level> levels{std::move(finest)};
+  while (std::min(levels.back().lower.rows(), levels.back().lower.cols()) > 96) {
+    const Level& l = levels.back();
+    levels.push_back({block_means(l.lower, 2), block_means(l.upper, 2), 2.0 * l.cell});
+  }
+
+  Pose pose;
+  {
+    const Level& l = levels.back();
+    const auto [x, y] = search(l, options.capture_pixels * pixel_cells / l.cell);
+    pose.v[0] = x * l.cell;
+    pose.v[1] = y * l.cell;
+    pose.v[2] = spread_of(compare(l, pose, 1, false).residual).median;
+  }
+  // The lower surface's slopes stand on nodes: no interpolation couples their noise to heights.
+  // A much finer upper surface has next to no noise after all its means, and better slopes.
+  const bool by_upper = 1.5 * upper_pixel_m < lower_pixel_m;
+  const Free free{true, true, true, options.tilt, options.tilt, options.rotation, options.scale};
+  const double half =
+      0.5 * static_cast<double>(std::max(levels[0].lower.rows(), levels[0].lower.cols()));
+  Samples samples;
+  Spread spread;
+  bool settled = false;
+  for (std::size_t k = levels.size(); k-- > 0;) {
+    const Level& l = levels[k];
+    const auto stride = static_cast<std::ptrdiff_t>(std::max(
+        1.0, std::ceil(std::sqrt(static_cast<double>(l.lower.cells().size()) / kMostSamples))));
+    settled = false;
+    // A sample that left the common ground stays out, or steps to and fro over an edge never end.
+    std::vector<bool> left;
+    for (int i = 0; i < 30 && !settled; ++i) {
+      samples = compare(l, pose, stride, by_upper);
+      left.resize(samples.residual.size(), false);
+      for (std::size_t j = 0; j < left.size(); ++j) {
+        if (left[j]) samples.residual[j] = NAN;
+        left[j] = std::isnan(samples.residual[j]);
+      }
+      spread = spread_of(samples.residual);
+      if (spread.n < 3 * kUnknowns) return refused("too few heights are common at any shift found");
+      const Normal n = normal_of(samples, kTukey * std::max(spread.nmad, 1e-9));
+      const auto inv = inverse(n.a, free);
+      if (!inv) return refused(kOneDirection);
+      Vector step = *inv * n.b;
+      // A step beyond the relief's own waves is no step: at most one pixel or level's cell.
+      const double far = std::hypot(step[0], step[1]) / std::max(pixel_cells, 2.0 * l.cell);
+      if (far > 1.0) step /= far;
+      pose.v += step;
+      settled = std::hypot(step[0], step[1]) < 1e-4 * pixel_cells &&
+                half * std::hypot(step[5], step[6]) < 1e-3 * pixel_cells &&
+                std::abs(step[2]) + half * (std::abs(step[3]) + std::abs(step[4])) <
+                    1e-3 * std::max(spread.nmad, 1e-6);
+    }
+  }
+  const double moved = std::hypot(pose.v[0], pose.v[1]) / pixel_cells;
+  if (!settled) return refused("the alignment did not settle");
+  if (moved > 2.0 * options.capture_pixels)
+    return refused(fmt::format("the best shift, {:.1f} pixels, is out of reach", moved));
+
+  const double limit = kTukey * std::max(spread.nmad, 1e-9);
+  const auto bread = inverse(normal_of(samples, limit).a, free);
+  if (!bread) return refused(kOneDirection);
+  const Matrix cov = sandwich(samples, limit, *bread, free);
+  const double sigma_pixels = std::sqrt(std::max(cov(0, 0), cov(1, 1))) / pixel_cells;
+  if (!(sigma_pixels <= 0.1))
+    return refused(fmt::format("the relief tells the shift to {:.2f} pixels only, 0.1 are needed",
+                               sigma_pixels));
+  // Where coarser cells serve as well, they are faster.
+  const Level& judged = *std::find_if(levels.begin(), levels.end(), [](const Level& l) {
+    return l.lower.cells().size() <= 1'000'000 || l.lower.rows() <= 96;
+  });
+  const double alike =
+      correlation(slopes_of(judged.lower), slopes_of(looked_up(judged, pose)), 0, 0, 1.0);
+  if (alike < kLeastCorrelation)
+    return refused(fmt::format("slopes of both correlate by {:.2f} only, {:.1f} are needed", alike,
+                               kLeastCorrelation));
+
+  // From "looked up at" to "moved by", in metres.
+  const double turn = pose.v[5], grow = 1.0 + pose.v[6];
   result.horizontal = true;
-  result.east_m = -dx * cell_m;
-  result.north_m = -dy * cell_m;
-  result.up_m = spread.median;
-  result.nmad_before_m = before.nmad;
+  result.rotation_rad = -std::atan2(turn, grow);
+  result.scale = 1.0 / std::hypot(grow, turn);
+  const double c = std::cos(result.rotation_rad) * result.scale,
+               s = std::sin(result.rotation_rad) * result.scale;
+  result.east_m = -(c * pose.v[0] - s * pose.v[1]) * cell_m;
+  result.north_m = -(s * pose.v[0] + c * pose.v[1]) * cell_m;
+  result.up_m = pose.v[2];
+  result.tilt_east = pose.v[3] / cell_m;
+  result.tilt_north = pose.v[4] / cell_m;
+  const std::array<double, kUnknowns> unit{-cell_m,      -cell_m, 1.0, 1.0 / cell_m,
+                                           1.0 / cell_m, -1.0,    -1.0};
+  for (std::size_t i = 0; i < kUnknowns; ++i)
+    for (std::size_t j = 0; j < kUnknowns; ++j)
+      result.covariance[i][j] = unit[i] * unit[j] * cov(static_cast<int>(i), static_cast<int>(j));
+  result.median_after_m = spread.median;
   result.nmad_after_m = spread.nmad;
   return result;
 }

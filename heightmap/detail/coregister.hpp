@@ -2,33 +2,80 @@
 #pragma once
 
 /// @file coregister.hpp
-/// By how much one surface must move to lie on another.
+/// How one surface must move to lie on another: shift, height and tilt, and where asked
+/// a turn about the vertical and a scale; with its covariance, or the reason why not.
 ///
-/// Method: Nuth and Kaab 2011, doi:10.5194/tc-5-271-2011: the height difference of two
-/// shifted surfaces is the shift times the slope. Solved here in its linear form
-/// (difference = shift . gradient + constant, least squares, residuals beyond three
-/// NMAD left out), iterated, so that flat ground needs no division by its slope. Both
-/// surfaces are first brought to the resolution of the coarser one.
+/// Method. Nuth and Kaab 2011, doi:10.5194/tc-5-271-2011: the height difference of two shifted
+/// surfaces is the shift times the slope. In its linear form (difference = shift . gradient
+/// + height + tilt . place) flat ground needs no division by its slope; solved by Gauss-Newton
+/// with Tukey's weights (Beaton and Tukey 1974, doi:10.1080/00401706.1974.10489171) from coarse
+/// to fine. The start is the shift at which the clipped slopes of both correlate most.
+///
+/// Both surfaces are brought to the coarser one's resolution first, and both are smoothed by half a
+/// coarse pixel: else interpolation, which smooths noise most half-way between pixels, draws the
+/// shift there.
+///
+/// Noise has slopes too: the normal equations take products of the one surface's slopes with the
+/// other's, so that steps are not too short and the covariance not too small.
+///
+/// Covariance. Height differences of neighbours are alike (pixels wider than cells, correlated
+/// noise), so least squares' own covariance is too small. Here it is the sandwich of the
+/// scores' covariance, summed over lags up to where residuals no longer correlate (flat-top window,
+/// Politis 2003, doi:10.1111/1467-9868.00415). It does not know of errors as long as the overlap:
+/// what a bow does to the tilt is not in it.
 
+#include <array>
 #include <optional>
+#include <string>
 
 #include "core/grid.hpp"
 
 namespace maquette::heightmap::detail {
 
-/// Add it to the position of the upper surface to lay it on the lower.
+struct CoregisterOptions {
+  bool height_only = false;
+  bool tilt = true;
+  bool rotation = false, scale = false;
+  double capture_pixels = 25.0;  ///< of the coarser surface: how far the start is searched
+};
+
+/// A point p of the upper surface, from the middle of the grid, belongs at
+/// scale * turn(rotation) p + (east, north), raised by up + tilt . (its new place).
 struct Coregistration {
+  enum Unknown { kEast, kNorth, kUp, kTiltEast, kTiltNorth, kRotation, kScale, kUnknowns };
   double east_m = 0.0, north_m = 0.0, up_m = 0.0;
-  /// Normalised median absolute deviation of the height difference.
+  double tilt_east = 0.0, tilt_north = 0.0;  ///< metres per metre
+  double rotation_rad = 0.0;                 ///< counter-clockwise from above
+  double scale = 1.0;
+  /// Of the values above in the order of Unknown; zero for what was not asked.
+  std::array<std::array<double, kUnknowns>, kUnknowns> covariance{};
+
+  double overlap = 0.0;  ///< share of the grid's cells in which both have a height
+  /// Median and normalised median absolute deviation of lower less upper, in the coarser
+  /// resolution.
+  double median_before_m = 0.0, median_after_m = 0.0;
   double nmad_before_m = 0.0, nmad_after_m = 0.0;
-  bool horizontal = false;  ///< relief was enough to say where; else east = north = 0
+  /// False: relief or overlap do not say where the upper surface lies (`refusal` says why);
+  /// then only its height moves, to a median difference of zero.
+  bool horizontal = false;
+  std::string refusal;
+
+  [[nodiscard]] double sigma(Unknown u) const;
+  /// Where on the upper surface the point lies that belongs at (x, y); metres from the middle.
+  [[nodiscard]] std::array<double, 2> origin_of(double x_m, double y_m) const;
 };
 
 /// Both grids on the same nodes, voids NaN.
-/// @param coarse_pixel_m  pixel of the coarser of the two
+/// @param lower_pixel_m, upper_pixel_m  their resolutions
 /// @return nothing if no node has both heights
+///
+/// Accuracy (tests: twenty seeds, three reliefs): same resolution 0.01 pixel rms; chi^2 per degree
+/// of freedom of the stated covariance 0.9 to 1.1. Horizontal shift is claimed if it is known to a
+/// tenth of the coarser pixel from at least 30 of them, and slopes of both then correlate by 0.5 or
+/// more. Cost: about 1 s for 4001 x 4001 nodes at 2 threads.
 [[nodiscard]] std::optional<Coregistration> coregister(const Grid<float>& lower,
                                                        const Grid<float>& upper, double spacing_m,
-                                                       double coarse_pixel_m);
+                                                       double lower_pixel_m, double upper_pixel_m,
+                                                       const CoregisterOptions& options = {});
 
 }  // namespace maquette::heightmap::detail

@@ -101,8 +101,9 @@ void NodeMap::Bounds::add(double u, double v) {
   v_max = std::max(v_max, v);
 }
 
-NodeMap::NodeMap(const DemReader& dem, const SiteFrame& site, const NodeGrid& nodes)
-    : dem_(&dem), site_(&site), nodes_(nodes) {
+NodeMap::NodeMap(const DemReader& dem, const SiteFrame& site, const NodeGrid& nodes,
+                 const Origin& origin)
+    : dem_(&dem), site_(&site), nodes_(nodes), origin_(origin) {
   tile_rows_ = (nodes.rows + kTile - 1) / kTile;
   tile_cols_ = (nodes.cols + kTile - 1) / kTile;
   tiles_.resize(static_cast<std::size_t>(tile_rows_ * tile_cols_));
@@ -115,7 +116,8 @@ void NodeMap::walk(const std::vector<double>& x, const std::vector<double>& y,
   std::vector<double> lat(n), lon(n);
   for (auto& channel : out) channel.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
-    const BodyPoint p = site_->below(x[i], y[i]);
+    const BodyPoint p = site_->below(origin_.xx * x[i] + origin_.xy * y[i] + origin_.x_m,
+                                     origin_.yx * x[i] + origin_.yy * y[i] + origin_.y_m);
     lat[i] = p.latitude_deg;
     lon[i] = p.longitude_deg;
     out[kDeficit][i] = site_->radius_deficit_m(p.latitude_deg);
@@ -178,8 +180,8 @@ void NodeMap::build_row(std::ptrdiff_t tile_row) {
 }
 
 Result<NodeMap> NodeMap::build(const DemReader& dem, const SiteFrame& site, const NodeGrid& nodes,
-                               const RunContext& run) {
-  NodeMap map(dem, site, nodes);
+                               const RunContext& run, const Origin& origin) {
+  NodeMap map(dem, site, nodes, origin);
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, map.tile_rows_, [&](std::ptrdiff_t tile_row) {
     if (!run.stopped()) map.build_row(tile_row);
   });

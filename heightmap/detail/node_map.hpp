@@ -27,6 +27,12 @@ struct NodeGrid {
   std::ptrdiff_t rows = 0, cols = 0;
 };
 
+/// From where in the site frame the height at a node is taken, of a source that was moved there:
+/// (x, y) -> (xx x + xy y + x, yx x + yy y + y).
+struct Origin {
+  double xx = 1.0, xy = 0.0, yx = 0.0, yy = 1.0, x_m = 0.0, y_m = 0.0;
+};
+
 /// Ground size of one pixel.
 struct PixelSize {
   double along_u_m = 0.0, along_v_m = 0.0;
@@ -41,7 +47,8 @@ class NodeMap {
   /// Keeps references to `dem` and `site`.
   /// @return the map, or CORE_CANCELLED
   [[nodiscard]] static Result<NodeMap> build(const DemReader& dem, const SiteFrame& site,
-                                             const NodeGrid& nodes, const RunContext& run);
+                                             const NodeGrid& nodes, const RunContext& run,
+                                             const Origin& origin = {});
 
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
   /// True if some node lies in the raster.
@@ -62,7 +69,7 @@ class NodeMap {
   };
   struct Row;  // scratch of one row of tiles
 
-  NodeMap(const DemReader& dem, const SiteFrame& site, const NodeGrid& nodes);
+  NodeMap(const DemReader& dem, const SiteFrame& site, const NodeGrid& nodes, const Origin& origin);
   void build_row(std::ptrdiff_t tile_row);
   void walk(const std::vector<double>& x, const std::vector<double>& y,
             std::array<std::vector<double>, kChannels>& out) const;
@@ -71,6 +78,7 @@ class NodeMap {
   const DemReader* dem_;
   const SiteFrame* site_;
   NodeGrid nodes_;
+  Origin origin_;
   std::ptrdiff_t tile_rows_ = 0, tile_cols_ = 0;
   std::vector<Tile> tiles_;
   struct Bounds {

@@ -129,6 +129,47 @@ TEST_P(PlantedShift, IsFoundAndUndone) {
   EXPECT_LT(std::sqrt(sum / static_cast<double>(fused->field.z_m.cells().size())), d2);
 }
 
+TEST(Coregister, TakesOutATiltAndSaysHowSure) {
+  const ScratchFolder scratch;
+  write_planet_raster(raster(10.0, 520, pixel_mean(10.0)), scratch / "base.tif");
+  write_planet_raster(
+      raster(2.0, 480,
+             [](double x, double y) { return relief(x - 3.0, y) + 5.0 + 0.01 * x - 0.02 * y; }),
+      scratch / "fine.tif");
+  const auto fused = fuse(pair_on(scratch, 400, 2.0));
+  ASSERT_THAT(fused, Succeeds());
+  const SourceReport& report = fused->sources.at(1);
+  EXPECT_EQ(report.height_only, "");
+  EXPECT_NEAR(report.tilt_east, -0.01, 1e-4);
+  EXPECT_NEAR(report.tilt_north, 0.02, 1e-4);
+  EXPECT_NEAR(report.shift_east_m, -3.0, 0.2);
+  EXPECT_GT(report.covariance[0][0], 0.0);
+  EXPECT_LT(std::sqrt(report.covariance[0][0]), 0.5);
+  EXPECT_NEAR(report.overlap, 1.0, 1e-9);
+  for (const auto& [r, c] : {std::pair{20, 30}, {380, 200}, {200, 380}})
+    EXPECT_NEAR(fused->field.z_m(r, c), relief(-400.0 + 2.0 * c, -400.0 + 2.0 * r), 0.3);
+}
+
+TEST(Coregister, RefusesWhereItsAnswerIsRequired) {
+  const ScratchFolder scratch;
+  write_planet_raster(raster(10.0, 520, [](double, double) { return 7.0; }), scratch / "base.tif");
+  write_planet_raster(raster(2.0, 480, [](double, double) { return 9.0; }), scratch / "fine.tif");
+  FuseRequest request = pair_on(scratch, 400, 2.0);
+  const auto automatic = fuse(request);
+  ASSERT_THAT(automatic, Succeeds());
+  EXPECT_NEAR(automatic->sources[1].shift_up_m, -2.0, 1e-3);
+  EXPECT_NE(automatic->sources[1].height_only, "");
+  request.sources[1].align = Source::Align::required;
+  const auto refused = fuse(request);
+  EXPECT_THAT(refused, testing_support::FailsWith(kNotAligned));
+  EXPECT_THAT(refused.error().message, ::testing::HasSubstr("directions"));
+  request.sources[1].align = Source::Align::none;
+  const auto as_is = fuse(request);
+  ASSERT_THAT(as_is, Succeeds());
+  EXPECT_EQ(as_is->sources[1].shift_up_m, 0.0);
+  EXPECT_NEAR(as_is->field.z_m(200, 200), 9.0, 1e-3);
+}
+
 TEST(Coregister, LeavesAlignedSurfacesWhereTheyAre) {
   const ScratchFolder scratch;
   write_planet_raster(raster(10.0, 520, pixel_mean(10.0)), scratch / "base.tif");
@@ -146,7 +187,7 @@ TEST(Coregister, MovesOnlyUpwardsWithoutRelief) {
     lower.cells()[i] = static_cast<float>(100.0 + 0.5 * random_normal(1, i));
     upper.cells()[i] = static_cast<float>(93.0 + 0.5 * random_normal(2, i));
   }
-  const auto found = detail::coregister(lower, upper, 1.0, 3.0);
+  const auto found = detail::coregister(lower, upper, 1.0, 3.0, 1.0);
   ASSERT_TRUE(found);
   EXPECT_FALSE(found->horizontal);
   EXPECT_EQ(found->east_m, 0.0);
@@ -155,7 +196,7 @@ TEST(Coregister, MovesOnlyUpwardsWithoutRelief) {
 
 TEST(Coregister, HasNothingToSayWithoutCommonGround) {
   Grid<float> lower(64, 64, 1.0F);
-  EXPECT_FALSE(detail::coregister(lower, Grid<float>(64, 64, NAN), 1.0, 3.0));
+  EXPECT_FALSE(detail::coregister(lower, Grid<float>(64, 64, NAN), 1.0, 3.0, 1.0));
 }
 
 /// Base at 0 m, fine source a plateau that covers the west only.

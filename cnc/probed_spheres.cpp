@@ -31,8 +31,8 @@ Vec3 fitted_centre(std::span<const Vec3> points, Vec3 start, double distance_mm)
     }
     const double volume = dot(a, cross(b, c));
     if (!(std::abs(volume) > 1e-12)) break;
-    const Vec3 move = (1.0 / volume) *
-                      (right.x * cross(b, c) + right.y * cross(c, a) + right.z * cross(a, b));
+    const Vec3 move =
+        (1.0 / volume) * (right.x * cross(b, c) + right.y * cross(c, a) + right.z * cross(a, b));
     centre += move;
     if (norm(move) < 1e-12) break;
   }

@@ -11,8 +11,8 @@
 ///         radius, the radii being known. Five places and three unknowns: two equations are left
 ///         to show a wrong radius, a chip on the sphere, or a touch of something else.
 /// Accuracy  exact for exact touches (1e-9 mm). Of a touch's error s the centre gets s / sqrt 2 in
-///         x and y and 0.9 s in z. With a ball radius wrong by d, and a plan right to a quarter of the
-///         two radii, the centre is off by at most 1.2 d, and the residual is 0.6 d and more.
+///         x and y and 0.9 s in z. With a ball radius wrong by d, and a plan right to a quarter of
+///         the two radii, the centre is off by at most 1.2 d, and the residual is 0.6 d and more.
 
 #include <filesystem>
 #include <span>

@@ -156,29 +156,14 @@ Result<void> align(Layer& layer, SourceReport& report, const Source& source, con
   return {};
 }
 
-/// Fills what the base leaves open and says how uncertain that is: the base's own
-/// uncertainty and its rms node-to-node slope times the distance to the next measured node.
+/// Fills what the base leaves open, and says so.
 void fill_base(FusedSurface& surface, double base_sigma_m) {
-  Grid<float>& z = surface.field.z_m;
-  if (height_range(z).voids == 0) return;
-  const Grid<float> distance = detail::distance_to(z, false);
-  double sum = 0.0;
-  std::ptrdiff_t n = 0;
-  for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
-    for (std::ptrdiff_t c = 1; c < z.cols(); ++c)
-      if (const double d = static_cast<double>(z(r, c)) - static_cast<double>(z(r, c - 1));
-          !std::isnan(d)) {
-        sum += d * d;
-        ++n;
-      }
-  const double step_m = n > 0 ? std::sqrt(sum / static_cast<double>(n)) : 0.0;
-  detail::fill_voids(z);
-  for (std::size_t i = 0; i < distance.cells().size(); ++i) {
-    const auto nodes_away = static_cast<double>(distance.cells()[i]);
-    if (nodes_away == 0.0) continue;
-    surface.source.cells()[i] = kNotMeasured;
-    surface.sigma_m.cells()[i] = static_cast<float>(std::hypot(base_sigma_m, step_m * nodes_away));
-  }
+  const detail::VoidFill fill = detail::fill_voids(surface.field.z_m);
+  for (std::size_t i = 0; i < fill.sigma.cells().size(); ++i)
+    if (const auto s = static_cast<double>(fill.sigma.cells()[i]); !std::isnan(s)) {
+      surface.source.cells()[i] = kNotMeasured;
+      surface.sigma_m.cells()[i] = static_cast<float>(std::hypot(base_sigma_m, s));
+    }
 }
 
 /// Lays a layer over the surface; its weight rises from 0 at its voids to 1 at `feather`

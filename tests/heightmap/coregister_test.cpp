@@ -12,7 +12,6 @@
 
 #include <array>
 #include <cmath>
-#include <complex>
 #include <numbers>
 #include <vector>
 
@@ -22,49 +21,12 @@
 
 #include "core/random.hpp"
 #include "heightmap/detail/coregister.hpp"
+#include "support/wave_relief.hpp"
 
 namespace maquette::heightmap::detail {
 namespace {
 
-/// Waves from 4 to 200 pixels, amplitude as length^(hurst + 1 / 2): known at every place and
-/// as the mean of any square pixel.
-class Relief {
- public:
-  Relief(std::uint64_t seed, double hurst, double roughness, double directions_rad) {
-    constexpr std::uint64_t kWaves = 120;
-    for (std::uint64_t i = 0; i < kWaves; ++i) {
-      const double length =
-          4.0 * std::pow(50.0, (static_cast<double>(i) + random_uniform(seed, 3 * i)) / kWaves);
-      const double way = directions_rad * (random_uniform(seed, 3 * i + 1) - 0.5) + 0.6;
-      const double k = 2.0 * std::numbers::pi / length;
-      waves_.push_back({roughness * std::pow(length / 10.0, hurst), k * std::cos(way),
-                        k * std::sin(way),
-                        2.0 * std::numbers::pi * random_uniform(seed, 3 * i + 2)});
-    }
-  }
-  /// Adds what square pixels see whose middles are at first + column (dx, dy) + row (-dy, dx).
-  void add_to(Grid<double>& z, std::array<double, 2> first, double dx, double dy,
-              double pixel) const {
-    for (const Wave& w : waves_) {
-      const double amplitude =
-          w.amplitude * sinc(0.5 * w.kx * pixel) * sinc(0.5 * w.ky * pixel);
-      const std::complex<double> step = std::polar(1.0, w.kx * dx + w.ky * dy);
-      for (std::ptrdiff_t r = 0; r < z.rows(); ++r) {
-        const auto row = static_cast<double>(r);
-        std::complex<double> at = std::polar(
-            amplitude, w.kx * (first[0] - row * dy) + w.ky * (first[1] + row * dx) + w.phase);
-        for (std::ptrdiff_t c = 0; c < z.cols(); ++c, at *= step) z(r, c) += at.imag();
-      }
-    }
-  }
-
- private:
-  struct Wave {
-    double amplitude, kx, ky, phase;
-  };
-  static double sinc(double x) { return std::abs(x) < 1e-9 ? 1.0 : std::sin(x) / x; }
-  std::vector<Wave> waves_;
-};
+using testing_support::WaveRelief;
 
 struct Truth {
   double east = 0.0, north = 0.0, up = 0.0, tilt_east = 0.0, tilt_north = 0.0, turn = 0.0,
@@ -73,28 +35,29 @@ struct Truth {
 
 /// The relief on n x n nodes one unit apart, about the middle; `truth` is what moves this surface
 /// onto the relief in its place.
-Grid<float> seen(const Relief& relief, std::ptrdiff_t n, const Truth& truth, double noise,
+Grid<float> seen(const WaveRelief& relief, std::ptrdiff_t n, const Truth& truth, double noise,
                  std::uint64_t seed, double pixel = 1.0) {
   Grid<double> exact(n, n, 0.0);
   Grid<float> z(n, n);
   const double middle = 0.5 * static_cast<double>(n - 1);
   const double c = truth.scale * std::cos(truth.turn), s = truth.scale * std::sin(truth.turn);
-  const std::array<double, 2> first{-middle * (c - s) + truth.east, -middle * (s + c) + truth.north};
+  const std::array<double, 2> first{-middle * (c - s) + truth.east,
+                                    -middle * (s + c) + truth.north};
   relief.add_to(exact, first, c, s, pixel);
   for (std::ptrdiff_t r = 0; r < n; ++r)
     for (std::ptrdiff_t k = 0; k < n; ++k) {
       const auto row = static_cast<double>(r), col = static_cast<double>(k);
       const double x = first[0] + c * col - s * row, y = first[1] + s * col + c * row;
-      z(r, k) = static_cast<float>(
-          exact(r, k) - truth.up - truth.tilt_east * x - truth.tilt_north * y +
-          noise * random_normal(seed, static_cast<std::uint64_t>(r * n + k)));
+      z(r, k) =
+          static_cast<float>(exact(r, k) - truth.up - truth.tilt_east * x - truth.tilt_north * y +
+                             noise * random_normal(seed, static_cast<std::uint64_t>(r * n + k)));
     }
   return z;
 }
 
 /// What pixels of `pixel` nodes see, interpolated back to the nodes by cubic convolution: as a
 /// coarse product reaches the fusion. Its noise is one draw a pixel.
-Grid<float> seen_coarsely(const Relief& relief, std::ptrdiff_t n, int pixel, double noise,
+Grid<float> seen_coarsely(const WaveRelief& relief, std::ptrdiff_t n, int pixel, double noise,
                           std::uint64_t seed) {
   const auto m = static_cast<std::ptrdiff_t>(n / pixel + 6);
   const double middle = 0.5 * static_cast<double>(n - 1), p = pixel;
@@ -147,9 +110,8 @@ struct Ground {
   const char* name;
   double hurst, roughness, directions_rad;
 };
-constexpr std::array<Ground, 3> kGrounds{{{"hills", 0.9, 0.03, 6.2832},
-                                          {"rough", 0.5, 0.05, 6.2832},
-                                          {"ridges", 0.8, 0.04, 1.2}}};
+constexpr std::array<Ground, 3> kGrounds{
+    {{"hills", 0.9, 0.03, 6.2832}, {"rough", 0.5, 0.05, 6.2832}, {"ridges", 0.8, 0.04, 1.2}}};
 
 Truth drawn(std::uint64_t seed, double far) {
   return {far * (2.0 * random_uniform(seed, 1) - 1.0), far * (2.0 * random_uniform(seed, 2) - 1.0),
@@ -162,14 +124,14 @@ TEST(Coregister, FindsSurfacesOfTheSameResolutionToAHundredthOfAPixel) {
     double square = 0.0;
     int n = 0;
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-      const Relief relief(seed, g.hurst, g.roughness, g.directions_rad);
+      const WaveRelief relief(seed, g.hurst, g.roughness, g.directions_rad);
       const Truth truth = drawn(100 + seed, 3.0);
       const auto found = coregister(seen(relief, 160, {}, 0.02, 200 + seed),
                                     seen(relief, 160, truth, 0.02, 300 + seed), 1.0, 1.0, 1.0);
       ASSERT_TRUE(found);
       ASSERT_TRUE(found->horizontal) << g.name << " seed " << seed << ": " << found->refusal;
-      square += std::pow(found->east_m - truth.east, 2.0) +
-                std::pow(found->north_m - truth.north, 2.0);
+      square +=
+          std::pow(found->east_m - truth.east, 2.0) + std::pow(found->north_m - truth.north, 2.0);
       n += 2;
     }
     const double rms = std::sqrt(square / n);
@@ -185,7 +147,7 @@ TEST(Coregister, StatesAnHonestCovariance) {
     int n = 0;
     for (std::uint64_t seed = 1; seed <= runs; ++seed) {
       const Ground& g = kGrounds[seed % 2];
-      const Relief relief(seed, g.hurst, g.roughness, g.directions_rad);
+      const WaveRelief relief(seed, g.hurst, g.roughness, g.directions_rad);
       const Truth truth = drawn(1000 + seed, 2.0);
       Grid<float> low = seen(relief, 96, {}, correlated == 0.0 ? 0.15 : 0.0, 2000 + seed);
       if (correlated > 0.0) {
@@ -198,13 +160,12 @@ TEST(Coregister, StatesAnHonestCovariance) {
               for (std::ptrdiff_t j = -reach; j <= reach; ++j)
                 noise += std::exp(-0.5 * static_cast<double>(i * i + j * j) /
                                   (correlated * correlated)) *
-                         random_normal(3000 + seed, static_cast<std::uint64_t>(
-                                                        (r + i + 10) * 200 + c + j + 10));
+                         random_normal(3000 + seed,
+                                       static_cast<std::uint64_t>((r + i + 10) * 200 + c + j + 10));
             low(r, c) += static_cast<float>(0.05 * noise);
           }
       }
-      const auto found =
-          coregister(low, seen(relief, 96, truth, 0.05, 4000 + seed), 1.0, 1.0, 1.0);
+      const auto found = coregister(low, seen(relief, 96, truth, 0.05, 4000 + seed), 1.0, 1.0, 1.0);
       ASSERT_TRUE(found);
       if (!found->horizontal) continue;  // said so
       sum += chi2(*found, truth, 5);
@@ -224,7 +185,7 @@ TEST(Coregister, BringsAFineSurfaceOntoACoarseOneDespiteOutliers) {
   int n = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const Ground& g = kGrounds[seed % 3];
-    const Relief relief(seed, g.hurst, g.roughness, g.directions_rad);
+    const WaveRelief relief(seed, g.hurst, g.roughness, g.directions_rad);
     const Truth truth = drawn(50 + seed, 8.0);
     Grid<float> fine = seen(relief, 400, truth, 0.05, 60 + seed);
     for (std::size_t i = 0; i < fine.cells().size(); ++i)
@@ -235,8 +196,8 @@ TEST(Coregister, BringsAFineSurfaceOntoACoarseOneDespiteOutliers) {
     ASSERT_TRUE(found);
     ASSERT_TRUE(found->horizontal) << "seed " << seed << ": " << found->refusal;
     sum += chi2(*found, truth, 5);
-    square += std::pow(found->east_m - truth.east, 2.0) +
-              std::pow(found->north_m - truth.north, 2.0);
+    square +=
+        std::pow(found->east_m - truth.east, 2.0) + std::pow(found->north_m - truth.north, 2.0);
     tilt += std::pow(found->tilt_east - truth.tilt_east, 2.0) +
             std::pow(found->tilt_north - truth.tilt_north, 2.0);
     EXPECT_NEAR(found->up_m, truth.up, 0.1) << "seed " << seed;
@@ -252,12 +213,12 @@ TEST(Coregister, BringsAFineSurfaceOntoACoarseOneDespiteOutliers) {
 
 TEST(Coregister, ReachesTwentyPixelsInAnyDirection) {
   for (int way = 0; way < 8; ++way) {
-    const Relief relief(7, 0.8, 0.04, 6.2832);
+    const WaveRelief relief(7, 0.8, 0.04, 6.2832);
     Truth truth;
     truth.east = 20.0 * std::cos(way * std::numbers::pi / 4.0);
     truth.north = 20.0 * std::sin(way * std::numbers::pi / 4.0);
-    const auto found =
-        coregister(seen(relief, 128, {}, 0.02, 1), seen(relief, 128, truth, 0.02, 2), 1.0, 1.0, 1.0);
+    const auto found = coregister(seen(relief, 128, {}, 0.02, 1), seen(relief, 128, truth, 0.02, 2),
+                                  1.0, 1.0, 1.0);
     ASSERT_TRUE(found && found->horizontal) << (found ? found->refusal : "nothing common");
     EXPECT_NEAR(found->east_m, truth.east, 0.05);
     EXPECT_NEAR(found->north_m, truth.north, 0.05);
@@ -265,7 +226,7 @@ TEST(Coregister, ReachesTwentyPixelsInAnyDirection) {
 }
 
 TEST(Coregister, FindsTurnAndScaleWhereAsked) {
-  const Relief relief(11, 0.7, 0.05, 6.2832);
+  const WaveRelief relief(11, 0.7, 0.05, 6.2832);
   const Truth truth{1.3, -0.8, 4.0, 0.004, -0.003, 0.012, 1.006};
   CoregisterOptions options;
   options.rotation = options.scale = true;
@@ -285,15 +246,15 @@ TEST(Coregister, FindsTurnAndScaleWhereAsked) {
 }
 
 TEST(Coregister, RefusesWhatGroundAndOverlapDoNotTell) {
-  const Relief hills(3, 0.9, 0.03, 6.2832), others(4, 0.9, 0.03, 6.2832);
+  const WaveRelief hills(3, 0.9, 0.03, 6.2832), others(4, 0.9, 0.03, 6.2832);
   const Grid<float> low = seen(hills, 128, {}, 0.02, 1);
-  const auto flat = coregister(seen(Relief(1, 0.5, 0.0, 1.0), 128, {}, 0.1, 1),
-                               seen(Relief(1, 0.5, 0.0, 1.0), 128, {}, 0.1, 2), 1.0, 1.0, 1.0);
+  const auto flat = coregister(seen(WaveRelief(1, 0.5, 0.0, 1.0), 128, {}, 0.1, 1),
+                               seen(WaveRelief(1, 0.5, 0.0, 1.0), 128, {}, 0.1, 2), 1.0, 1.0, 1.0);
   ASSERT_TRUE(flat);
   EXPECT_FALSE(flat->horizontal);
   EXPECT_NE(flat->refusal, "");
 
-  const Relief furrows(5, 0.8, 0.05, 0.0);  // all waves along one direction
+  const WaveRelief furrows(5, 0.8, 0.05, 0.0);  // all waves along one direction
   const auto one_way = coregister(seen(furrows, 128, {}, 0.05, 1),
                                   seen(furrows, 128, {0.5, 0.5}, 0.05, 2), 1.0, 1.0, 1.0);
   ASSERT_TRUE(one_way);

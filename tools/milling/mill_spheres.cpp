@@ -41,13 +41,13 @@ Result<void> keep_level(const heightmap::ModelField& design, const ReferenceSphe
       const double z = design.z_mm(r, c), x = design.x_mm(c), y = design.y_mm(r);
       const double away = std::hypot(x - seat.x_mm, y - seat.y_mm);
       if ((z >= least && z <= most) || away < nearest || away > farthest) continue;
-      return fail(cnc::kProbingOptionOutOfRange,
-                  fmt::format("{} at x {} y {}: the design is {:.3f} mm high at x {} y {}; {} "
-                              "needs it {}; move the sphere, or change its rim's height",
-                              sphere.name, seat.x_mm, seat.y_mm, z, x, y, what,
-                              std::isfinite(least)
-                                  ? fmt::format("from {:.3f} to {:.3f}", least, most)
-                                  : fmt::format("below {:.3f}", most)));
+      return fail(
+          cnc::kProbingOptionOutOfRange,
+          fmt::format("{} at x {} y {}: the design is {:.3f} mm high at x {} y {}; {} "
+                      "needs it {}; move the sphere, or change its rim's height",
+                      sphere.name, seat.x_mm, seat.y_mm, z, x, y, what,
+                      std::isfinite(least) ? fmt::format("from {:.3f} to {:.3f}", least, most)
+                                           : fmt::format("below {:.3f}", most)));
     }
   }
   return {};
@@ -86,12 +86,12 @@ Result<JobResult> sphere_seats_job(const MillJob& job, const fs::path& out, cons
   piece.depth.reset();
   piece.deepest_mm = options.cutter_radius_mm;  // a helix, full width
   const double radius = spheres.front().seat.sphere_radius_mm;
-  MAQUETTE_TRY(auto program,
-               MillProgram::begin(job, piece, out, top,
-                                  Millimetres{cnc::share_tolerance(job.tolerance).blending_mm},
-                                  {"frame of the model, x east, y north, z up",
-                                   fmt::format("seats of {} reference spheres of radius {} mm",
-                                               spheres.size(), radius)}));
+  MAQUETTE_TRY(
+      auto program,
+      MillProgram::begin(
+          job, piece, out, top, Millimetres{cnc::share_tolerance(job.tolerance).blending_mm},
+          {"frame of the model, x east, y north, z up",
+           fmt::format("seats of {} reference spheres of radius {} mm", spheres.size(), radius)}));
   for (const cnc::Toolpath& bore : bores) MAQUETTE_TRY_VOID(program.add(bore));
   return program.finish(
       std::nullopt,

@@ -10,6 +10,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "heightmap/dem_reader.hpp"
+#include "heightmap/detail/blend.hpp"
 #include "heightmap/detail/coregister.hpp"
 #include "heightmap/detail/node_map.hpp"
 #include "heightmap/detail/site_frame.hpp"
@@ -166,32 +167,11 @@ void fill_base(FusedSurface& surface, double base_sigma_m) {
     }
 }
 
-/// Lays a layer over the surface; its weight rises from 0 at its voids to 1 at `feather`
-/// nodes inside. The site's own border is no border of the layer.
-void blend(FusedSurface& surface, const Layer& layer, double sigma_m, double feather,
-           std::uint8_t index) {
-  const Grid<float> distance = detail::distance_to(layer.z_m, true);
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, distance.rows(), [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < distance.cols(); ++c) {
-      if (distance(r, c) == 0.0F) continue;
-      const double t = std::min(1.0, static_cast<double>(distance(r, c)) / feather);
-      const double w = t * t * (3.0 - 2.0 * t);
-      float& z = surface.field.z_m(r, c);
-      float& sigma = surface.sigma_m(r, c);
-      z = w == 1.0 ? layer.z_m(r, c)
-                   : static_cast<float>((1.0 - w) * static_cast<double>(z) +
-                                        w * static_cast<double>(layer.z_m(r, c)));
-      sigma = static_cast<float>(std::hypot((1.0 - w) * static_cast<double>(sigma), w * sigma_m));
-      if (w >= 0.5) surface.source(r, c) = index;
-    }
-  });
-}
-
-double feather_nodes(double lower_pixel_m, double upper_pixel_m, const detail::NodeGrid& nodes) {
+/// From a layer's border to where its long waves count in full: a pixel of the surface below,
+/// ten of its own, at most an eighth of the site.
+double ramp_nodes(double lower_pixel_m, double upper_pixel_m, const detail::NodeGrid& nodes) {
   const double width_m = nodes.spacing_m * static_cast<double>(nodes.cols - 1);
-  const double feather_m =
-      std::min(std::max(0.5 * lower_pixel_m, 10.0 * upper_pixel_m), 0.125 * width_m);
-  return std::max(2.0, feather_m / nodes.spacing_m);
+  return std::min(std::max(lower_pixel_m, 10.0 * upper_pixel_m), 0.125 * width_m) / nodes.spacing_m;
 }
 
 }  // namespace
@@ -207,7 +187,7 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   surface.field.y0 = Metres{nodes.y0_m};
 
   detail::Roughness roughness;
-  double finest_pixel_m = INFINITY, lower_pixel_m = 0.0;
+  double finest_pixel_m = INFINITY, lower_pixel_m = 0.0, lower_sigma_m = 0.0;
   for (std::size_t i = 0; i < request.sources.size(); ++i) {
     const Source& source = request.sources[i];
     run.progress(static_cast<double>(i) / static_cast<double>(request.sources.size() + 1));
@@ -236,11 +216,15 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
       if (source.align != Source::Align::none)
         MAQUETTE_TRY_VOID(
             align(layer, report, source, dem, site, nodes, surface.field.z_m, lower_pixel_m, run));
-      blend(surface, layer, source.sigma_m, feather_nodes(lower_pixel_m, report.pixel_m, nodes),
-            static_cast<std::uint8_t>(i));
+      detail::blend(
+          surface.field.z_m, surface.sigma_m, surface.source, layer.z_m,
+          {lower_pixel_m / nodes.spacing_m, report.pixel_m / nodes.spacing_m, lower_sigma_m,
+           source.sigma_m, ramp_nodes(lower_pixel_m, report.pixel_m, nodes)},
+          static_cast<std::uint8_t>(i));
     }
     if (run.stopped()) return fail(kCancelled, "fusing was stopped");
     lower_pixel_m = report.pixel_m;
+    lower_sigma_m = source.sigma_m;
     surface.sources.push_back(std::move(report));
   }
 

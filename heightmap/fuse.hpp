@@ -13,7 +13,9 @@
 /// the sources' map projections is removed. The first source is the base and is
 /// the vertical reference; each further source is moved onto it (shift, height and tilt,
 /// where asked turn and scale: detail/coregister.hpp; only height where the relief does not
-/// tell more) and laid over it where it has data, with a feathered border.
+/// tell more) and laid over it where it has data, long waves and detail each over their own width
+/// at the border (detail/blend.hpp). Voids of the base get relief as rough as what surrounds them
+/// (detail/void_fill.hpp).
 ///
 /// What a height is. The value at (x, y) is the sources' height above their datum at
 /// the point of the ellipsoid below (x, y); it is not lowered by the curvature between

@@ -167,7 +167,7 @@ TEST(Coregister, RefusesWhereItsAnswerIsRequired) {
   const auto as_is = fuse(request);
   ASSERT_THAT(as_is, Succeeds());
   EXPECT_EQ(as_is->sources[1].shift_up_m, 0.0);
-  EXPECT_NEAR(as_is->field.z_m(200, 200), 9.0, 1e-3);
+  EXPECT_NEAR(as_is->field.z_m(200, 200), 9.0, 0.01);  // the base has 0.1 % of the say
 }
 
 TEST(Coregister, LeavesAlignedSurfacesWhereTheyAre) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Claims of heightmap/detail/void_fill.hpp and how each is attacked
-//   the surroundings' roughness inside   standard deviation of the Laplacian, three reliefs, holes of
+//   the surroundings' roughness inside   standard deviation of the Laplacian, three reliefs, holes
+//   of
 //                                          1 to 60 nodes; gdal_fillnodata beside it
 //   the edge is met                      no step there above what the relief has anyway
 //   honest uncertainty                   share of nodes within one and two sigma of the truth
@@ -32,7 +33,8 @@ Grid<float> ground(std::uint64_t seed, double hurst) {
   Grid<double> z(kSide, kSide, 0.0);
   WaveRelief(seed, hurst, 0.05, 6.2832).add_to(z, {0.0, 0.0}, 1.0, 0.0, 0.0);
   Grid<float> out(kSide, kSide);
-  for (std::size_t i = 0; i < z.cells().size(); ++i) out.cells()[i] = static_cast<float>(z.cells()[i]);
+  for (std::size_t i = 0; i < z.cells().size(); ++i)
+    out.cells()[i] = static_cast<float>(z.cells()[i]);
   return out;
 }
 
@@ -41,7 +43,8 @@ Grid<float> holed(Grid<float> z, std::uint64_t seed) {
   const auto disc = [&](double r0, double c0, double radius, double stretch) {
     for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
       for (std::ptrdiff_t c = 0; c < z.cols(); ++c)
-        if (std::hypot(static_cast<double>(r) - r0, (static_cast<double>(c) - c0) / stretch) <= radius)
+        if (std::hypot(static_cast<double>(r) - r0, (static_cast<double>(c) - c0) / stretch) <=
+            radius)
           z(r, c) = NAN;
   };
   disc(90, 100, 30, 1.0);
@@ -49,13 +52,15 @@ Grid<float> holed(Grid<float> z, std::uint64_t seed) {
   disc(240, 80, 2, 20.0);
   disc(0, 280, 9, 1.0);
   for (std::uint64_t i = 0; i < 30; ++i)
-    disc(std::floor(kSide * random_uniform(seed, 3 * i)), std::floor(kSide * random_uniform(seed, 3 * i + 1)),
-         4.0 * random_uniform(seed, 3 * i + 2), 1.0);
+    disc(std::floor(kSide * random_uniform(seed, 3 * i)),
+         std::floor(kSide * random_uniform(seed, 3 * i + 1)), 4.0 * random_uniform(seed, 3 * i + 2),
+         1.0);
   return z;
 }
 
 double laplacian(const Grid<float>& z, std::ptrdiff_t r, std::ptrdiff_t c) {
-  return static_cast<double>(z(r - 1, c) + z(r + 1, c) + z(r, c - 1) + z(r, c + 1) - 4.0F * z(r, c));
+  return static_cast<double>(z(r - 1, c) + z(r + 1, c) + z(r, c - 1) + z(r, c + 1) -
+                             4.0F * z(r, c));
 }
 
 /// Standard deviation of the Laplacian of filled nodes over that of all others.
@@ -84,14 +89,18 @@ Grid<float> filled_by_gdal(Grid<float> z, int smoothing) {
   GDALDataset* mask = memory->Create("", cols, rows, 1, GDT_Byte, nullptr);
   std::vector<std::uint8_t> valid(z.cells().size());
   for (std::size_t i = 0; i < valid.size(); ++i) valid[i] = std::isnan(z.cells()[i]) ? 0 : 1;
-  EXPECT_EQ(data->GetRasterBand(1)->RasterIO(GF_Write, 0, 0, cols, rows, z.cells().data(), cols, rows,
-                                             GDT_Float32, 0, 0, nullptr), CE_None);
+  EXPECT_EQ(data->GetRasterBand(1)->RasterIO(GF_Write, 0, 0, cols, rows, z.cells().data(), cols,
+                                             rows, GDT_Float32, 0, 0, nullptr),
+            CE_None);
   EXPECT_EQ(mask->GetRasterBand(1)->RasterIO(GF_Write, 0, 0, cols, rows, valid.data(), cols, rows,
-                                             GDT_Byte, 0, 0, nullptr), CE_None);
-  EXPECT_EQ(GDALFillNodata(data->GetRasterBand(1), mask->GetRasterBand(1), 100, 0, smoothing, nullptr,
-                           nullptr, nullptr), CE_None);
-  EXPECT_EQ(data->GetRasterBand(1)->RasterIO(GF_Read, 0, 0, cols, rows, z.cells().data(), cols, rows,
-                                             GDT_Float32, 0, 0, nullptr), CE_None);
+                                             GDT_Byte, 0, 0, nullptr),
+            CE_None);
+  EXPECT_EQ(GDALFillNodata(data->GetRasterBand(1), mask->GetRasterBand(1), 100, 0, smoothing,
+                           nullptr, nullptr, nullptr),
+            CE_None);
+  EXPECT_EQ(data->GetRasterBand(1)->RasterIO(GF_Read, 0, 0, cols, rows, z.cells().data(), cols,
+                                             rows, GDT_Float32, 0, 0, nullptr),
+            CE_None);
   GDALClose(data);
   GDALClose(mask);
   return z;

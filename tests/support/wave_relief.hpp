@@ -36,8 +36,7 @@ class WaveRelief {
   void add_to(Grid<double>& z, std::array<double, 2> first, double dx, double dy,
               double pixel) const {
     for (const Wave& w : waves_) {
-      const double amplitude =
-          w.amplitude * sinc(0.5 * w.kx * pixel) * sinc(0.5 * w.ky * pixel);
+      const double amplitude = w.amplitude * sinc(0.5 * w.kx * pixel) * sinc(0.5 * w.ky * pixel);
       const std::complex<double> step = std::polar(1.0, w.kx * dx + w.ky * dy);
       for (std::ptrdiff_t r = 0; r < z.rows(); ++r) {
         const auto row = static_cast<double>(r);

@@ -4,8 +4,10 @@
 /// @file arc_geometry.hpp
 /// Arcs in their plane, for those who write and those who read them.
 
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <numbers>
 
 #include "cnc/toolpath.hpp"
@@ -44,6 +46,18 @@ struct PlanePoint {
   const double side = counter_clockwise == (radius >= 0.0) ? rise : -rise;
   return {0.5 * chord.u - side * chord.v / (2.0 * half),
           0.5 * chord.v + side * chord.u / (2.0 * half)};
+}
+
+/// Centre of the arc, seen from its start, along the plane's first and second axis; ticks.
+[[nodiscard]] inline PlanePoint arm_of(const ToolPosition& from, const PathMove& arc) {
+  const std::array<std::int64_t, 3> centre{arc.i, arc.j, arc.k};
+  const std::array<std::int64_t, 3> way{arc.to.x - from.x, arc.to.y - from.y, arc.to.z - from.z};
+  const PlaneAxes axes = axes_of(arc.plane);
+  const auto seen = [&axes](const std::array<std::int64_t, 3>& a) {
+    return PlanePoint{static_cast<double>(a[axes.first]), static_cast<double>(a[axes.second])};
+  };
+  if (arc.radius == 0) return seen(centre);
+  return centre_by_radius(seen(way), static_cast<double>(arc.radius), arc.counter_clockwise);
 }
 
 }  // namespace maquette::cnc

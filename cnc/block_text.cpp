@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "cnc/arc_geometry.hpp"
 #include "core/check.hpp"
 
 namespace maquette::cnc {
@@ -68,14 +69,12 @@ struct PlaneWords {
   std::int64_t ToolPosition::*first;
   std::int64_t ToolPosition::*second;
   char first_axis, second_axis, first_centre, second_centre;
-  std::int64_t PathMove::*first_arm;
-  std::int64_t PathMove::*second_arm;
   std::string_view code;
 };
 constexpr std::array<PlaneWords, 3> kPlanes{{
-    {&ToolPosition::x, &ToolPosition::y, 'X', 'Y', 'I', 'J', &PathMove::i, &PathMove::j, "G17"},
-    {&ToolPosition::z, &ToolPosition::x, 'Z', 'X', 'K', 'I', &PathMove::k, &PathMove::i, "G18"},
-    {&ToolPosition::y, &ToolPosition::z, 'Y', 'Z', 'J', 'K', &PathMove::j, &PathMove::k, "G19"},
+    {&ToolPosition::x, &ToolPosition::y, 'X', 'Y', 'I', 'J', "G17"},
+    {&ToolPosition::z, &ToolPosition::x, 'Z', 'X', 'K', 'I', "G18"},
+    {&ToolPosition::y, &ToolPosition::z, 'Y', 'Z', 'J', 'K', "G19"},
 }};
 
 }  // namespace
@@ -187,8 +186,10 @@ void BlockText::line(ToolPosition to, double feed_mm_min) {
 void BlockText::arc(const PathMove& move) {
   const auto plane = static_cast<std::size_t>(move.plane);
   const PlaneWords& axis = kPlanes[plane];
-  const std::int64_t c1 = in_units(exact_.*axis.first + move.*axis.first_arm);
-  const std::int64_t c2 = in_units(exact_.*axis.second + move.*axis.second_arm);
+  // A centre in any case, for controls that know radii in the main plane only.
+  const PlanePoint arm = arm_of(exact_, move);
+  const std::int64_t c1 = in_units(exact_.*axis.first + std::llround(arm.u));
+  const std::int64_t c2 = in_units(exact_.*axis.second + std::llround(arm.v));
   const ToolPosition to = in_units(move.to);
   char* at = begin();
   if (post_.conversational) {
@@ -208,8 +209,12 @@ void BlockText::arc(const PathMove& move) {
     if (mode != mode_) at = put(at, move.counter_clockwise ? "G3" : "G2");
     at = axes(at, to);
     const std::int64_t arm1 = c1 - at_.*axis.first, arm2 = c2 - at_.*axis.second;
-    if (arm1 != 0 || arm2 == 0) at = coordinate(at, axis.first_centre, arm1);
-    if (arm2 != 0) at = coordinate(at, axis.second_centre, arm2);
+    if (move.radius > 0) {
+      at = coordinate(at, 'R', in_units(move.radius));
+    } else {
+      if (arm1 != 0 || arm2 == 0) at = coordinate(at, axis.first_centre, arm1);
+      if (arm2 != 0) at = coordinate(at, axis.second_centre, arm2);
+    }
   }
   mode_ = move.counter_clockwise ? Mode::counter_clockwise : Mode::clockwise;
   at = feed(at, move.feed_mm_min);

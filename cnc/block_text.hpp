@@ -31,7 +31,8 @@ class BlockText {
   /// G0; a coordinate that is kUnknown does not move. A move that does not move is no block.
   void rapid(ToolPosition to);
   void line(ToolPosition to, double feed_mm_min);
-  /// @pre the position is known, the centre is none of the two ends
+  /// @pre the position is known, the centre is none of the two ends; by radius: that times two is
+  ///      longer than the chord
   void arc(const PathMove& move);
   /// Verbatim, one block a line; must leave plane, distance mode and units alone. Motion mode
   /// and feed are written anew after it.

@@ -159,7 +159,7 @@ class Row {
     return true;
   }
   static void emit(std::size_t line, const Vertex& v, std::vector<std::vector<FittedMove>>& moves) {
-    moves[line].push_back({v.place, v.z * kResolution, FittedMove::Shape::line, 0, 0});
+    moves[line].push_back({v.place, v.z * kResolution, FittedMove::Shape::line, 0});
   }
 
   /// To near p in interval i, from where the path goes on with `slope`.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cnc/arc_geometry.hpp"
 #include "cnc/fit_lines.hpp"
 #include "core/check.hpp"
 
@@ -13,10 +14,10 @@ namespace {
 /// A cutter location in double is this exact (cutter_location.hpp).
 constexpr double kExactness_mm = 1e-9;
 constexpr double kUnit_mm = kTick_mm * static_cast<double>(kResolution);
-/// An arc must reach this much farther than a line: measured, least bytes at nearly least blocks.
-constexpr double kArcWorth = 1.35;
-/// Radii at the start and the end of a written arc; controls refuse more than 0.005 mm.
-constexpr double kRadiusMismatch_mm = 0.001;
+/// Of the radius: near half a turn the centre hangs on the radius' last digit.
+constexpr double kLongestChord = 1.95;
+/// Rounding of a radius may move the arc's middle by this much at first.
+constexpr double kRoundingSagitta_mm = 0.0005;
 /// Arcs end where they are steeper than 3 : 1.
 constexpr double kFlattest = 0.1;  // (z - centre)^2 >= this * radius^2
 
@@ -59,7 +60,7 @@ class Fitter {
   FitBounds run(std::vector<FittedMove>& moves) {
     moves.clear();
     z_ = up(s_.front().tip_mm);
-    moves.push_back({s_.front().place, z_ * kResolution, FittedMove::Shape::line, 0, 0});
+    moves.push_back({s_.front().place, z_ * kResolution, FittedMove::Shape::line, 0});
     from_ = 0;
     while (from_ < last_) {
       const Reach reach = look_ahead();
@@ -185,7 +186,7 @@ class Fitter {
         if (lowest > highest) continue;
         z = std::clamp(units(s_[end].tip_mm), lowest, highest);
       }
-      move = {s_[end].place, z * kResolution, FittedMove::Shape::line, 0, 0};
+      move = {s_[end].place, z * kResolution, FittedMove::Shape::line, 0};
       const double slope = (mm_of_units(z) - z0) / t;
       at_.resize(end - from_ + 1);
       for (std::size_t k = from_; k <= end; ++k) {
@@ -197,27 +198,33 @@ class Fitter {
     }
   }
 
-  /// The longest arc that stays inside the bands as written and is worth it; from_ if none.
+  /// The longest arc that stays inside the bands as written and reaches farther than lines do;
+  /// from_ if none.
   std::size_t arc(const Reach& reach, FittedMove& move) {
     const double line = run_to(reach.line);
     const bool over = reach.over >= reach.under;
     std::size_t end = std::max(reach.over, reach.under);
-    if (end == from_ || run_to(end) <= kArcWorth * line) return from_;
+    if (end == from_ || run_to(end) <= line) return from_;
     const Polygon& polygon = over ? over_ : under_;
     Point centroid{0.0, 0.0};
     for (const Point& p : polygon) centroid = {centroid.a + p.a, centroid.b + p.b};
     const auto corners = static_cast<double>(polygon.size());
     centroid = {centroid.a / corners, centroid.b / corners};
     // Where the arc is too steep, or rounding broke a band, a shorter one may do.
-    for (int attempt = 0; attempt < 4 && run_to(end) > kArcWorth * line; ++attempt) {
-      for (const std::int64_t coarse : {10, 1})
-        if (try_arc(centroid, over, end, coarse, move)) return end;
+    for (int attempt = 0; attempt < 4 && run_to(end) > line; ++attempt) {
+      // Half a grain of the radius moves the middle of the arc by t^2 grain / (16 R^2).
+      const double t = run_to(end), bend = 2.0 * centroid.b;
+      const double grain = 16.0 * kRoundingSagitta_mm / (t * t * bend * bend);
+      std::int64_t coarse = 1;
+      while (coarse < 1000 && 10.0 * kUnit_mm * static_cast<double>(coarse) <= grain) coarse *= 10;
+      if (try_arc(centroid, over, end, coarse, move)) return end;
+      if (coarse > 1 && try_arc(centroid, over, end, 1, move)) return end;
       end = from_ + (end - from_) * 7 / 8;
     }
     return from_;
   }
 
-  /// Centre on multiples of `coarse` units.
+  /// Radius on multiples of `coarse` units.
   bool try_arc(Point circle, bool over, std::size_t end, std::int64_t coarse, FittedMove& move) {
     const double a = circle.a, b = circle.b, t = run_to(end);
     const double lack = a * t + b * t * t, root = 1.0 - 4.0 * b * lack;
@@ -225,46 +232,36 @@ class Fitter {
     const std::int64_t z1 = end == last_
                                 ? up(s_[end].tip_mm)
                                 : units(mm_of_units(z_) + 2.0 * lack / (1.0 + std::sqrt(root)));
-    const double rise = mm_of_units(z1 - z_);
-    // The centre, moved onto the bisector of the rounded chord, then rounded.
-    double ct = -a / (2.0 * b), cz = 1.0 / (2.0 * b);
-    const double off = (ct * t + cz * rise) / (t * t + rise * rise) - 0.5;
-    ct -= off * t;
-    cz -= off * rise;
+    const double radius = 0.5 * std::hypot(1.0, a) / std::abs(b);
     const double grain = kUnit_mm * static_cast<double>(coarse);
-    const std::int64_t it = std::llround(ct / grain) * coarse,
-                       iz = std::llround(cz / grain) * coarse;
     move = {s_[end].place, z1 * kResolution,
-            over ? FittedMove::Shape::over : FittedMove::Shape::under, it * kResolution,
-            iz * kResolution};
+            over ? FittedMove::Shape::over : FittedMove::Shape::under,
+            std::llround(radius / grain) * coarse * kResolution};
     return fits(move, end);
   }
 
   /// Checks the arc as written and, if it is inside, adds its bounds.
   bool fits(const FittedMove& move, std::size_t end) {
     const bool over = move.shape == FittedMove::Shape::over;
-    const double ct = mm_of_ticks(move.centre_along), cz = mm_of_ticks(move.centre_z);
+    const double r = mm_of_ticks(move.radius);
+    if (r < limits_.least_radius_mm || r > limits_.greatest_radius_mm) return false;
     const double t1 = run_to(end), z1 = mm_of_ticks(move.z) - mm_of_units(z_);
+    if (!(std::hypot(t1, z1) < kLongestChord * r)) return false;
+    // Over the top from left to right is clockwise.
+    const PlanePoint centre = centre_by_radius({t1, z1}, r, !over);
+    const double ct = centre.u, cz = centre.v;
     if (over ? !(cz < 0.0 && cz < z1) : !(cz > 0.0 && cz > z1)) return false;
-    const double r_start = std::hypot(ct, cz), r_end = std::hypot(t1 - ct, z1 - cz);
-    const double r0 = std::min(r_start, r_end), r1 = std::max(r_start, r_end);
-    if (r1 - r0 > kRadiusMismatch_mm || r0 < limits_.least_radius_mm ||
-        r1 > limits_.greatest_radius_mm)
-      return false;
     const double u = std::max(std::abs(ct), std::abs(t1 - ct));
-    const double flattest = r0 * r0 - u * u;
-    if (flattest < kFlattest * r0 * r0) return false;
-    const double curvature = r1 * r1 / (flattest * std::sqrt(flattest));  // greatest |z''|
+    const double flattest = r * r - u * u;
+    if (flattest < kFlattest * r * r) return false;
+    const double curvature = r * r / (flattest * std::sqrt(flattest));  // greatest |z''|
     at_.resize(end - from_ + 1);
     double longest = 0.0;
     for (std::size_t k = from_; k <= end; ++k) {
       const double along = run_to(k) - ct;
-      const double inner = std::sqrt(r0 * r0 - along * along);
-      const double outer = std::sqrt(r1 * r1 - along * along);
-      const double centre = mm_of_units(z_) + cz;
-      const double low = over ? centre + inner : centre - outer;
-      const double high = over ? centre + outer : centre - inner;
-      at_[k - from_] = {s_[k].tip_mm - low, high - s_[k].tip_mm};
+      const double depth = std::sqrt(r * r - along * along);
+      const double path = mm_of_units(z_) + cz + (over ? depth : -depth);
+      at_[k - from_] = {s_[k].tip_mm - path, path - s_[k].tip_mm};
       if (k > from_)
         longest = std::max(longest, step_mm_ * static_cast<double>(s_[k].place - s_[k - 1].place));
     }
@@ -331,15 +328,10 @@ void reverse_moves(std::vector<FittedMove>& moves) {
   // A move belongs to the vertex it ends at; turned round, to the one it started from.
   std::vector<FittedMove> turned;
   turned.reserve(moves.size());
-  turned.push_back({moves.back().place, moves.back().z, FittedMove::Shape::line, 0, 0});
+  turned.push_back({moves.back().place, moves.back().z, FittedMove::Shape::line, 0});
   for (std::size_t k = moves.size(); k-- > 1;) {
     const FittedMove &m = moves[k], &to = moves[k - 1];
-    FittedMove back{to.place, to.z, m.shape, 0, 0};
-    if (m.shape != FittedMove::Shape::line) {
-      back.centre_along = m.centre_along + (to.place - m.place) * kResolution;
-      back.centre_z = m.centre_z + to.z - m.z;
-    }
-    turned.push_back(back);
+    turned.push_back({to.place, to.z, m.shape, m.radius});
   }
   moves.swap(turned);
 }
@@ -356,11 +348,9 @@ void append_fitted(Toolpath& path, const LatticeLine& line, const std::vector<Fi
       const std::int64_t step = along_x ? line.dx : line.dy;
       MAQUETTE_CHECK((along_x || line.dx == 0) && (step == kResolution || step == -kResolution),
                      "arc on a line of direction {}, {}", line.dx, line.dy);
-      const std::int64_t sign = step / kResolution;
       move.kind = PathMove::Kind::arc;
       move.plane = along_x ? ArcPlane::zx : ArcPlane::yz;
-      (along_x ? move.i : move.j) = sign * m.centre_along;
-      move.k = m.centre_z;
+      move.radius = m.radius;
       // Over the top towards +x is counter-clockwise seen from +y; towards +y clockwise from +x.
       const bool forwards = (m.place > moves[k - 1].place) == (step > 0);
       const bool over = m.shape == FittedMove::Shape::over;

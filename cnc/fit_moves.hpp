@@ -16,15 +16,15 @@
 /// doi:10.1016/0031-3203(80)90031-X; for circles through a point as half planes of their centres
 /// see R. Drysdale, G. Rote, A. Sturm, "Approximation of an open polygonal curve with a minimum
 /// number of circular arcs and biarcs", Comput. Geom. 41, 2008, doi:10.1016/j.comgeo.2007.10.009).
-/// Whichever of line and arc reaches farther becomes the move, arcs only where they reach
-/// a third farther, since they take twice the bytes. While the ball rolls over a single
+/// Whichever of line and arc reaches farther becomes the move. While the ball rolls over a single
 /// vertex its path is an arc of the first kind, exactly.
 ///
+/// Arcs are given by their radius (R words): then both ends are on the circle whatever is rounded,
+/// a control cannot complain of two radii, and a digit or two of the radius is enough.
+///
 /// Accuracy. Each move is rounded to 0.001 mm and then checked again as written, at every sample
-/// and between: an arc whose two radii (centre to start, centre to end) differ by rounding may be
-/// run by a control with either or anything between. Bounds are of the rounded numbers
-/// (docs/derivations/path_between_samples.md). Controls that part arcs into chords deviate by what
-/// they are told to, in addition.
+/// and between. Bounds are of the rounded numbers (docs/derivations/path_between_samples.md).
+/// Controls that part arcs into chords deviate by what they are told to, in addition.
 /// Cost. Linear in the samples; about 0.1 us each.
 
 #include <cstdint>
@@ -51,8 +51,7 @@ struct FitLimits {
 struct FittedMove {
   std::int64_t place = 0, z = 0;  ///< z in ticks, a multiple of kResolution
   enum class Shape : std::uint8_t { line, over, under } shape = Shape::line;
-  /// Centre minus the start of the move, ticks: along the line and up.
-  std::int64_t centre_along = 0, centre_z = 0;
+  std::int64_t radius = 0;  ///< ticks, of arcs: less than half a turn through both ends
 };
 
 struct FitBounds {

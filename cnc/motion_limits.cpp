@@ -208,9 +208,12 @@ Motion motion_of(const ToolPosition& from, const PathMove& move) {
   m.to_mm = {mm_of_ticks(move.to.x), mm_of_ticks(move.to.y), mm_of_ticks(move.to.z)};
   m.feed_mm_min = move.feed_mm_min;
   if (m.kind != Motion::Kind::arc) return m;
-  m.centre_mm = {mm_of_ticks(from.x + move.i), mm_of_ticks(from.y + move.j),
-                 mm_of_ticks(from.z + move.k)};
   const auto [first, second, third] = axes_of(m.plane);
+  std::array<double, 3> centre = coordinates(m.from_mm);
+  const PlanePoint arm = arm_of(from, move);
+  centre[first] += kTick_mm * arm.u;
+  centre[second] += kTick_mm * arm.v;
+  m.centre_mm = {centre[0], centre[1], centre[2]};
   const auto a = coordinates(m.from_mm - m.centre_mm), b = coordinates(m.to_mm - m.centre_mm);
   m.sweep_rad = sweep_rad({a[first], a[second]}, {b[first], b[second]}, move.counter_clockwise);
   if (m.sweep_rad == 0.0) m.sweep_rad = 2.0 * std::numbers::pi;

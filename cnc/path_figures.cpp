@@ -22,24 +22,23 @@ double arc(const ToolPosition& from, const PathMove& m, ToolPosition& low, ToolP
   const PlaneAxes axes = axes_of(m.plane);
   const Coordinate first = kCoordinates[axes.first], second = kCoordinates[axes.second],
                    third = kCoordinates[axes.third];
-  const ToolPosition centre{from.x + m.i, from.y + m.j, from.z + m.k};
-  const auto seen = [&](const ToolPosition& at) {
-    return PlanePoint{number(at.*first - centre.*first), number(at.*second - centre.*second)};
-  };
-  const PlanePoint start = seen(from), end = seen(m.to);
+  const PlanePoint arm = arm_of(from, m), start{-arm.u, -arm.v},
+                   end{number(m.to.*first - from.*first) - arm.u,
+                       number(m.to.*second - from.*second) - arm.v};
   const double sweep = sweep_rad(start, end, m.counter_clockwise);
   const double r0 = std::hypot(start.u, start.v), r1 = std::hypot(end.u, end.v);
-  const auto reach = static_cast<std::int64_t>(std::ceil(std::max(r0, r1)));
+  const double reach = std::max(r0, r1);
   for (int quarter = 0; quarter < 4; ++quarter) {
     const bool along_first = quarter % 2 == 0;
     const double side = quarter < 2 ? 1.0 : -1.0;
     const PlanePoint top{along_first ? side : 0.0, along_first ? 0.0 : side};
     if (sweep_rad(start, top, m.counter_clockwise) > sweep) continue;
     const Coordinate axis = along_first ? first : second;
+    const double centre = number(from.*axis) + (along_first ? arm.u : arm.v);
     if (quarter < 2)
-      high.*axis = std::max(high.*axis, centre.*axis + reach);
+      high.*axis = std::max(high.*axis, static_cast<std::int64_t>(std::ceil(centre + reach)));
     else
-      low.*axis = std::min(low.*axis, centre.*axis - reach);
+      low.*axis = std::min(low.*axis, static_cast<std::int64_t>(std::floor(centre - reach)));
   }
   return std::hypot(0.5 * (r0 + r1) * sweep, number(m.to.*third - from.*third));
 }

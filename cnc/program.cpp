@@ -29,13 +29,15 @@ struct PlaneArc {
   std::int64_t ToolPosition::*first;
   std::int64_t ToolPosition::*second;
   std::int64_t ToolPosition::*third;
-  std::int64_t arm1, arm2;  // centre minus start, ticks
+  std::int64_t arm1, arm2;  // centre minus start, ticks; of an arc by its radius rounded
 };
-PlaneArc plane_arc(const PathMove& m) {
+PlaneArc plane_arc(const ToolPosition& from, const PathMove& m) {
   using P = ToolPosition;
-  if (m.plane == ArcPlane::xy) return {&P::x, &P::y, &P::z, m.i, m.j};
-  if (m.plane == ArcPlane::zx) return {&P::z, &P::x, &P::y, m.k, m.i};
-  return {&P::y, &P::z, &P::x, m.j, m.k};
+  const PlanePoint arm = arm_of(from, m);
+  const std::int64_t u = std::llround(arm.u), v = std::llround(arm.v);
+  if (m.plane == ArcPlane::xy) return {&P::x, &P::y, &P::z, u, v};
+  if (m.plane == ArcPlane::zx) return {&P::z, &P::x, &P::y, u, v};
+  return {&P::y, &P::z, &P::x, u, v};
 }
 
 }  // namespace
@@ -194,8 +196,8 @@ struct ProgramWriter::State {
   }
 
   void arc(const PathMove& m) {
-    const PlaneArc p = plane_arc(m);
     const ToolPosition at = text.exact();
+    const PlaneArc p = plane_arc(at, m);
     const auto number = [](std::int64_t v) { return static_cast<double>(v); };
     const PlanePoint start{-number(p.arm1), -number(p.arm2)};
     const PlanePoint end{start.u + number(m.to.*p.first - at.*p.first),

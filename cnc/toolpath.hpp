@@ -36,6 +36,9 @@ struct PathMove {
   /// a tick; the move is helical where the normal's coordinate changes.
   std::int64_t i = 0, j = 0, k = 0;
   double feed_mm_min = 0.0;  ///< lines and arcs
+  /// Ticks, > 0: instead of a centre, of an arc of less than half a turn (R). It passes through
+  /// both its ends exactly, and a third of its bytes are saved. arc_geometry.hpp has its centre.
+  std::int64_t radius = 0;
 };
 
 /// How a control goes round corners.

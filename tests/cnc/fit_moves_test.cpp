@@ -3,11 +3,12 @@
 // What is claimed in cnc/fit_moves.hpp, and how it is attacked:
 //
 //   gouge and excess ......... thousands of random runs of samples with random bounds between
-//                              them; every written line and arc evaluated by angle with the radius
-//                              of its start, its end and between, at and between samples
+//                              them; every written line and arc evaluated by angle, at and between
+//                              samples
 //   between samples .......... the curve is as wrong as its bounds allow, at every place
 //   vertex: one exact arc .... samples of a circle; of a sphere's pass; of a plane: one move
-//   radii, slopes, centres ... of every arc: within limits, on the resolution, ends agree
+//   radii, slopes ............ of every arc: within limits, on the resolution, less than half a
+//                              turn, both ends on the same half of the circle
 //   ends ..................... both at the samples' height, rounded up; lines that meet do so
 //   reverse .................. the same path, the other way round; twice is the identity
 //   machine coordinates ...... G18 and G19, both directions, by evaluating the arcs in space
@@ -35,32 +36,43 @@ double along_mm(std::int64_t place) {
   return kStep * static_cast<double>(place);
 }
 
-/// Height of a move at t, run with radius r (arcs): by angle, not by the formula under test.
-double height(const FittedMove& from, const FittedMove& m, double t, double share) {
+struct Centre {
+  double t = 0.0, z = 0.0, radius = 0.0;
+};
+/// By angles, not by the formula under test: the chord seen from the centre has half its length
+/// over the radius as the sine of half the sweep.
+Centre centre_of(const FittedMove& from, const FittedMove& m) {
+  const double t0 = along_mm(from.place), z0 = mm_of_ticks(from.z);
+  const double dt = along_mm(m.place) - t0, dz = mm_of_ticks(m.z) - z0;
+  const double r = mm_of_ticks(m.radius), half_sweep = std::asin(0.5 * std::hypot(dt, dz) / r);
+  // From the start, the centre lies at this angle from the chord, below it or above.
+  const double away = 0.5 * std::numbers::pi - half_sweep;
+  const double angle = std::atan2(dz, dt) + ((m.shape == Shape::over) == (dt > 0.0) ? -away : away);
+  return {t0 + r * std::cos(angle), z0 + r * std::sin(angle), r};
+}
+
+/// Height of a move at t.
+double height(const FittedMove& from, const FittedMove& m, double t) {
   const double t0 = along_mm(from.place), z0 = mm_of_ticks(from.z);
   if (m.shape == Shape::line) {
     const double q = (t - t0) / (along_mm(m.place) - t0);
     return z0 + q * (mm_of_ticks(m.z) - z0);
   }
-  const double ct = t0 + mm_of_ticks(m.centre_along), cz = z0 + mm_of_ticks(m.centre_z);
-  const double r0 = std::hypot(t0 - ct, z0 - cz);
-  const double r1 = std::hypot(along_mm(m.place) - ct, mm_of_ticks(m.z) - cz);
-  const double r = r0 + share * (r1 - r0);
-  const double angle = std::acos(std::clamp((t - ct) / r, -1.0, 1.0));
-  return cz + (m.shape == Shape::over ? r : -r) * std::sin(angle);
+  const Centre c = centre_of(from, m);
+  const double angle = std::acos(std::clamp((t - c.t) / c.radius, -1.0, 1.0));
+  return c.z + (m.shape == Shape::over ? c.radius : -c.radius) * std::sin(angle);
 }
 
 void expect_arc_limits(const FittedMove& from, const FittedMove& m, const FitLimits& limits) {
-  const double i = mm_of_ticks(m.centre_along), k = mm_of_ticks(m.centre_z);
   const double t = along_mm(m.place - from.place), z = mm_of_ticks(m.z - from.z);
-  const double r0 = std::hypot(i, k), r1 = std::hypot(t - i, z - k);
-  EXPECT_LE(std::abs(r0 - r1), 0.001 + 1e-12);
-  EXPECT_GE(std::min(r0, r1), limits.least_radius_mm - 1e-12);
-  EXPECT_LE(std::max(r0, r1), limits.greatest_radius_mm + 1e-12);
-  EXPECT_EQ(m.centre_along % kResolution, 0);
-  EXPECT_EQ(m.centre_z % kResolution, 0);
-  EXPECT_EQ(m.shape == Shape::over, k < 0.0);
-  EXPECT_EQ(m.shape == Shape::over, z - k > 0.0) << "both ends on the same half";
+  const double r = mm_of_ticks(m.radius);
+  EXPECT_GE(r, limits.least_radius_mm);
+  EXPECT_LE(r, limits.greatest_radius_mm);
+  EXPECT_LE(std::hypot(t, z), 1.95 * r);
+  EXPECT_EQ(m.radius % kResolution, 0);
+  const Centre c = centre_of(from, m);
+  EXPECT_EQ(m.shape == Shape::over, mm_of_ticks(from.z) > c.z);
+  EXPECT_EQ(m.shape == Shape::over, mm_of_ticks(m.z) > c.z) << "both ends on the same half";
 }
 
 /// Samples, and how far the curve may be off between them.
@@ -97,11 +109,9 @@ Worst worst_of(const Curve& run, const std::vector<FittedMove>& moves) {
       while (q > 0.0 ? along_mm(moves[m].place) < t - 1e-12
                      : moves[m].place <= run.samples[k].place)
         ++m;
-      for (const double share : {0.0, 0.5, 1.0}) {
-        const double path = height(moves[m - 1], moves[m], t, share);
-        w.below = std::max(w.below, run.highest(k, q) - path);
-        w.above = std::max(w.above, path - run.lowest(k, q));
-      }
+      const double path = height(moves[m - 1], moves[m], t);
+      w.below = std::max(w.below, run.highest(k, q) - path);
+      w.above = std::max(w.above, path - run.lowest(k, q));
     }
   }
   return w;
@@ -184,12 +194,11 @@ TEST_P(RandomRuns, StayInsideTheBoundsThatAreReported) {
       ASSERT_EQ(turned[m].place, a.place);
       ASSERT_EQ(turned[m].shape, b.shape);
       const double t = along_mm(a.place) + 0.37 * along_mm(b.place - a.place);
-      ASSERT_NEAR(height(turned[m - 1], turned[m], t, 0.25), height(a, b, t, 0.75), 1e-9);
+      ASSERT_NEAR(height(turned[m - 1], turned[m], t), height(a, b, t), 1e-9);
     }
     reverse_moves(turned);
     for (std::size_t m = 0; m < moves.size(); ++m) {
-      ASSERT_EQ(turned[m].centre_along, moves[m].centre_along);
-      ASSERT_EQ(turned[m].centre_z, moves[m].centre_z);
+      ASSERT_EQ(turned[m].radius, moves[m].radius);
     }
   }
   EXPECT_GT(arcs, 1000U);
@@ -214,8 +223,8 @@ TEST(FitMoves, ACircleIsOneArcAndALineOneLine) {
   (void)fit_moves(vertex.samples, kStep, {}, moves);
   ASSERT_EQ(moves.size(), 2U);
   EXPECT_EQ(moves[1].shape, Shape::over);
-  EXPECT_NEAR(along_mm(moves[0].place) + mm_of_ticks(moves[1].centre_along), 0.3, 0.02);
-  EXPECT_NEAR(mm_of_ticks(moves[0].z + moves[1].centre_z), -3.2, 0.02);
+  EXPECT_NEAR(centre_of(moves[0], moves[1]).t, 0.3, 0.02);
+  EXPECT_NEAR(centre_of(moves[0], moves[1]).z, -3.2, 0.02);
 
   const Curve bowl =
       sampled(-3.0, 4.0, 0.05, [](double t) { return 20.0 - std::sqrt(400.0 - t * t); });
@@ -277,23 +286,19 @@ TEST(FitMoves, ArcsInSpaceLieOnTheFittedOnes) {
           const double h0 =
               mm_of_ticks(along_x ? line.x + from.place * line.dx : line.y + from.place * line.dy);
           const double h1 = mm_of_ticks(along_x ? move.to.x : move.to.y);
-          const double ch = h0 + mm_of_ticks(along_x ? move.i : move.j);
-          const double cz = mm_of_ticks(from.z + move.k), z0 = mm_of_ticks(from.z),
-                       z1 = mm_of_ticks(move.to.z);
-          const auto angle = [&](double h, double z) {
-            return along_x ? std::atan2(h - ch, z - cz) : std::atan2(z - cz, h - ch);
-          };
-          double sweep = angle(h1, z1) - angle(h0, z0);
-          const double turn = 2.0 * std::numbers::pi;
-          if (move.counter_clockwise && sweep <= 0.0) sweep += turn;
-          if (!move.counter_clockwise && sweep >= 0.0) sweep -= turn;
-          ASSERT_LT(std::abs(sweep), std::numbers::pi) << "the long way round";
-          const double middle = angle(h0, z0) + 0.5 * sweep, r = std::hypot(h0 - ch, z0 - cz);
-          const double h = ch + r * (along_x ? std::sin(middle) : std::cos(middle));
-          const double z = cz + r * (along_x ? std::cos(middle) : std::sin(middle));
+          const double z0 = mm_of_ticks(from.z), z1 = mm_of_ticks(move.to.z);
+          // The middle of the arc lies to the right of the chord where the arc turns left, as
+          // seen in the plane's axes, by r - sqrt(r^2 - chord^2 / 4).
+          const double r = mm_of_ticks(move.radius), chord = std::hypot(h1 - h0, z1 - z0);
+          const double sagitta = r - std::sqrt(r * r - 0.25 * chord * chord);
+          const double u = along_x ? z1 - z0 : h1 - h0, v = along_x ? h1 - h0 : z1 - z0;
+          const double right = (move.counter_clockwise ? sagitta : -sagitta) / chord;
+          const double off_u = right * v, off_v = -right * u;
+          const double h = 0.5 * (h0 + h1) + (along_x ? off_v : off_u);
+          const double z = 0.5 * (z0 + z1) + (along_x ? off_u : off_v);
           const double t =
               (h - mm_of_ticks(along_x ? line.x : line.y)) * (line.dx + line.dy > 0 ? 1.0 : -1.0);
-          ASSERT_NEAR(z, height(from, moves[m], t, 0.0), 1e-9);
+          ASSERT_NEAR(z, height(from, moves[m], t), 1e-9);
         }
       }
   }

@@ -21,6 +21,7 @@
 #include <gtest/gtest.h>
 
 #include "cnc/gcode_reader.hpp"
+#include "cnc/pass_sampler.hpp"
 #include "cnc/program.hpp"
 #include "core/files.hpp"
 #include "random_path.hpp"
@@ -196,6 +197,63 @@ class RoundTrip : public testing::TestWithParam<std::tuple<const char*, int>> {
     return static_cast<std::uint64_t>(std::get<1>(GetParam()));
   }
 };
+
+// Arcs by radius, on the resolution that every control keeps: the circle is found again from the
+// chord and the law of sines, in each plane, both ways round, from shallow to nearly half a turn.
+TEST_P(RoundTrip, ArcsByRadiusComeBack) {
+  const ScratchFolder folder;
+  PathMove start;
+  start.kind = PathMove::Kind::rapid;
+  start.to = {0, 0, 100'000};
+  std::vector<PathMove> moves{start};
+  std::uint64_t n = 0;
+  const auto whole = [&](double from, double to) {
+    return kResolution * std::llround(from + (to - from) * random_uniform(seed(), n++));
+  };
+  ToolPosition at = start.to;
+  for (int i = 0; i < 300; ++i) {
+    PathMove m;
+    m.kind = PathMove::Kind::arc;
+    m.plane = static_cast<ArcPlane>(i % 3);
+    m.counter_clockwise = random_uniform(seed(), n++) < 0.5;
+    m.to = at;
+    const std::int64_t u = whole(200, 4000), v = whole(-3000, 3000);
+    (m.plane == ArcPlane::xy ? m.to.x : m.plane == ArcPlane::zx ? m.to.z : m.to.y) += u;
+    (m.plane == ArcPlane::xy ? m.to.y : m.plane == ArcPlane::zx ? m.to.x : m.to.z) += v;
+    const double half = 0.05 * std::hypot(static_cast<double>(u), static_cast<double>(v));
+    m.radius = whole(1.03 * half, 8.0 * half);
+    m.feed_mm_min = 1000.0;
+    moves.push_back(m);
+    at = m.to;
+  }
+  auto writer = ProgramWriter::create(folder / "part.ngc", options());
+  ASSERT_THAT(writer, Succeeds());
+  writer->tool({.number = 7}, 12000.0);
+  ASSERT_THAT(writer->add(moves), Succeeds());
+  const auto report = writer->commit();
+  ASSERT_THAT(report, Succeeds());
+  EXPECT_EQ(report->arcs_as_chords + report->arcs_as_lines, 0U);
+  const auto motions = read_all(report->files);
+  ASSERT_THAT(motions, Succeeds());
+  std::size_t next = 0;
+  const double unit = unit_mm(*post_by_name(std::get<0>(GetParam())));
+  for (std::size_t i = 1; i < moves.size(); ++i) {
+    while (next < motions->size() && (*motions)[next].kind != Motion::Kind::arc) ++next;
+    ASSERT_LT(next, motions->size());
+    const Motion& m = (*motions)[next++];
+    const Vec3 from = mm(moves[i - 1].to), to = mm(moves[i].to);
+    EXPECT_LE(largest(m.from_mm - from), 1e-9);
+    EXPECT_LE(largest(m.to_mm - to), 1e-9);
+    const double r = mm_of_ticks(moves[i].radius);
+    // Heidenhain's centres are rounded; near half a turn that is all there is to hold on to.
+    EXPECT_NEAR(norm(m.centre_mm - from), r, unit) << i;
+    EXPECT_NEAR(norm(m.centre_mm - to), r, unit) << i;
+    EXPECT_EQ(m.plane, moves[i].plane);
+    EXPECT_EQ(m.sweep_rad > 0.0, moves[i].counter_clockwise);
+    EXPECT_NEAR(2.0 * r * std::sin(0.5 * std::abs(m.sweep_rad)), norm(to - from), 3.0 * unit) << i;
+    EXPECT_LT(std::abs(m.sweep_rad), std::numbers::pi);
+  }
+}
 
 TEST_P(RoundTrip, GivesTheSameMotions) {
   const ScratchFolder folder;

@@ -8,6 +8,8 @@
 
 #include <tbb/parallel_for.h>
 
+#include "cnc/scallop.hpp"
+
 namespace maquette::cnc {
 namespace {
 
@@ -23,13 +25,6 @@ std::size_t class_of(double slope) {
   std::size_t k = 0;
   while (k + 1 < kClasses && deg >= kClassEdges_deg[k + 1]) ++k;
   return k;
-}
-
-/// Vertical height of the ridge between passes across a slope; infinite where they do not meet.
-double stated_scallop(double radius, double stepover, double slope) {
-  const double steep = std::sqrt(1.0 + slope * slope), half = 0.5 * stepover * steep;
-  if (!(half < radius)) return INFINITY;
-  return (radius - std::sqrt(radius * radius - half * half)) * steep;
 }
 
 /// How much higher than at a node the as-milled surface may be between the nodes: a ball that
@@ -160,7 +155,7 @@ double Comparison::value(Reach kind, std::ptrdiff_t row, std::ptrdiff_t col, dou
       return excess +
              excess_between_nodes(excess, slope, options_.deepest_gouge_mm, options_.cell_mm, R);
     default:
-      return at_border ? -INFINITY : excess - stated_scallop(R, options_.stepover_mm, slope);
+      return at_border ? -INFINITY : excess - stated_scallop_mm({R}, options_.stepover_mm, slope);
   }
 }
 
@@ -250,8 +245,8 @@ void Comparison::add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdif
         excess_inside + excess_between_nodes(excess_inside, around, options_.deepest_gouge_mm,
                                              options_.cell_mm, options_.reach_radius_mm));
   if (!std::isnan(options_.stepover_mm))
-    raise(over_scallop,
-          excess_inside - stated_scallop(options_.reach_radius_mm, options_.stepover_mm, slope));
+    raise(over_scallop, excess_inside - stated_scallop_mm({options_.reach_radius_mm},
+                                                          options_.stepover_mm, slope));
 }
 
 void Comparison::add_over_scallop(const MilledBand& band, std::ptrdiff_t block_row,
@@ -422,7 +417,7 @@ void Comparison::finish(Certificate& c) {
         kClassEdges_deg[k],  kClassEdges_deg[k + 1], static_cast<double>(count) * cell * cell,
         quantile(bins, 0.5), quantile(bins, 0.95),   quantile(bins, 0.99)};
     if (!std::isnan(options_.stepover_mm) && k + 1 < kClasses)
-      s.stated_mm = stated_scallop(options_.reach_radius_mm, options_.stepover_mm, steep) /
+      s.stated_mm = stated_scallop_mm({options_.reach_radius_mm}, options_.stepover_mm, steep) /
                     std::sqrt(1.0 + steep * steep);
     c.scallops.push_back(s);
   }

@@ -59,6 +59,15 @@ Result<void> check_ranges(const MillOptions& o) {
                 fmt::format("scallop_limit is {} mm; it must be greater than 0 and at most the "
                             "ball's radius, {} mm",
                             o.scallop_limit.value(), 0.5 * diameter));
+  const double excess = o.excess_limit.value();
+  if (std::isnan(excess)) return {};
+  if (!(excess >= o.tolerance.value() && excess <= 1.0))
+    return fail(kMillOptionOutOfRange,
+                fmt::format("excess_limit is {} mm; it must be from the tolerance, {} mm, to 1 mm",
+                            excess, o.tolerance.value()));
+  if (!raster_frame({}, o.direction).along_an_axis())
+    return fail(kMillOptionOutOfRange,
+                "excess_limit holds for passes along an axis; take 0 or 90 degrees");
   return {};
 }
 

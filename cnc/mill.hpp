@@ -58,8 +58,12 @@ struct MillOptions {
   bool climb = true;                 ///< one way: uncut material to the right, else conventional
   bool constant_scallop = false;     ///< add passes where the ridge would exceed the limit
   Millimetres scallop_limit{0.011};  ///< ridge between passes, normal to the surface
-  Millimetres tolerance{0.01};       ///< of the written path, all causes together: share_tolerance
-  bool arcs = true;                  ///< G2 and G3 in G18 and G19, for passes along an axis
+  /// What may stay above the scallop stated for the slope wherever the ball reaches, vertically:
+  /// beside creases and in pits between passes by cuts across to them (side_cuts.hpp), each a stop.
+  /// NaN: none. For passes along an axis.
+  Millimetres excess_limit{NAN};
+  Millimetres tolerance{0.01};  ///< of the written path, all causes together: share_tolerance
+  bool arcs = true;             ///< G2 and G3 in G18 and G19, for passes along an axis
   FeedRate feed{3000.0};
   FeedRate plunge_feed{600.0};
   double spindle_rpm = 18000.0;
@@ -101,6 +105,7 @@ struct ToleranceShares {
 struct MillReport {
   std::uint64_t passes = 0;        ///< rows of the raster
   std::uint64_t extra_passes = 0;  ///< pieces of passes added to hold the scallop
+  std::uint64_t side_cuts = 0;     ///< to hold the excess
   std::uint64_t links_cut = 0, links_flown = 0;
   std::uint64_t points_sampled = 0;          ///< before
   std::uint64_t lines = 0, arcs = 0;         ///< after: cutting moves

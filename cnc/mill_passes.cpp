@@ -87,7 +87,9 @@ class Milling {
     if (!frame_.along_an_axis())
       for (PlannedCut& side : planner_.outline())
         pieces.push_back({std::move(side), {}, false, {}, {}});
+    // A row waits for the gaps on both its sides.
     PlannedRow before;
+    RowCare care_before;
     for (std::size_t first = 0; first < rows.size(); first += kPassesAtATime) {
       const std::size_t size = std::min(kPassesAtATime, rows.size() - first);
       std::vector<PlannedRow> batch(size + 1);
@@ -100,16 +102,35 @@ class Milling {
         if (i > 0 || has_before) gaps[i] = planner_.plan_gap(batch[i], batch[i + 1]);
       });
       if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
-      for (std::size_t i = 0; i < size; ++i) {
+      for (const PlannedGap& gap : gaps)
+        report_.side_cuts += gap.for_a.cuts.size() + gap.for_b.cuts.size();
+      const bool last = first + size == rows.size();
+      std::vector<std::vector<PlannedCut>> cuts(size + 1);
+      const std::size_t ready = last ? size + 1 : size;
+      in_parallel(ready, run, [&](std::size_t i) {
+        if (i == 0 && !has_before) return;
+        RowCare care = i > 0 ? std::move(gaps[i - 1].for_b) : std::move(care_before);
+        if (i < size) {
+          const RowCare& more = gaps[i].for_a;
+          care.cuts.insert(care.cuts.end(), more.cuts.begin(), more.cuts.end());
+          care.closer.insert(care.closer.end(), more.closer.begin(), more.closer.end());
+        }
+        arrange(care);
+        if (care.cuts.empty() && care.closer.empty())
+          cuts[i].push_back(std::move(batch[i].cut));
+        else
+          cuts[i] = planner_.plan_with_care(batch[i].row, care);
+      });
+      if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
+      for (std::size_t i = 0; i < ready; ++i) {
+        put_in_order(cuts[i], pieces);
+        if (i == size) break;
         if (i > 0 || has_before) count_gap(batch[i], batch[i + 1], gaps[i]);
         report_.extra_passes += gaps[i].added.size();
         put_in_order(gaps[i].added, pieces);
-        std::vector<PlannedCut> row(1);
-        row[0] = std::move(batch[i + 1].cut);
-        put_in_order(row, pieces);
       }
       before = std::move(batch[size]);
-      const bool last = first + size == rows.size();
+      care_before = std::move(gaps[size - 1].for_b);
       connect(pieces);
       in_parallel(pieces.size(), run,
                   [&](std::size_t i) { assemble(pieces[i], last && i + 1 == pieces.size()); });

@@ -6,6 +6,8 @@
 #include <optional>
 #include <utility>
 
+#include "cnc/arc_geometry.hpp"
+
 namespace maquette::cnc {
 namespace {
 
@@ -13,6 +15,9 @@ using heightmap::ModelField;
 
 constexpr double kAddedOverlap_mm = 1.0;  // added passes reach this far beyond where they must
 constexpr int kMostHalvings = 3;
+// Of the tolerance: how far rows that are written closer stand above at most, and what of it
+// samples may miss.
+constexpr double kCloserShare = 0.2, kCloserDipShare = 0.05;
 
 std::int64_t tick_inside_from(double mm) {
   return static_cast<std::int64_t>(std::ceil(mm * 1000.0 - 1e-4)) * kResolution;
@@ -33,6 +38,31 @@ RasterArea area_of(const ModelField& design, const MillOptions& o) {
   return area;
 }
 
+/// Heights of moves every RowHeights::kStep places from the first on.
+std::vector<float> heights_of(const std::vector<FittedMove>& moves, double step_mm) {
+  std::vector<float> heights;
+  std::int64_t place = moves.front().place;
+  for (std::size_t k = 1; k < moves.size(); ++k) {
+    const FittedMove &from = moves[k - 1], &to = moves[k];
+    const double z0 = mm_of_ticks(from.z), rise = mm_of_ticks(to.z - from.z);
+    const double run = step_mm * static_cast<double>(to.place - from.place);
+    const double r = mm_of_ticks(to.radius);
+    const bool over = to.shape == FittedMove::Shape::over;
+    const PlanePoint centre = r > 0.0 ? centre_by_radius({run, rise}, r, !over) : PlanePoint{};
+    for (; place < to.place || (k + 1 == moves.size() && place == to.place);
+         place += RowHeights::kStep) {
+      const double t = step_mm * static_cast<double>(place - from.place);
+      double z = z0 + rise * t / run;
+      if (r > 0.0) {
+        const double depth = std::sqrt(std::max(0.0, r * r - (t - centre.u) * (t - centre.u)));
+        z = z0 + centre.v + (over ? depth : -depth);
+      }
+      heights.push_back(static_cast<float>(z));
+    }
+  }
+  return heights;
+}
+
 }  // namespace
 
 void PlannedCut::turn_round() {
@@ -51,22 +81,32 @@ RasterPlanner::RasterPlanner(const ModelField& design, const MillOptions& o, dou
       shares_(share_tolerance(o.tolerance)),
       grain_(std::max<std::int64_t>(1, std::llround(design.spacing.value() / frame_.step_mm()))),
       allowed_mm_(centre_distance_of_ridge_mm(tool_, o.scallop_limit.value())),
-      air_worth_mm_(air_worth_mm) {}
+      air_worth_mm_(air_worth_mm) {
+  if (!std::isnan(o.excess_limit.value()))
+    finder_.emplace(design, tool_, frame_, o.stepover.value(), o.excess_limit.value(),
+                    SideCutFinder::Excess{kCloserShare * o.tolerance.value(), shares_.excess_mm});
+}
 
 /// Exact cutter locations and moves of a segment; the samples stay in `samples`, ascending.
 PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across,
-                               std::vector<PathSample>& samples) {
+                               std::vector<PathSample>& samples, Written written) {
   PlannedCut piece;
   piece.cut = cut;
   piece.across = across;
   FitLimits limits;
   limits.gouge_mm = shares_.sampling_mm + shares_.fitting_mm;
-  limits.excess_mm = shares_.excess_mm;
-  limits.arcs = options_.arcs && (cut.line.dx == 0 || cut.line.dy == 0) &&
+  const double tolerance = options_.tolerance.value();
+  const bool closer = written == Written::closer;
+  limits.excess_mm = closer ? kCloserShare * tolerance : shares_.excess_mm;
+  // Cuts across are too short for arcs to pay for a change of plane.
+  limits.arcs = options_.arcs && written != Written::across &&
+                (cut.line.dx == 0 || cut.line.dy == 0) &&
                 std::abs(cut.line.dx + cut.line.dy) == kResolution;
   const auto [low, high] = std::minmax({cut.from, cut.to});
-  sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
-              {shares_.sampling_mm, dip_share(limits.arcs) * options_.tolerance.value()}, samples);
+  sample_line(
+      cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
+      {shares_.sampling_mm, (closer ? kCloserDipShare : dip_share(limits.arcs)) * tolerance},
+      samples);
   piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
   piece.sampled = samples.size();
   if (cut.from > cut.to) reverse_moves(piece.moves);  // the segment is turned already
@@ -93,7 +133,48 @@ PlannedRow RasterPlanner::plan_row(const RasterRow& row) {
         static_cast<double>(g * grain_ - a.place) / static_cast<double>(b.place - a.place);
     out.tips.push_back(static_cast<float>(a.tip_mm + t * (b.tip_mm - a.tip_mm)));
   }
+  if (finder_) {
+    RowHeights& heights = out.heights;
+    heights = {row.across, row.first, row.last, heights_of(out.cut.moves, frame_.step_mm()), {}};
+    k = 1;
+    for (std::int64_t place = row.first; place <= row.last; place += RowHeights::kStep) {
+      while (samples[k].place < place) ++k;
+      const PathSample &a = samples[k - 1], &b = samples[k];
+      const double t =
+          static_cast<double>(place - a.place) / static_cast<double>(b.place - a.place);
+      heights.exact_mm.push_back(static_cast<float>(a.tip_mm + t * (b.tip_mm - a.tip_mm)));
+    }
+  }
   return out;
+}
+
+std::vector<PlannedCut> RasterPlanner::plan_with_care(const RasterRow& row, const RowCare& care) {
+  const LatticeLine line = frame_.row(row.across);
+  std::vector<std::int64_t> ends{row.first, row.last};
+  for (const SideCut& cut : care.cuts) ends.push_back(cut.place);
+  for (const RowStretch& s : care.closer) ends.insert(ends.end(), {s.from, s.to});
+  std::sort(ends.begin(), ends.end());
+  ends.erase(std::unique(ends.begin(), ends.end()), ends.end());
+  std::vector<PathSample> samples;
+  std::vector<PlannedCut> pieces;
+  auto cut = care.cuts.begin();
+  auto stretch = care.closer.begin();
+  for (std::size_t i = 0; i < ends.size(); ++i) {
+    for (; cut != care.cuts.end() && cut->place == ends[i]; ++cut) {
+      PlannedCut out = plan({frame_.column(cut->place), row.across, cut->across}, row.across,
+                            samples, Written::across);
+      PlannedCut back = out;
+      back.turn_round();
+      pieces.push_back(std::move(out));
+      pieces.push_back(std::move(back));
+    }
+    if (i + 1 == ends.size()) break;
+    while (stretch != care.closer.end() && stretch->to <= ends[i]) ++stretch;
+    const bool closer = stretch != care.closer.end() && stretch->from <= ends[i];
+    pieces.push_back(plan({line, ends[i], ends[i + 1]}, row.across, samples,
+                          closer ? Written::closer : Written::normally));
+  }
+  return pieces;
 }
 
 /// What the ridge will be between two rows, and what must be cut besides.
@@ -124,6 +205,7 @@ PlannedGap RasterPlanner::plan_gap(const PlannedRow& a, const PlannedRow& b) {
     gap.ridges[at] = ridge_mm(tool_, std::ldexp(distance, -halved[at]));
   }
   if (options_.constant_scallop) add_passes(a, b, halved, gap);
+  if (finder_) finder_->find(a.heights, b.heights, gap.for_a, gap.for_b);
   return gap;
 }
 

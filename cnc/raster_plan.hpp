@@ -9,6 +9,7 @@
 /// Gives   rows and gaps, each by itself: any number of threads may plan at a time
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
@@ -17,6 +18,7 @@
 #include "cnc/fit_moves.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/raster.hpp"
+#include "cnc/side_cuts.hpp"
 #include "cnc/steepness.hpp"
 
 namespace maquette::cnc {
@@ -43,6 +45,7 @@ struct PlannedRow {
   PlannedCut cut;
   std::int64_t first_index = 0;
   std::vector<float> tips;
+  RowHeights heights;  ///< with an excess limit
 };
 
 /// Between two rows.
@@ -50,6 +53,7 @@ struct PlannedGap {
   std::vector<double> ridges;  ///< from `first_index` on, halfway between the rows
   std::int64_t first_index = 0;
   std::vector<PlannedCut> added;  ///< by row, then along it
+  RowCare for_a, for_b;           ///< with an excess limit
 };
 
 class RasterPlanner {
@@ -67,11 +71,16 @@ class RasterPlanner {
   [[nodiscard]] PlannedRow plan_row(const RasterRow& row);
   /// Of two neighbouring rows.
   [[nodiscard]] PlannedGap plan_gap(const PlannedRow& a, const PlannedRow& b);
+  /// The row once more, written closer and left for cuts across where it must be; ways that follow
+  /// each other.
+  [[nodiscard]] std::vector<PlannedCut> plan_with_care(const RasterRow& row, const RowCare& care);
   /// The four sides, counter-clockwise; nothing if the area has no width.
   [[nodiscard]] std::vector<PlannedCut> outline();
 
  private:
-  PlannedCut plan(const LineSegment& cut, std::int64_t across, std::vector<PathSample>& samples);
+  enum class Written : std::uint8_t { normally, closer, across };
+  PlannedCut plan(const LineSegment& cut, std::int64_t across, std::vector<PathSample>& samples,
+                  Written written = Written::normally);
   void add_passes(const PlannedRow& a, const PlannedRow& b, const std::vector<int>& halved,
                   PlannedGap& gap);
 
@@ -85,6 +94,7 @@ class RasterPlanner {
   ToleranceShares shares_;
   std::int64_t grain_;
   double allowed_mm_, air_worth_mm_;
+  std::optional<SideCutFinder> finder_;
 };
 
 }  // namespace maquette::cnc

@@ -11,6 +11,13 @@ double ridge_mm(BallNose tool, double centre_distance) {
                                                  : scallop_mm(tool, centre_distance);
 }
 
+double stated_scallop_mm(BallNose tool, double stepover_mm, double slope) {
+  const double R = tool.radius_mm, steep = std::sqrt(1.0 + slope * slope),
+               half = 0.5 * stepover_mm * steep;
+  if (!(half < R)) return INFINITY;
+  return (R - std::sqrt(R * R - half * half)) * steep;
+}
+
 double centre_distance_of_ridge_mm(BallNose tool, double ridge) {
   return 2.0 * std::sqrt(ridge * (2.0 * tool.radius_mm - ridge));
 }

@@ -32,6 +32,10 @@ namespace maquette::cnc {
 /// R - sqrt(R^2 - D^2 / 4); R where the balls do not meet.
 [[nodiscard]] double ridge_mm(BallNose tool, double centre_distance);
 
+/// Vertical height of the ridge that passes `stepover` apart leave across a slope; INFINITY where
+/// they do not meet.
+[[nodiscard]] double stated_scallop_mm(BallNose tool, double stepover_mm, double slope);
+
 /// The centre distance that leaves this ridge. @pre 0 <= ridge <= R
 [[nodiscard]] double centre_distance_of_ridge_mm(BallNose tool, double ridge);
 

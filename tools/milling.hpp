@@ -58,6 +58,7 @@ struct MillJob {
   Radians direction{0.0};
   bool zigzag = true, climb = true, arcs = true, constant_scallop = false;
   Millimetres scallop_limit{0.011}, lead_radius{1.0};
+  Millimetres excess_limit{NAN};  ///< raster: above the stated scallop; NaN: none
 
   // rough
   double cell_mm = 1.0, ramp_deg = 3.0;

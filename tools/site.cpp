@@ -142,6 +142,10 @@ SiteFile empty_site_file() {
          "more passes where it is steep, so that ridges stay below the limit"});
   t.add({"mill.scallop_limit_mm", &s.scallop_limit_mm, "height of ridges, normal to the surface",
          1e-4, 10});
+  t.add({"mill.excess_limit_mm", &s.excess_limit_mm,
+         "what passes may leave above the scallop of the slope; cuts across to pits, each a stop; "
+         "0: none",
+         0, 1});
   t.add({"mill.feed_mm_per_min", &s.feed_mm_per_min,
          "along the path; 0: from stock.material and machine.name, which it must not exceed", 0,
          100000});

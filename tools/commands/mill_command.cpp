@@ -25,8 +25,9 @@ struct Options {
   MillJob job = default_job("raster");  // defaults of all strategies
   double tolerance_mm = job.tolerance.value(), feed = job.feed.value(),
          plunge = job.plunge_feed.value(), clearance_mm = job.clearance.value(),
-         scallop_limit_mm = job.scallop_limit.value(), lead_mm = job.lead_radius.value(),
-         stock_top_mm = NAN, base_mm = job.base_thickness.value();
+         scallop_limit_mm = job.scallop_limit.value(), excess_limit_mm = NAN,
+         lead_mm = job.lead_radius.value(), stock_top_mm = NAN,
+         base_mm = job.base_thickness.value();
 };
 
 std::vector<std::string> names() {
@@ -115,6 +116,7 @@ Result<MillJob> job_of(const Options& o) {
   job.climb = !o.conventional;
   job.arcs = !o.no_arcs;
   job.scallop_limit = Millimetres{o.scallop_limit_mm};
+  job.excess_limit = Millimetres{o.excess_limit_mm};
   job.lead_radius = Millimetres{o.lead_mm};
   job.feed = FeedRate{o.feed};
   job.plunge_feed = FeedRate{o.plunge};
@@ -174,6 +176,9 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_flag("--conventional", o->conventional, "one way: conventional instead of climb");
   app->add_flag("--constant-scallop", job.constant_scallop,
                 "passes where ridges would exceed --scallop-limit-mm, wherever it is steep");
+  app->add_option("--excess-limit-mm", o->excess_limit_mm,
+                  "above the scallop stated for the slope, wherever the ball reaches: cuts across "
+                  "to pits and creases between passes, each a stop");
   app->add_option("--scallop-limit-mm", o->scallop_limit_mm, "normal to the surface")
       ->capture_default_str();
   app->add_flag("--no-arcs", o->no_arcs, "lines only");

@@ -38,6 +38,7 @@ MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
   job.arcs = site.arcs;
   job.constant_scallop = site.constant_scallop;
   job.scallop_limit = Millimetres{site.scallop_limit_mm};
+  if (site.excess_limit_mm > 0.0) job.excess_limit = Millimetres{site.excess_limit_mm};
   job.feed = FeedRate{site.feed_mm_per_min};
   job.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
   job.spindle_rpm = site.spindle_rpm;

@@ -44,6 +44,7 @@ cnc::MillOptions mill_options(const MillJob& job, const Piece& piece) {
   o.arcs = job.arcs;
   o.constant_scallop = job.constant_scallop;
   o.scallop_limit = job.scallop_limit;
+  o.excess_limit = job.excess_limit;
   o.lead_radius = job.lead_radius;
   o.feed = job.feed;
   o.plunge_feed = job.plunge_feed;
@@ -57,6 +58,7 @@ cnc::MillOptions mill_options(const MillJob& job, const Piece& piece) {
 json figures_of(const cnc::MillReport& r, const MillJob& job) {
   return {{"passes", r.passes},
           {"extra_passes", r.extra_passes},
+          {"side_cuts", r.side_cuts},
           {"direction_deg", r.direction_deg},
           {"points_sampled", r.points_sampled},
           {"scallop_flat_mm", r.scallop_flat_mm},

@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "cnc/side_cuts.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "cnc/certificate.hpp"
+#include "cnc/scallop.hpp"
+#include "core/check.hpp"
+
+namespace maquette::cnc {
+namespace {
+
+constexpr double kKeptBack_mm = 0.0005;   // of the limit, for what is rounded
+constexpr double kRounding_mm = 0.001;    // of the end of a cut across
+constexpr double kNearlyReached_mm = 0.015;  // worth looking beside
+constexpr int kLooks = 3;                    // that often, each half as far
+constexpr double kLookStep_mm = 0.05;     // along rows and cuts across
+constexpr double kCloser_mm = 0.2;        // a row is written closer this far either way
+constexpr double kSwept_mm = 0.6;         // a cut across clears nothing farther along than this
+constexpr double kShortestCut_mm = 0.01;  // the row is as good
+constexpr std::int64_t kFromEnd = 100;    // places: rows begin and end on themselves
+constexpr int kBlockers = 3;              // nodes around a point that are looked at first
+
+}  // namespace
+
+/// A point of the design, and where the ball touches it; along and across the rows.
+struct SideCutFinder::Open {
+  double u, v;          // of the ball
+  double pu, pv, pz;    // of the point
+  double allowed;       // height that may stay
+  double over;          // what stays above that now
+
+  /// Height over the point of a ball's lower side.
+  [[nodiscard]] double left_by(double at_u, double at_v, double tip, double R) const {
+    const double du = at_u - pu, dv = at_v - pv, q = R * R - du * du - dv * dv;
+    return q > 0.0 ? tip + R - std::sqrt(q) : INFINITY;
+  }
+};
+
+struct SideCutFinder::Gap {
+  const RowHeights &a, &b;
+  double step_mm;
+  [[nodiscard]] double across_mm(const RowHeights& row) const {
+    return step_mm * static_cast<double>(row.across);
+  }
+  /// INFINITY beyond the row's ends.
+  [[nodiscard]] double height(const RowHeights& row, const std::vector<float>& heights,
+                              double u) const {
+    const double t = (u / step_mm - static_cast<double>(row.first)) / RowHeights::kStep;
+    if (!(t >= 0.0) || t > static_cast<double>(heights.size() - 1)) return INFINITY;
+    const auto i = std::min(static_cast<std::size_t>(t), heights.size() - 2);
+    const double z = static_cast<double>(heights[i]);
+    return z + (t - static_cast<double>(i)) * (static_cast<double>(heights[i + 1]) - z);
+  }
+  /// The least that a row leaves over a point, of places beside the ball's own.
+  [[nodiscard]] double least(const RowHeights& row, const std::vector<float>& heights,
+                             const Open& p, double R) const {
+    double least = INFINITY;
+    const double v = across_mm(row);
+    for (double off = -kLookAlong_mm; off <= kLookAlong_mm + 1e-9; off += kLookStep_mm)
+      least = std::min(least, p.left_by(p.u + off, v, height(row, heights, p.u + off), R));
+    return least;
+  }
+};
+
+SideCutFinder::SideCutFinder(const heightmap::ModelField& design, BallNose tool,
+                             const RasterFrame& frame, double stepover_mm, double limit_mm,
+                             Excess written)
+    : design_(design),
+      R_(tool.radius_mm),
+      frame_(frame),
+      step_mm_(frame.step_mm()),
+      stepover_mm_(stepover_mm),
+      limit_mm_(limit_mm - kKeptBack_mm),
+      written_(written),
+      ex_(kTick_mm * static_cast<double>(frame.dx) / step_mm_),
+      ey_(kTick_mm * static_cast<double>(frame.dy) / step_mm_),
+      x0_(mm_of_ticks(frame.x0)),
+      y0_(mm_of_ticks(frame.y0)),
+      per_spacing_(std::max(1, static_cast<int>(std::ceil(
+                                   design.spacing.value() / kContactsApart_mm - 1e-9)))),
+      cutters_(DropCutter(design, Cutter::ball(R_))) {
+  MAQUETTE_CHECK(frame.along_an_axis(), "rows along {}, {}", frame.dx, frame.dy);
+}
+
+/// Half a cell; heights are z00 + s along_x + t along_y.
+struct SideCutFinder::Facet {
+  std::ptrdiff_t row, col;
+  bool lower;
+  double z00, along_x, along_y;
+  double to_x = 0.0, to_y = 0.0, up = 0.0;  // from a point to the tip of the ball that touches it
+};
+
+double SideCutFinder::steepest(std::ptrdiff_t row, std::ptrdiff_t col) const {
+  const Grid<float>& z = design_.z_mm;
+  const double z00 = z(row, col), z10 = z(row, col + 1), z01 = z(row + 1, col),
+               z11 = z(row + 1, col + 1);
+  const double a = (z10 - z00) * (z10 - z00) + (z11 - z10) * (z11 - z10);
+  const double b = (z11 - z01) * (z11 - z01) + (z01 - z00) * (z01 - z00);
+  return std::sqrt(std::max(a, b)) / design_.spacing.value();
+}
+
+/// The point (s, t) of a facet's cell, without what may stay there.
+SideCutFinder::Open SideCutFinder::touch(const Facet& f, double s, double t) const {
+  const double d = design_.spacing.value();
+  const double px = design_.x_mm(f.col) + s * d - x0_, py = design_.y_mm(f.row) + t * d - y0_;
+  const double x = px + f.to_x, y = py + f.to_y;
+  Open p{};
+  p.u = x * ex_ + y * ey_;
+  p.v = y * ex_ - x * ey_;
+  p.pu = px * ex_ + py * ey_;
+  p.pv = py * ex_ - px * ey_;
+  p.pz = f.z00 + s * f.along_x + t * f.along_y;
+  return p;
+}
+
+/// How far the ball that touches it has to rise.
+double SideCutFinder::rise(const Open& p, const Facet& f, DropCutter& cutter) const {
+  const double x = x0_ + p.u * ex_ - p.v * ey_, y = y0_ + p.u * ey_ + p.v * ex_;
+  return cutter.drop(x, y).tip_mm - (p.pz + f.up);
+}
+
+/// Whether the ball reaches the point or one beside it, which then takes its place.
+bool SideCutFinder::reached(const Facet& f, double s, double t, DropCutter& cutter,
+                            Open& p) const {
+  const double x = x0_ + p.u * ex_ - p.v * ey_, y = y0_ + p.u * ey_ + p.v * ex_;
+  if (blocked(f.row, f.col, x, y, p.pz + f.up + kNearlyReached_mm)) return false;
+  double least = rise(p, f, cutter);
+  if (least > kNearlyReached_mm) return false;
+  double step = 0.5 / per_spacing_;
+  for (int look = 0; look < kLooks && least > kReachTolerance_mm; ++look, step *= 0.5) {
+    const double from_s = s, from_t = t;
+    for (const auto& [ds, dt] : {std::pair{step, 0.0}, {-step, 0.0}, {0.0, step}, {0.0, -step}}) {
+      const double to_s = std::clamp(from_s + ds, 0.0, 1.0), to_t = std::clamp(from_t + dt, 0.0, 1.0);
+      if (f.lower ? to_s < to_t : to_t < to_s) continue;
+      const Open q = touch(f, to_s, to_t);
+      const double up = rise(q, f, cutter);
+      if (up >= least) continue;
+      least = up;
+      p = q;
+      s = to_s;
+      t = to_t;
+    }
+  }
+  return least <= kReachTolerance_mm;
+}
+
+/// Nodes near a point stand inside the ball there: spares most of what it does not reach a drop.
+bool SideCutFinder::blocked(std::ptrdiff_t row, std::ptrdiff_t col, double x, double y,
+                            double tip) const {
+  const Grid<float>& z = design_.z_mm;
+  const double centre = tip + R_;
+  for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, row - kBlockers);
+       r <= std::min(z.rows() - 1, row + 1 + kBlockers); ++r)
+    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, col - kBlockers);
+         c <= std::min(z.cols() - 1, col + 1 + kBlockers); ++c) {
+      const double dx = design_.x_mm(c) - x, dy = design_.y_mm(r) - y;
+      const double dz = centre - static_cast<double>(z(r, c));
+      const double q = R_ * R_ - dx * dx - dy * dy;
+      if (q > 0.0 && (dz <= 0.0 || dz * dz < q)) return true;
+    }
+  return false;
+}
+
+void SideCutFinder::open_points(const Gap& gap, DropCutter& cutter, std::vector<Open>& open) const {
+  const Grid<float>& z = design_.z_mm;
+  const double d = design_.spacing.value(), va = gap.across_mm(gap.a), vb = gap.across_mm(gap.b);
+  // The cells whose points the ball can touch from between the rows.
+  const double u0 = step_mm_ * static_cast<double>(std::max(gap.a.first, gap.b.first)),
+               u1 = step_mm_ * static_cast<double>(std::min(gap.a.last, gap.b.last));
+  const auto [x_min, x_max] = std::minmax({x0_ + u0 * ex_ - va * ey_, x0_ + u1 * ex_ - va * ey_,
+                                           x0_ + u0 * ex_ - vb * ey_, x0_ + u1 * ex_ - vb * ey_});
+  const auto [y_min, y_max] = std::minmax({y0_ + u0 * ey_ + va * ex_, y0_ + u1 * ey_ + va * ex_,
+                                           y0_ + u0 * ey_ + vb * ex_, y0_ + u1 * ey_ + vb * ex_});
+  const auto cell = [d](double mm, double origin, std::ptrdiff_t nodes) {
+    return std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(std::floor((mm - origin) / d)), 0,
+                                      nodes - 2);
+  };
+  const std::ptrdiff_t c0 = cell(x_min - R_, design_.x0.value(), z.cols()),
+                       c1 = cell(x_max + R_, design_.x0.value(), z.cols()),
+                       r0 = cell(y_min - R_, design_.y0.value(), z.rows()),
+                       r1 = cell(y_max + R_, design_.y0.value(), z.rows());
+  const double share = 1.0 / per_spacing_;
+  for (std::ptrdiff_t r = r0; r <= r1; ++r)
+    for (std::ptrdiff_t c = c0; c <= c1; ++c) {
+      const double z00 = z(r, c), z10 = z(r, c + 1), z01 = z(r + 1, c), z11 = z(r + 1, c + 1);
+      const double inside = stated_scallop_mm({R_}, stepover_mm_, steepest(r, c));
+      // A point between cells belongs to the least steep of them.
+      double around = inside;
+      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - 1); i <= std::min(z.rows() - 2, r + 1);
+           ++i)
+        for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, c - 1);
+             j <= std::min(z.cols() - 2, c + 1); ++j)
+          around = std::min(around, stated_scallop_mm({R_}, stepover_mm_, steepest(i, j)));
+      for (const bool lower : {true, false}) {
+        Facet f{r, c, lower, z00, lower ? z10 - z00 : z11 - z01, lower ? z11 - z10 : z01 - z00};
+        const double gx = f.along_x / d, gy = f.along_y / d;
+        const double steep = std::sqrt(1.0 + gx * gx + gy * gy);
+        f.to_x = -R_ * gx / steep;
+        f.to_y = -R_ * gy / steep;
+        f.up = R_ / steep - R_;
+        // Facets whose balls all lie outside.
+        const double v_cell =
+            (design_.y_mm(r) + f.to_y - y0_) * ex_ - (design_.x_mm(c) + f.to_x - x0_) * ey_;
+        if (v_cell + 1.5 * d < va || v_cell - 1.5 * d > vb) continue;
+        for (int i = 0; i <= per_spacing_; ++i)
+          for (int j = lower ? i : 0; j <= (lower ? per_spacing_ : i); ++j) {
+            Open p = touch(f, share * j, share * i);
+            // Beyond the rows' ends there is nothing to compare with.
+            if (p.v < va || p.v > vb || p.u < u0 || p.u > u1) continue;
+            const bool border = i == 0 || j == 0 || i == per_spacing_ || j == per_spacing_;
+            const double most = (border ? around : inside) + limit_mm_;
+            const double allowed = p.pz + most;
+            if (p.left_by(p.u, va, gap.height(gap.a, gap.a.written_mm, p.u), R_) <= allowed ||
+                p.left_by(p.u, vb, gap.height(gap.b, gap.b.written_mm, p.u), R_) <= allowed)
+              continue;
+            if (!reached(f, share * j, share * i, cutter, p)) continue;
+            p.allowed = p.pz + most;
+            const double left = std::min(gap.least(gap.a, gap.a.written_mm, p, R_),
+                                         gap.least(gap.b, gap.b.written_mm, p, R_));
+            if (left <= p.allowed) continue;
+            p.over = left - p.allowed;
+            open.push_back(p);
+          }
+      }
+    }
+}
+
+void SideCutFinder::find(const RowHeights& a, const RowHeights& b, RowCare& for_a, RowCare& for_b) {
+  const Gap gap{a, b, step_mm_};
+  DropCutter& cutter = cutters_.local();
+  std::vector<Open> open;
+  open_points(gap, cutter, open);
+  const auto place_of = [this](double u) { return static_cast<std::int64_t>(std::llround(u / step_mm_)); };
+  // What the rows clear when they are written closer.
+  const std::int64_t around = std::llround(kCloser_mm / step_mm_);
+  std::erase_if(open, [&](const Open& p) {
+    const double by_a = gap.least(a, a.exact_mm, p, R_), by_b = gap.least(b, b.exact_mm, p, R_);
+    if (std::min(by_a, by_b) + written_.closer_mm > p.allowed) return false;
+    const RowHeights& row = by_a <= by_b ? a : b;
+    const std::int64_t m = place_of(p.u);
+    const RowStretch stretch{std::max(row.first, m - around), std::min(row.last, m + around)};
+    if (stretch.from < stretch.to) (by_a <= by_b ? for_a : for_b).closer.push_back(stretch);
+    return true;
+  });
+  std::sort(open.begin(), open.end(), [](const Open& p, const Open& q) {
+    if (p.u != q.u) return p.u < q.u;
+    return p.v != q.v ? p.v < q.v : p.over < q.over;
+  });
+  std::vector<std::size_t> order(open.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::sort(order.begin(), order.end(), [&](std::size_t p, std::size_t q) {
+    return open[p].over != open[q].over ? open[p].over > open[q].over : p < q;
+  });
+  std::vector<bool> done(open.size(), false);
+  for (const std::size_t k : order) {
+    if (done[k]) continue;
+    done[k] = true;
+    const Open& worst = open[k];
+    const double va = gap.across_mm(a), vb = gap.across_mm(b);
+    const bool from_a = worst.v - va <= vb - worst.v;
+    const RowHeights& row = from_a ? a : b;
+    const SideCut cut{std::clamp(place_of(worst.u), row.first + kFromEnd, row.last - kFromEnd),
+                      std::clamp(place_of(worst.v), a.across, b.across)};
+    const double length = step_mm_ * std::abs(static_cast<double>(cut.across - row.across));
+    if (length < kShortestCut_mm) continue;
+    (from_a ? for_a : for_b).cuts.push_back(cut);
+    const LatticeLine line = frame_.column(cut.place);
+    const double u = step_mm_ * static_cast<double>(cut.place);
+    const int pieces = static_cast<int>(std::ceil(length / kLookStep_mm));
+    for (int i = 1; i <= pieces; ++i) {
+      const std::int64_t j =
+          row.across + (cut.across - row.across) * i / pieces;  // the last is the end
+      const double v = step_mm_ * static_cast<double>(j);
+      const double tip = cutter.drop(line.x_mm(j), line.y_mm(j)).tip_mm +
+                         (i < pieces ? written_.across_mm : kRounding_mm);
+      for (std::size_t n = k; n-- > 0 && open[n].u > u - kSwept_mm;)
+        if (!done[n] && open[n].left_by(u, v, tip, R_) <= open[n].allowed) done[n] = true;
+      for (std::size_t n = k + 1; n < open.size() && open[n].u < u + kSwept_mm; ++n)
+        if (!done[n] && open[n].left_by(u, v, tip, R_) <= open[n].allowed) done[n] = true;
+    }
+  }
+}
+
+void arrange(RowCare& care) {
+  std::sort(care.cuts.begin(), care.cuts.end(), [](const SideCut& p, const SideCut& q) {
+    return p.place != q.place ? p.place < q.place : p.across < q.across;
+  });
+  std::sort(care.closer.begin(), care.closer.end(), [](const RowStretch& p, const RowStretch& q) {
+    return p.from != q.from ? p.from < q.from : p.to < q.to;
+  });
+  std::vector<RowStretch> joined;
+  for (const RowStretch& s : care.closer)
+    if (!joined.empty() && s.from <= joined.back().to)
+      joined.back().to = std::max(joined.back().to, s.to);
+    else
+      joined.push_back(s);
+  care.closer = std::move(joined);
+}
+
+}  // namespace maquette::cnc

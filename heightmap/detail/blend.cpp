@@ -13,9 +13,9 @@
 namespace maquette::heightmap::detail {
 namespace {
 
-constexpr double kCellsPerPixel = 4.0;   // of the coarser source
-constexpr double kRimPixels = 3.0;       // of the finer one, in which detail comes up
-constexpr double kWidthInPixels = 0.5;   // of the Gaussian (standard deviation)
+constexpr double kCellsPerPixel = 4.0;  // of the coarser source
+constexpr double kRimPixels = 3.0;      // of the finer one, in which detail comes up
+constexpr double kWidthInPixels = 0.5;  // of the Gaussian (standard deviation)
 
 double smoothstep(double t) {
   t = std::clamp(t, 0.0, 1.0);
@@ -97,8 +97,7 @@ Grid<double> disagreement(const Cells& cells, double pixel_cells, bool layer_is_
     // Only where the whole pixel is seen: a part of it would have another mean.
     if (seen.cells()[i] < 0.999 * whole || cells.count.cells()[i] == 0.0) continue;
     weight.cells()[i] = cells.count.cells()[i];
-    q.cells()[i] =
-        weight.cells()[i] * (mean.cells()[i] / seen.cells()[i] - coarser.cells()[i]);
+    q.cells()[i] = weight.cells()[i] * (mean.cells()[i] / seen.cells()[i] - coarser.cells()[i]);
     if (!layer_is_finer) q.cells()[i] = -q.cells()[i];
   }
   const double wide = kWidthInPixels * pixel_cells;
@@ -112,8 +111,8 @@ Grid<double> disagreement(const Cells& cells, double pixel_cells, bool layer_is_
   return q;
 }
 
-/// Cubic B-spline through smooth values: no creases at cells. Its own smoothing is below that of the
-/// Gaussian.
+/// Cubic B-spline through smooth values: no creases at cells. Its own smoothing is below that of
+/// the Gaussian.
 double between(const Grid<double>& g, double row, double col) {
   const double fr = std::floor(row), fc = std::floor(col);
   const auto weights = [](double t) {
@@ -125,8 +124,10 @@ double between(const Grid<double>& g, double row, double col) {
   double sum = 0.0;
   for (std::ptrdiff_t i = 0; i < 4; ++i)
     for (std::ptrdiff_t j = 0; j < 4; ++j) {
-      const auto r = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(fr) - 1 + i, 0, g.rows() - 1);
-      const auto c = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(fc) - 1 + j, 0, g.cols() - 1);
+      const auto r =
+          std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(fr) - 1 + i, 0, g.rows() - 1);
+      const auto c =
+          std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(fc) - 1 + j, 0, g.cols() - 1);
       sum += wr[static_cast<std::size_t>(i)] * wc[static_cast<std::size_t>(j)] * g(r, c);
     }
   return sum;
@@ -139,9 +140,8 @@ void blend(Grid<float>& z, Grid<float>& sigma_m, Grid<std::uint8_t>& source,
   const double coarse = std::max(scales.below_pixel, scales.layer_pixel);
   const double fine = std::min(scales.below_pixel, scales.layer_pixel);
   const auto m = std::max<std::ptrdiff_t>(1, static_cast<std::ptrdiff_t>(coarse / kCellsPerPixel));
-  const Grid<double> q =
-      disagreement(cells_of(z, layer, m), coarse / static_cast<double>(m),
-                   scales.layer_pixel <= scales.below_pixel);
+  const Grid<double> q = disagreement(cells_of(z, layer, m), coarse / static_cast<double>(m),
+                                      scales.layer_pixel <= scales.below_pixel);
   // Noise of both in means over a coarse pixel, white at their own.
   const double below = scales.below_sigma_m * scales.below_pixel / coarse;
   const double above = scales.layer_sigma_m * scales.layer_pixel / coarse;

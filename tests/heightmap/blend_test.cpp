@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Claims of heightmap/detail/blend.hpp and how each is attacked
-//   detail is whole nearly to the border   its amplitude in the middle of the ramp, against a feather's
-//   smaller errors in the ramp              known relief, ten seeds, against a hard seam and a feather
-//   no step at the border                   differences across it against those elsewhere
-//   long waves of the better source count   a fine source with noise that its means keep
+//   detail is whole nearly to the border   its amplitude in the middle of the ramp, against a
+//   feather's smaller errors in the ramp              known relief, ten seeds, against a hard seam
+//   and a feather no step at the border                   differences across it against those
+//   elsewhere long waves of the better source count   a fine source with noise that its means keep
 //   uncertainty                             share of errors within sigma, in the layer and below
 
 #include <array>
@@ -30,11 +30,12 @@ struct Scene {
   Grid<float> below, layer;
 };
 
-/// Relief of 4 to 200 nodes; below: means over 32 nodes with errors of longer waves; layer: the relief
-/// with white noise.
+/// Relief of 4 to 200 nodes; below: means over 32 nodes with errors of longer waves; layer: the
+/// relief with white noise.
 Scene scene(std::uint64_t seed, double below_errors, double noise) {
   const WaveRelief relief(seed, 0.7, 0.05, 6.2832), errors(900 + seed, 0.2, 1.0, 6.2832);
-  Scene s{Grid<double>(kRows, kCols, 0.0), Grid<float>(kRows, kCols), Grid<float>(kRows, kCols, NAN)};
+  Scene s{Grid<double>(kRows, kCols, 0.0), Grid<float>(kRows, kCols),
+          Grid<float>(kRows, kCols, NAN)};
   Grid<double> coarse(kRows, kCols, 0.0), long_errors(kRows, kCols, 0.0);
   relief.add_to(s.truth, {0.0, 0.0}, 1.0, 0.0, 0.0);
   relief.add_to(coarse, {0.0, 0.0}, 1.0, 0.0, kCoarse);
@@ -73,7 +74,8 @@ Grid<float> feathered(const Scene& s) {
 }
 
 /// Root mean square of the error in a strip of columns.
-double rms(const Grid<float>& z, const Grid<double>& truth, std::ptrdiff_t from, std::ptrdiff_t to) {
+double rms(const Grid<float>& z, const Grid<double>& truth, std::ptrdiff_t from,
+           std::ptrdiff_t to) {
   double sum = 0.0, n = 0.0;
   for (std::ptrdiff_t r = 0; r < kRows; ++r)
     for (std::ptrdiff_t c = from; c < to; ++c, n += 1.0)
@@ -142,8 +144,8 @@ TEST(BlendBands, LeavesNoStepAtTheBorder) {
 }
 
 TEST(BlendBands, TakesLongWavesFromTheBetterSource) {
-  // Noise of 3 in the layer's single nodes is 0.05 in means over 64 x 64, two pixels of the base, which
-  // errs by less.
+  // Noise of 3 in the layer's single nodes is 0.05 in means over 64 x 64, two pixels of the base,
+  // which errs by less.
   double below = 0.0, ours = 0.0, layer = 0.0;
   for (std::uint64_t seed = 1; seed <= 8; ++seed) {
     const Scene s = scene(seed, 0.0, 3.0);

@@ -4,7 +4,7 @@
 //   0.01 pixel rms at the same resolution   sums of waves known everywhere, 20 seeds, 3 reliefs
 //   a coarse and a fine surface             10 : 1, tilt, noise, a fifth of outliers: errors are
 //                                             covered by the covariance that is stated
-//   the covariance is honest                chi^2 per degree of freedom of 180 runs, white and
+//   the covariance is honest                chi^2 per degree of freedom of 250 runs, white and
 //                                             correlated noise
 //   reach                                   20 pixels away, any direction
 //   turn and scale where asked              planted, all seven unknowns
@@ -142,7 +142,7 @@ TEST(Coregister, FindsSurfacesOfTheSameResolutionToAHundredthOfAPixel) {
 
 TEST(Coregister, StatesAnHonestCovariance) {
   for (const double correlated : {0.0, 1.5}) {
-    const std::uint64_t runs = correlated == 0.0 ? 120 : 60;
+    const std::uint64_t runs = correlated == 0.0 ? 100 : 150;
     double sum = 0.0;
     int n = 0;
     for (std::uint64_t seed = 1; seed <= runs; ++seed) {
@@ -173,8 +173,8 @@ TEST(Coregister, StatesAnHonestCovariance) {
     }
     ASSERT_GE(10 * n, static_cast<int>(9 * runs));
     const double per_freedom = sum / (5.0 * n);
-    const double own_scatter = std::sqrt(2.0 / (5.0 * n));
-    EXPECT_NEAR(per_freedom, 1.0, 0.05 + 2.0 * own_scatter) << "correlation " << correlated;
+    // sqrt(2 / (5 n)) is 0.06; the covariances scatter too, the more so the longer the correlation.
+    EXPECT_NEAR(per_freedom, 1.0, 0.15) << "correlation " << correlated;
     RecordProperty("chi2_per_freedom_at_" + std::to_string(correlated),
                    std::to_string(per_freedom));
   }

@@ -23,6 +23,7 @@ namespace {
 
 constexpr double kBorder_mm = 1.0;  // the outermost rim is edge, not surface
 constexpr std::size_t kSettle = 20'000;
+constexpr double kGrazing = 0.1;  // least cosine of incidence at which a beam's foot is looked for
 constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after settling
 constexpr double kStone_mm = 1e-3;        // higher than the ground: a stone
 constexpr double kBesideStone_mm = 3.0;   // a beam's width and what stones hide
@@ -191,6 +192,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     path.emplace(std::move(read));
     m.scene.has_path = true;
     m.scene.duration_min = path->duration_min();
+    m.scene.cut_mm = path->cut_mm();
     m.scene.section_starts = path->section_starts();
   } else {
     m.notes.push_back(
@@ -269,12 +271,32 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
           p.y < m.scene.box.min.y + kBorder_mm || p.y > m.scene.box.max.y - kBorder_mm)
         return;
       if (on_stone(p.x, p.y)) return;
-      const auto place = surface.at(p.x, p.y);
+      // The place is where the beam meets the simulated surface: seen from the point itself it
+      // would carry the point's noise, and with it whatever is computed from it (two causes of
+      // opposite sign can be sized so that they fit just that).
+      Vec3 foot = p;
+      double along_beam = 0.0;
+      Vec3 beam;
+      if (station) {
+        beam = normalized(p - *station);
+        const auto near = surface.at(p.x, p.y);
+        if (!near) return;
+        const double e = (p.z - near->height_mm) * near->normal.z - input.coat_mm;
+        const double cosine = -dot(beam, near->normal);
+        if (!(std::abs(e) <= input.reach_mm)) return;
+        if (cosine > kGrazing) {
+          along_beam = e / cosine;
+          foot = p + along_beam * beam;
+        }
+      }
+      auto rivals = std::make_shared<std::vector<Rival>>();
+      const auto place = surface.at(foot.x, foot.y, rivals.get());
       if (!place) return;
       Observation o;
-      o.residual_mm = (p.z - place->height_mm) * place->normal.z - input.coat_mm;
+      o.residual_mm = (foot.z - place->height_mm) * place->normal.z - input.coat_mm -
+                      along_beam * dot(beam, place->normal);
       if (!(std::abs(o.residual_mm) <= input.reach_mm)) return;
-      o.place = {p.x, p.y, place->height_mm};
+      o.place = {foot.x, foot.y, place->height_mm};
       o.normal = o.along = place->normal;
       o.sigma_mm = l.sigma;
       o.set_up = index;
@@ -283,15 +305,14 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       o.tip = o.place;
       if (place->contact) {
         static_cast<CutState&>(o) = *place->contact;
-        o.rivals = std::make_shared<const std::vector<Rival>>(path->rivals(o.place.x, o.place.y));
+        o.rivals = std::move(rivals);
       }
       if (station) {
         o.has_station = true;
-        const Vec3 v = p - *station;
-        o.range_mm = norm(v);
-        o.beam = (1.0 / o.range_mm) * v;
+        o.range_mm = norm(foot - *station);
+        o.beam = beam;
       }
-      o.curvature = surface.curvature(p.x, p.y);
+      o.curvature = surface.curvature(foot.x, foot.y);
       made[i] = o;
       good[i] = 1;
     });
@@ -319,7 +340,8 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     const auto index = static_cast<std::uint32_t>(m.set_ups.size());
     const std::size_t from = m.observations.size();
     for (const ProbeRow& row : rows) {
-      const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
+      auto rivals = std::make_shared<std::vector<Rival>>();
+      const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm, rivals.get());
       if (!place || on_stone(row.x_nominal_mm, row.y_nominal_mm)) continue;
       Observation o;
       o.set_up = index;
@@ -331,7 +353,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       o.tip = o.place;
       if (place->contact) {
         static_cast<CutState&>(o) = *place->contact;
-        o.rivals = std::make_shared<const std::vector<Rival>>(path->rivals(o.place.x, o.place.y));
+        o.rivals = std::move(rivals);
       }
       o.curvature = surface.curvature(row.x_nominal_mm, row.y_nominal_mm);
       const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,

@@ -11,6 +11,7 @@
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/poses.hpp"
 #include "diagnosis/detail/remainder.hpp"
+#include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/waves.hpp"
 
 namespace maquette::diagnosis {
@@ -27,8 +28,8 @@ using detail::Layout;
 using detail::Member;
 
 const std::vector<int> kAll{kChoose, kConfirm, kReport};
-/// Likelihood ratio of 100, or a hundredth of the gain: no data tell such causes apart honestly.
-constexpr double kEquivalent = 9.2;
+using detail::kEquivalent;
+/// Or a hundredth of the gain: no data tell such causes apart honestly.
 constexpr double kEquivalentShare = 0.01;
 /// What the simulated surface is not believed below, mm rms: ridges between passes, resampling.
 constexpr double kSimulationFloor_mm = 0.0025;
@@ -90,12 +91,12 @@ double squares(const Bank& bank, const std::vector<int>& model, const Eigen::Vec
   double sum = 0.0;
   for (const int set : sets) {
     const auto& s = bank.sets[static_cast<std::size_t>(set)];
-    if (s.weight.empty()) continue;
-    double points = 0.0;
-    for (const double w : s.weight) points += w;
     for (const auto& g : s.gram) sum += v.dot(g(at, at) * v);
-    sum += points / static_cast<double>(s.weight.size()) * v.dot(s.top[0](at, at) * v);
-    if (count != nullptr) *count += points;
+    for (const auto& top : s.top)
+      if (!top.weight.empty())
+        sum +=
+            top.points() / static_cast<double>(top.weight.size()) * v.dot(top.gram[0](at, at) * v);
+    if (count != nullptr) *count += s.top[0].points();
   }
   return std::fmax(0.0, sum);
 }
@@ -206,23 +207,34 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     const auto r = residuals_of(m.observations, {}, plain, f);
     scene.waves_x = detail::strongest_waves(m.observations, r, layout, 0, 2.0 * scene.half_mm());
     scene.waves_y = detail::strongest_waves(m.observations, r, layout, 1, 2.0 * scene.half_mm());
+    scene.waves_path = detail::strongest_path_waves(m.observations, r, layout, scene.cut_mm);
+    for (int axis = 0; axis < 3; ++axis)
+      scene.steps[static_cast<std::size_t>(axis)] =
+          detail::sharpest_steps(m.observations, r, layout, axis);
   }
   detail::Search search{m.observations, nuisances, layout, candidates_of(scene, d)};
   Bank bank = detail::sum_up(m.observations, nuisances, all_columns(search.candidates), layout);
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.3);
 
-  auto members = detail::choose(search, bank, run);
+  // What details are worth, from what the nuisances leave and again from what the chosen leave.
+  const auto weigh = [&](const std::vector<Member>& with) {
+    const auto model = detail::columns_of(bank, with);
+    bank.weight = detail::effective_weights(bank, model, detail::fit(bank, model, kAll));
+  };
+  weigh({});
+  auto members = detail::choose(search, bank, d.ranking, run);
+  if (!members.empty()) {
+    weigh(members);
+    d.ranking.clear();
+    members = detail::choose(search, bank, d.ranking, run);
+    weigh(members);
+  }
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
   // Tests that could be made: as many as there are causes in the largest model, in each round.
   const double level = kFamilyLevel / 20.0;
-  auto confirmed = detail::confirm(bank, members, level);
-  for (const Member& member : members)
-    if (std::none_of(confirmed.begin(), confirmed.end(),
-                     [&](const Confirmed& c) { return c.member.effect == member.effect; }))
-      d.rejected.push_back({member.effect->name,
-                            "chosen on one third of the blocks, not confirmed on another", 0.0});
+  auto confirmed = detail::confirm(bank, members, level, d.rejected);
 
   // What remains, and whether the causes stand without the odd places.
   const auto empty = detail::columns_of(bank, {});
@@ -284,7 +296,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
       }
     }
     if (drop == members.size()) break;
-    d.rejected.push_back({members[drop].effect->name, why, 0.0});
+    d.rejected.push_back({members[drop].effect->name, why});
     confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
   }
   run.progress(0.8);
@@ -334,8 +346,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
         d.rejected.push_back(
             {other.effect->name,
              fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
-                         c.effect, worse / 4.605),
-             g.objective - found.objective});
+                         c.effect, worse / 4.605)});
     }
     named.insert(c.effect);
     d.causes.push_back(std::move(c));
@@ -354,7 +365,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     const Eigen::VectorXd& b = trained.coefficients;
     d.rms_after_mm = std::sqrt(squares(bank, model, b, {kReport}, nullptr) / std::fmax(1.0, n));
     const Fit free_fit = detail::fit(bank, model, {kReport});
-    d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kScales - 1]);
+    d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kPointGroup]);
   }
   for (std::size_t s = 0; s < m.set_ups.size(); ++s) {
     PoseEstimate p;
@@ -377,7 +388,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     p.turn_sigma_urad = {turn * sigma(3), turn * sigma(4), turn * sigma(5)};
     d.poses.push_back(std::move(p));
   }
-  detail::add_pose_causes(m, d);
+  detail::add_pose_causes(m, bank, members, search.candidates, f, d);
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   add_dependences(d, m.observations, r_before, r_after);
   d.verdict = d.causes.empty() ? (d.remainder.found ? "unexplained" : "consistent")

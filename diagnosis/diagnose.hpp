@@ -54,7 +54,11 @@ struct Cause {
 
 struct Rejected {
   std::string effect, why;
-  double gain = 0.0;  ///< in -2 log likelihood, alone
+};
+
+struct Ranked {
+  std::string effect, law;
+  double gain = 0.0;  ///< in -2 log likelihood, alone, on the choosing blocks
 };
 
 struct PoseEstimate {
@@ -86,6 +90,7 @@ struct Diagnosis {
   std::string verdict = "consistent";
   std::vector<Cause> causes;
   std::vector<Rejected> rejected;
+  std::vector<Ranked> ranking;
   std::vector<std::string> untestable;
   std::vector<PoseEstimate> poses;
   Remainder remainder;

@@ -52,6 +52,9 @@ struct Effect {
   std::vector<std::string> looks_like;
   std::string separate_by;  ///< the measurement that tells it from those
   std::string correction;   ///< what to change at the machine; empty: nothing
+  /// Axes along which the cause shifts the whole part by an amount that depends on a zero nobody
+  /// knows (that of a scale, of a warm-up): "z". Beside it, such a shift is no finding.
+  std::string unknown_shift{};
   Needs needs = Needs::nothing;
   std::function<std::vector<Form>(const Scene&)> forms;
 };

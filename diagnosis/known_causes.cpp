@@ -71,10 +71,13 @@ Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
     }
     Scene scene = m.scene;
     for (const auto& [name, v] : k.fixed)
-      if (name == "wavelength_mm" && v > 0.0) {
+      if (name.starts_with("moment_") && scene.duration_min > 0.0) {
+        for (auto& steps : scene.steps) steps.push_back(v / scene.duration_min);
+      } else if (name == "wavelength_mm" && v > 0.0) {
         // Waves are candidates where the data show them; here the file does.
         scene.waves_x.push_back(2.0 * scene.half_mm() / v);
         scene.waves_y.push_back(2.0 * scene.half_mm() / v);
+        scene.waves_path.push_back(scene.cut_mm / v);
       }
     KnownCause wanted = k;
     if (k.effect == "scanner.range_bias") wanted.law = "constant";

@@ -5,6 +5,33 @@
 
 namespace maquette::diagnosis {
 
+namespace detail {
+
+Form step_form(int axis, double share, double step, double minutes) {
+  Form f{fmt::format("after {:.4f} of the program", share), {step_after(axis, share, "step_mm")}};
+  f.fixed = {{"moment_min", share * minutes}};
+  if (step > 1e-3)
+    f.finer = [=] {
+      std::vector<Form> near;
+      for (int k = -6; k <= 6; ++k)
+        if (share + k * step / 7.0 > 0.0)
+          near.push_back(step_form(axis, share + k * step / 7.0, step / 7.0, minutes));
+      return near;
+    };
+  return f;
+}
+
+std::vector<Form> step_forms(int axis, const Scene& scene) {
+  std::vector<Form> forms;
+  for (const double share : scene.steps[static_cast<std::size_t>(axis)])
+    forms.push_back(step_form(axis, share, 1.0 / 256.0, scene.duration_min));
+  for (int k = 1; k < 16; ++k)
+    forms.push_back(step_form(axis, k / 16.0, 1.0 / 16.0, scene.duration_min));
+  return forms;
+}
+
+}  // namespace detail
+
 const std::vector<Effect>& library() {
   static const std::vector<Effect> all = [] {
     std::vector<Effect> effects;

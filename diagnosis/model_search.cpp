@@ -5,6 +5,7 @@
 #include <cmath>
 #include <mutex>
 
+#include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
 namespace maquette::diagnosis::detail {
@@ -47,7 +48,8 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
 /// Replaces the form of the last member by the best of its neighbours, as often as there are any.
 void refine(const Search& search, const Bank& bank, State& state) {
   const Fit now = fit(bank, columns_of(bank, state.members), {kChoose});
-  const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta)]};
+  const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta[0])],
+                                 bank.theta[static_cast<std::size_t>(now.theta[1])]};
   for (int round = 0; round < 4; ++round) {
     Member& last = state.members.back();
     if (!last.form.finer) return;
@@ -57,8 +59,9 @@ void refine(const Search& search, const Bank& bank, State& state) {
     for (const Member& m : state.members)
       columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
     for (const Form& f : near) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
-    const Bank small =
+    Bank small =
         sum_up(search.observations, search.nuisances, columns, search.layout, &theta, kChoose);
+    small.weight = bank.weight;
     std::vector<double> scores(near.size());
     oneapi::tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t k) {
       auto members = state.members;
@@ -111,7 +114,8 @@ BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Ca
   return best;
 }
 
-std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
+std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
+                           const RunContext& run) {
   State best{{}, score_of(bank, {}, {kChoose}, true)};
   const double null = best.score;
   std::vector<State> beam{best};
@@ -123,6 +127,8 @@ std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
                         [&](const Member& m) { return m.effect == c.effect; }))
           continue;
         const BestForm found = best_form(bank, from.members, c, {kChoose}, true);
+        if (step == 0 && std::isfinite(found.objective))
+          ranking.push_back({c.effect->name, c.forms[found.form].law, null - found.objective});
         if (!(found.objective < from.score)) continue;
         State s = from;
         s.members.push_back({c.effect, c.forms[found.form]});
@@ -134,6 +140,9 @@ std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
               [](const State& a, const State& b) { return a.score < b.score; });
     // The same causes in another order are the same model.
     std::vector<State> kept;
+    if (step == 0)
+      std::sort(ranking.begin(), ranking.end(),
+                [](const Ranked& a, const Ranked& b) { return a.gain > b.gain; });
     const auto names = [](const State& s) {
       std::vector<const Effect*> all;
       for (const Member& m : s.members) all.push_back(m.effect);
@@ -149,19 +158,16 @@ std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
     // Refined forms become columns of the bank, and candidates for all that follow.
     std::vector<Column> added;
     for (State& s : kept) {
-      const std::string before = s.members.back().form.law;
+      const std::string before = s.members.back().form.columns[0].key;
       if (s.score < kept.front().score + 1000.0) refine(search, bank, s);
-      if (s.members.back().form.law == before) continue;
+      if (s.members.back().form.columns[0].key == before) continue;
       added.insert(added.end(), s.members.back().form.columns.begin(),
                    s.members.back().form.columns.end());
       for (Candidate& c : search.candidates)
         if (c.effect == s.members.back().effect) c.forms.push_back(s.members.back().form);
     }
-    if (!added.empty()) {
-      std::vector<Column> columns(bank.columns.begin() + bank.nuisances, bank.columns.end());
-      columns.insert(columns.end(), added.begin(), added.end());
-      bank = sum_up(search.observations, search.nuisances, columns, search.layout);
-    }
+    add_columns(bank, search.observations, added);
+    for (State& s : kept) s.score = score_of(bank, s.members, {kChoose}, true);
     // Backward: what the newest has made superfluous goes.
     for (State& s : kept)
       for (std::size_t k = 0; k + 1 < s.members.size();) {
@@ -186,7 +192,8 @@ std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run) {
   return best.members;
 }
 
-std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, double level) {
+std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, double level,
+                               std::vector<Rejected>& rejected) {
   std::vector<Confirmed> good;
   while (!members.empty()) {
     good.clear();
@@ -195,8 +202,10 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     const Fit chosen = fit(bank, model, {kChoose});
     const double predicted =
         objective_held(bank, model, chosen.coefficients, bank.nuisances, {kConfirm});
+    const double both = fit(bank, model, {kChoose, kConfirm}).objective;
     std::size_t worst = 0;
-    double worst_p = -1.0;
+    double worst_p = 0.0, least = INFINITY;
+    std::string why;
     for (std::size_t k = 0; k < members.size(); ++k) {
       auto fewer = members;
       fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
@@ -210,12 +219,22 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
           objective_held(bank, small, chosen_fewer.coefficients, bank.nuisances, {kConfirm});
       if (!(without - predicted > 0.5 * gain) || !(without - predicted > 0.0)) p = std::max(p, 0.5);
       good.push_back({members[k], p});
-      if (p > worst_p) {
-        worst_p = p;
+      worst_p = std::fmax(worst_p, p);
+      // Of those that fail the one goes that is missed least: of two that stand for one cause, the
+      // worse.
+      const double missed =
+          p < level ? INFINITY : fit(bank, small, {kChoose, kConfirm}).objective - both;
+      if (missed < least) {
+        least = missed;
         worst = k;
+        why = fmt::format(
+            "chosen on one third of the blocks; on the next it gains {:.1f} with {} parameters "
+            "refitted, {:.1f} as it was fitted on the first",
+            gain, degrees, without - predicted);
       }
     }
     if (worst_p < level) break;
+    rejected.push_back({members[worst].effect->name, why});
     members.erase(members.begin() + static_cast<std::ptrdiff_t>(worst));
     good.clear();
   }

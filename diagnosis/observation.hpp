@@ -87,16 +87,21 @@ struct Observation : CutState {
   std::array<Curvature, kCurvatureScales_mm.size()> curvature;
 };
 
-/// By how much the residual moves if every tip is displaced by d(state): each pass moves its own
-/// surface by normal . d, the lowest is what remains.
-template <class Displacement>
-[[nodiscard]] double displaced_mm(const Observation& o, const Displacement& d) {
-  if (!o.on_surface) return dot(o.along, d(o));
-  double lowest = dot(o.normal, d(o)) / o.normal.z;
+/// By how much the residual moves if each pass leaves its surface rise(state, normal of its ball at
+/// the place) higher: the lowest is what remains.
+template <class Rise>
+[[nodiscard]] double recut_mm(const Observation& o, const Rise& rise) {
+  double lowest = rise(o, o.normal);
   if (o.rivals)
     for (const Rival& r : *o.rivals)
-      lowest = std::fmin(lowest, r.above_mm + dot(r.normal, d(r.state)) / r.normal.z);
+      lowest = std::fmin(lowest, r.above_mm + rise(r.state, r.normal));
   return lowest * dot(o.along, o.normal) * o.normal.z;
+}
+/// The same if every tip is displaced by d(state, normal): its surface moves by normal . d.
+template <class Displacement>
+[[nodiscard]] double displaced_mm(const Observation& o, const Displacement& d) {
+  if (!o.on_surface) return dot(o.along, d(o, o.normal));
+  return recut_mm(o, [&](const CutState& s, Vec3 n) { return dot(n, d(s, n)) / n.z; });
 }
 
 /// What all observations of a case have in common.
@@ -107,8 +112,12 @@ struct Scene {
   double ball_radius_mm = 3.0;
   std::vector<double>
       section_starts;  ///< shares of time at which sections begin, the first left out
-  std::vector<double> waves_x, waves_y;  ///< candidates of chatter: waves over the longer side
-  std::vector<bool> has_station;         ///< by set-up
+  /// Candidates of chatter: waves over the longer side along x and y, over the cutting length.
+  std::vector<double> waves_x, waves_y, waves_path;
+  double cut_mm = 0.0;  ///< cutting length of the program
+  /// Candidates of steps along x, y, z: shares of the program's time.
+  std::array<std::vector<double>, 3> steps;
+  std::vector<bool> has_station;  ///< by set-up
   std::vector<Vec3> stations;
   [[nodiscard]] Vec3 centre() const { return 0.5 * (box.min + box.max); }
   /// Half the longer side in plan.

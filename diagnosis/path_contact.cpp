@@ -11,7 +11,7 @@ namespace maquette::diagnosis {
 namespace {
 constexpr double kChord_mm = 0.002;
 constexpr double kRapid_mm_min = 10'000.0;
-constexpr double kBin_mm = 1.5;
+constexpr double kBin_mm = 0.75;
 constexpr double kPiece_mm = 1.0;  // the lag is interpolated along pieces of this length
 using Play = std::array<CutState::Small, kPlayWidths_mm.size()>;
 using Lag = std::array<CutState::Small, kLagLengths_mm.size()>;
@@ -23,6 +23,26 @@ struct Move {
   std::int32_t section;
   std::uint32_t state;  // of its end; that of its start is one before
 };
+
+/// A move as its underside needs it: a line in plan, upright moves without length.
+struct Swath {
+  double x, y, z;     // of the tip at its start
+  double ux, uy;      // unit direction in plan
+  double plan, rise;  // length in plan, height a length; of upright moves the sign of the motion
+  double sine;        // of the angle of rise
+  double low;         // lowest tip
+};
+
+Swath swath(Vec3 from, Vec3 to) {
+  const double ux = to.x - from.x, uy = to.y - from.y, plan = std::hypot(ux, uy);
+  const double low = std::fmin(from.z, to.z);
+  if (plan <= 1e-9)
+    return {from.x, from.y, from.z, 1.0, 0.0, 0.0, from.z < to.z ? 1.0 : -1.0, 0.0, low};
+  const double rise = (to.z - from.z) / plan;
+  return {from.x,    from.y, from.z, ux / plan,
+          uy / plan, plan,   rise,   rise / std::sqrt(1.0 + rise * rise),
+          low};
+}
 
 Vec3 between(Vec3 a, Vec3 b, double share) {
   return a + share * (b - a);
@@ -37,7 +57,8 @@ double follow(double& slack, double step, double width) {
 struct CutPath::Moves {
   double radius = 3.0;
   std::vector<Move> moves;
-  std::vector<Play> play;  // at the end of each chord
+  std::vector<Swath> swaths;  // of the moves
+  std::vector<Play> play;     // at the end of each chord
   std::array<Vec3, kPlayWidths_mm.size()> play_mean{};
   std::vector<Lag> lag;
   std::vector<double> section_start_min;
@@ -93,6 +114,8 @@ void CutPath::Moves::trail(const std::vector<Vec3>& all,
 }
 
 void CutPath::Moves::bin() {
+  swaths.clear();
+  for (const Move& m : moves) swaths.push_back(swath(m.from, m.to));
   Box3 box;
   for (const Move& m : moves) {
     box.add(m.from);
@@ -215,25 +238,24 @@ struct Under {
   double height = INFINITY, share = 0.0;
 };
 
-Under under(const Move& move, double x, double y, double radius) {
-  const double r2 = radius * radius;
-  const double ax = x - move.from.x, ay = y - move.from.y;
-  const double ux = move.to.x - move.from.x, uy = move.to.y - move.from.y;
-  const double plan = std::hypot(ux, uy);
-  if (plan <= 1e-9) {
-    const double q = r2 - ax * ax - ay * ay;
-    if (!(q > 0.0)) return {};
-    return {std::fmin(move.from.z, move.to.z) + radius - std::sqrt(q),
-            move.from.z < move.to.z ? 0.0 : 1.0};
-  }
-  const double s = (ax * ux + ay * uy) / plan, d = (ax * uy - ay * ux) / plan;
+/// @return infinity where the move is not below `limit`
+Under under(const Swath& m, double x, double y, double r2, double radius, double limit) {
+  const double ax = x - m.x, ay = y - m.y;
+  const double d = ax * m.uy - ay * m.ux;
+  // r - sqrt(r^2 - d^2) is at least d^2 / (2 r): most moves are told by that.
+  if (m.low + d * d / (2.0 * radius) >= limit) return {};
   const double rho2 = r2 - d * d;
   if (!(rho2 > 0.0)) return {};
-  const double rise = (move.to.z - move.from.z) / plan;
-  const double t = std::clamp(s - rise / std::sqrt(1.0 + rise * rise) * std::sqrt(rho2), 0.0, plan);
+  if (!(m.plan > 0.0)) {
+    const double q = r2 - ax * ax - ay * ay;
+    if (!(q > 0.0)) return {};
+    return {m.low + radius - std::sqrt(q), m.rise < 0.0 ? 1.0 : 0.0};
+  }
+  const double s = ax * m.ux + ay * m.uy;
+  const double t = std::clamp(s - m.sine * std::sqrt(rho2), 0.0, m.plan);
   const double q = rho2 - (s - t) * (s - t);
   if (!(q > 0.0)) return {};
-  return {move.from.z + rise * t + radius - std::sqrt(q), t / plan};
+  return {m.z + m.rise * t + radius - std::sqrt(q), t / m.plan};
 }
 
 }  // namespace
@@ -254,7 +276,7 @@ void CutPath::Moves::each_near(double x, double y, const double& limit, const Vi
     const double near2 = gx * gx + gy * gy;
     if (near2 >= r2 || lowest[b] + radius - std::sqrt(r2 - near2) >= limit) return;
     for (std::uint32_t i = start[b]; i < start[b + 1]; ++i) {
-      const Under u = under(moves[items[i]], x, y, radius);
+      const Under u = under(swaths[items[i]], x, y, r2, radius, limit);
       if (u.height < limit) visit(items[i], u);
     }
   };
@@ -297,7 +319,7 @@ Vec3 CutPath::Moves::normal(const CutState& s, double x, double y, double height
   return (1.0 / radius) * (s.tip + Vec3{0.0, 0.0, radius} - Vec3{x, y, height});
 }
 
-std::optional<Contact> CutPath::at(double x, double y) const {
+std::optional<Contact> CutPath::at(double x, double y, std::vector<Rival>* rivals) const {
   const Moves& m = *moves_;
   double best = INFINITY, share = 0.0;
   std::uint32_t found = 0;
@@ -311,13 +333,7 @@ std::optional<Contact> CutPath::at(double x, double y) const {
   static_cast<CutState&>(contact) = m.state(found, share);
   contact.height_mm = best;
   contact.normal = m.normal(contact, x, y, best);
-  return contact;
-}
-
-std::vector<Rival> CutPath::rivals(double x, double y) const {
-  const Moves& m = *moves_;
-  double best = INFINITY;
-  m.each_near(x, y, best, [&](std::uint32_t, const Under& u) { best = u.height; });
+  if (rivals == nullptr) return contact;
   std::vector<std::pair<std::uint32_t, Under>> near;
   const double limit = best + kRivalHeight_mm;
   m.each_near(x, y, limit, [&](std::uint32_t i, const Under& u) { near.emplace_back(i, u); });
@@ -332,19 +348,29 @@ std::vector<Rival> CutPath::rivals(double x, double y) const {
       passes.push_back(near[i]);
   std::sort(passes.begin(), passes.end(),
             [](const auto& a, const auto& b) { return a.second.height < b.second.height; });
-  std::vector<Rival> rivals;
+  rivals->clear();
   for (std::size_t i = 1; i < passes.size() && i <= 8; ++i) {
     Rival r;
     r.state = m.state(passes[i].first, passes[i].second.share);
     r.normal = m.normal(r.state, x, y, passes[i].second.height);
     r.above_mm = passes[i].second.height - best;
-    if (r.normal.z > 0.05) rivals.push_back(std::move(r));
+    if (r.normal.z > 0.05) rivals->push_back(r);
   }
-  return rivals;
+  return contact;
+}
+
+std::optional<double> CutPath::height(double x, double y) const {
+  double best = INFINITY;
+  moves_->each_near(x, y, best, [&](std::uint32_t, const Under& u) { best = u.height; });
+  return std::isfinite(best) ? std::optional(best) : std::nullopt;
 }
 
 double CutPath::duration_min() const {
   return moves_->total_min;
+}
+
+double CutPath::cut_mm() const {
+  return moves_->total_mm;
 }
 
 std::vector<double> CutPath::section_starts() const {

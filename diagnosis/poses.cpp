@@ -4,14 +4,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Dense>
+
+#include "diagnosis/detail/forms.hpp"
+
 namespace maquette::diagnosis::detail {
 namespace {
 
 constexpr double kLeastPattern_mm = 0.03;  // what careful registration leaves is below this
 constexpr double kLeastPose_mm = 0.002;    // no pose is believed to be better
 constexpr double kLevel = kFamilyLevel / 20.0;
-/// A pattern within this share of the best one's projection is not told from it.
-constexpr double kAlike = 0.8;
 
 /// Two-sided tail of Student's t, by the integral's leading term; too large by at most a few per
 /// cent beyond t = 4, which is the safe side.
@@ -22,50 +24,96 @@ double student_tail(double t, double freedom) {
   return std::fmin(1.0, 2.0 * std::exp(log_density) * (freedom + t * t) / (t * freedom));
 }
 
+/// Upper tail of F with 6 and 2 m degrees of freedom. With even numbers it is a finite sum: the
+/// incomplete beta function of x = 2 m / (2 m + 6 F), I_x(m, 3).
+double f_tail_six(double f, int m) {
+  const double x = m / (m + 3.0 * f), y = 1.0 - x;
+  return std::pow(x, m) * (1.0 + m * y + 0.5 * m * (m + 1.0) * y * y);
+}
+
 struct Pattern {
   std::string effect, parameter;
-  std::vector<double> along;  // six components a set-up, of length sqrt(set-ups)
+  Eigen::VectorXd along;  // six components a set-up
 };
+
+/// Size of a pattern in the poses by generalised least squares, beside shifts that are free.
+struct Size {
+  double value = 0.0, sigma = INFINITY, misfit = INFINITY;
+};
+Size size_of(const Eigen::VectorXd& pose, const Eigen::MatrixXd& weight,
+             const Eigen::MatrixXd& free, const Eigen::VectorXd& along) {
+  Eigen::MatrixXd x(pose.size(), free.cols() + 1);
+  x << free, along;
+  const Eigen::MatrixXd a = x.transpose() * weight * x;
+  const Eigen::FullPivLU<Eigen::MatrixXd> lu(a);
+  if (!lu.isInvertible()) return {};
+  const Eigen::VectorXd b = lu.solve(x.transpose() * weight * pose);
+  const Eigen::VectorXd rest = pose - x * b;
+  const Eigen::Index last = free.cols();
+  return {b(last), std::sqrt(std::fmax(0.0, lu.inverse()(last, last))), rest.dot(weight * rest)};
+}
 
 }  // namespace
 
-void add_pose_causes(const Measurements& m, Diagnosis& d) {
+void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<Member>& members,
+                     const std::vector<Candidate>& candidates, const Fit& fit, Diagnosis& d) {
   const std::size_t n = d.poses.size();
   const double half = m.scene.half_mm();
-  std::vector<double> pose;
-  for (const PoseEstimate& p : d.poses)
-    for (const double v : {p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, 1e-6 * half * p.turn_urad.x,
-                           1e-6 * half * p.turn_urad.y, 1e-6 * half * p.turn_urad.z})
-      pose.push_back(v);
-  std::vector<Pattern> patterns(1);
-  patterns[0] = {"tool.length_offset", "offset_mm", std::vector<double>(6 * n, 0.0)};
-  for (std::size_t s = 0; s < n; ++s) patterns[0].along[6 * s + 2] = 1.0;
-  if (std::all_of(m.scene.has_station.begin(), m.scene.has_station.end(),
-                  [](bool b) { return b; })) {
-    Pattern bias{"scanner.range_bias", "bias_mm", std::vector<double>(6 * n, 0.0)};
-    for (std::size_t s = 0; s < n; ++s) {
-      const Vec3 beam = normalized(m.set_ups[s].centre_mm - m.scene.stations[s]);
-      bias.along[6 * s] = beam.x;
-      bias.along[6 * s + 1] = beam.y;
-      bias.along[6 * s + 2] = beam.z;
-    }
-    patterns.push_back(std::move(bias));
+  const auto size = static_cast<Eigen::Index>(6 * n);
+  Eigen::VectorXd pose(size);
+  for (std::size_t s = 0; s < n; ++s) {
+    const PoseEstimate& p = d.poses[s];
+    pose.segment(static_cast<Eigen::Index>(6 * s), 6) << p.shift_mm.x, p.shift_mm.y, p.shift_mm.z,
+        1e-6 * half * p.turn_urad.x, 1e-6 * half * p.turn_urad.y, 1e-6 * half * p.turn_urad.z;
   }
+  const auto shift = [&](const auto& of_set_up) {
+    Eigen::VectorXd v = Eigen::VectorXd::Zero(size);
+    for (std::size_t s = 0; s < n; ++s) {
+      const Vec3 u = of_set_up(s);
+      v.segment(static_cast<Eigen::Index>(6 * s), 3) << u.x, u.y, u.z;
+    }
+    return v;
+  };
+  const Vec3 axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  Eigen::MatrixXd free(size, 0);
+  for (int axis = 0; axis < 3; ++axis)
+    if (std::any_of(members.begin(), members.end(), [&](const Member& x) {
+          return x.effect->unknown_shift.find(kAxisName[axis]) != std::string::npos;
+        })) {
+      free.conservativeResize(Eigen::NoChange, free.cols() + 1);
+      free.rightCols(1) = shift([&](std::size_t) { return axes[axis]; });
+    }
+  std::vector<Pattern> patterns{
+      {"tool.length_offset", "offset_mm", shift([&](std::size_t) { return axes[2]; })}};
+  if (std::all_of(m.scene.has_station.begin(), m.scene.has_station.end(), [](bool b) { return b; }))
+    patterns.push_back({"scanner.range_bias", "bias_mm", shift([&](std::size_t s) {
+                          return normalized(m.set_ups[s].centre_mm - m.scene.stations[s]);
+                        })});
+  // The poses' own error is what makes the rest as large as it is.
   struct Found {
     std::size_t pattern;
-    double size, sigma, p;
+    Size size;
+    double p;
+    Eigen::MatrixXd weight;
   };
   std::vector<Found> found;
+  const Eigen::MatrixXd known = fit.covariance.topLeftCorner(size, size);
+  const double freedom = static_cast<double>(size - 1 - free.cols());
   for (std::size_t k = 0; k < patterns.size(); ++k) {
-    const auto& v = patterns[k].along;
-    double size = 0.0, rest = 0.0;
-    for (std::size_t i = 0; i < pose.size(); ++i) size += v[i] * pose[i] / static_cast<double>(n);
-    for (std::size_t i = 0; i < pose.size(); ++i)
-      rest += (pose[i] - size * v[i]) * (pose[i] - size * v[i]);
-    const double freedom = static_cast<double>(pose.size()) - 1.0;
-    const double sigma =
-        std::fmax(kLeastPose_mm, std::sqrt(rest / freedom)) / std::sqrt(static_cast<double>(n));
-    found.push_back({k, size, sigma, student_tail(std::abs(size) / sigma, freedom)});
+    const auto at = [&](double error) {
+      Eigen::MatrixXd c = known;
+      c.diagonal().array() += error * error;
+      return Eigen::MatrixXd(c.inverse());
+    };
+    double low = kLeastPose_mm, high = 100.0;
+    for (int i = 0; i < 50; ++i) {
+      const double middle = std::sqrt(low * high);
+      (size_of(pose, at(middle), free, patterns[k].along).misfit > freedom ? low : high) = middle;
+    }
+    const auto weight = at(high);
+    const Size s = size_of(pose, weight, free, patterns[k].along);
+    if (std::isfinite(s.sigma))
+      found.push_back({k, s, student_tail(std::abs(s.value) / s.sigma, freedom), weight});
   }
   std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.p < b.p; });
   const auto named = [&](const std::string& effect) {
@@ -76,32 +124,78 @@ void add_pose_causes(const Measurements& m, Diagnosis& d) {
     c.separate_by = e->separate_by;
     return c;
   };
-  const Found& best = found.front();
-  if (std::abs(best.size) > kLeastPattern_mm && best.p < kLevel) {
+  if (!found.empty() && std::abs(found[0].size.value) > kLeastPattern_mm && found[0].p < kLevel) {
+    const Found& best = found[0];
     Cause c = named(patterns[best.pattern].effect);
-    c.parameters = {{patterns[best.pattern].parameter, best.size, best.sigma}};
+    c.parameters = {{patterns[best.pattern].parameter, best.size.value, best.size.sigma}};
     c.p_value = best.p;
-    for (const Found& f : found)
-      if (f.pattern != best.pattern && std::abs(f.size) > kAlike * std::abs(best.size))
-        c.equivalent.push_back(patterns[f.pattern].effect);
+    for (std::size_t k = 1; k < found.size(); ++k)
+      if (size_of(pose, best.weight, free, patterns[found[k].pattern].along).misfit <
+          best.size.misfit + kEquivalent)
+        c.equivalent.push_back(patterns[found[k].pattern].effect);
+    // What registration takes of other causes, and what the residuals say of them.
+    const auto model = columns_of(bank, members);
+    double least = best.size.misfit - kEquivalent;
+    std::string instead;
+    for (const Candidate& candidate : candidates) {
+      if (candidate.effect->name == c.effect || candidate.effect->name == "scanner.range_bias" ||
+          std::any_of(members.begin(), members.end(),
+                      [&](const Member& x) { return x.effect == candidate.effect; }))
+        continue;
+      double misfit = INFINITY;
+      Estimate estimate;
+      for (const Form& form : candidate.forms) {
+        if (form.columns.size() != 1) continue;
+        const Beside b = beside(bank, model, fit, bank.index.at(form.columns[0].key));
+        // Both together: (pose - c absorbed)' W (pose - c absorbed) + information (c - estimate)^2.
+        const Eigen::VectorXd along = b.absorbed.head(size);
+        const double curvature = along.dot(best.weight * along) + b.information;
+        const double value =
+            (along.dot(best.weight * pose) + b.information * b.estimate) / curvature;
+        if (form.sign != 0 && value * form.sign < 0.0) continue;
+        const Eigen::VectorXd rest = pose - value * along;
+        const double here =
+            rest.dot(best.weight * rest) +
+            b.information * ((value - b.estimate) * (value - b.estimate) - b.estimate * b.estimate);
+        if (here >= misfit) continue;
+        misfit = here;
+        const Parameter& p = form.columns[0].parameter;
+        estimate = {p.name, value * p.per_column, std::abs(p.per_column) / std::sqrt(curvature)};
+      }
+      if (misfit < best.size.misfit + kEquivalent) c.equivalent.push_back(candidate.effect->name);
+      if (misfit < least) {
+        least = misfit;
+        instead = candidate.effect->name;
+        c.parameters = {estimate};
+      }
+    }
+    if (!instead.empty()) {
+      const Cause other = named(instead);
+      std::erase(c.equivalent, instead);
+      c.effect = instead;
+      c.separate_by = other.separate_by;
+      if (best.size.misfit - least < 4.0 * kEquivalent)
+        c.equivalent.push_back(patterns[best.pattern].effect);
+    }
     if (n == 1) c.equivalent.push_back("scanner.registration");
     d.causes.push_back(std::move(c));
     return;
   }
-  // One pose that stands apart from all others, three times in rms for each of at least twelve.
+  // One pose that stands apart from all others: F of mean squares, for the worst of n.
   if (n < 2) return;
   std::vector<double> squares(n, 0.0);
   double all = 0.0;
   for (std::size_t s = 0; s < n; ++s) {
-    for (std::size_t k = 0; k < 6; ++k) squares[s] += pose[6 * s + k] * pose[6 * s + k] / 6.0;
+    squares[s] = pose.segment(static_cast<Eigen::Index>(6 * s), 6).squaredNorm() / 6.0;
     all += squares[s];
   }
   const auto worst =
       static_cast<std::size_t>(std::max_element(squares.begin(), squares.end()) - squares.begin());
   const double others =
       std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[worst]) / static_cast<double>(n - 1));
-  // F(6, 6) of 20 has a tail of 0.001; two scans' noise of registration is rarely that unequal.
-  if (squares[worst] / others > 40.0 && std::sqrt(squares[worst]) > 2.0 * kLeastPattern_mm) {
+  const double p_value =
+      static_cast<double>(n) * f_tail_six(squares[worst] / others, 3 * (static_cast<int>(n) - 1));
+  if (p_value < kLevel && std::sqrt(squares[worst]) > 2.0 * kLeastPattern_mm) {
     Cause c = named("scanner.registration");
     const PoseEstimate& p = d.poses[worst];
     c.parameters = {{"shift_x_mm", p.shift_mm.x, p.shift_sigma_mm.x},
@@ -111,7 +205,7 @@ void add_pose_causes(const Measurements& m, Diagnosis& d) {
                     {"turn_y_urad", p.turn_urad.y, p.turn_sigma_urad.y},
                     {"turn_z_urad", p.turn_urad.z, p.turn_sigma_urad.z}};
     c.fixed = {{"scan", static_cast<double>(worst + 1)}};
-    c.p_value = kLevel;
+    c.p_value = p_value;
     d.causes.push_back(std::move(c));
   }
 }

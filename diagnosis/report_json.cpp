@@ -53,6 +53,9 @@ std::string to_json(const Diagnosis& d) {
   j["ruled_out"] = ordered_json::array();
   for (const Rejected& r : d.rejected)
     j["ruled_out"].push_back({{"effect", r.effect}, {"why", r.why}});
+  j["ranking"] = ordered_json::array();
+  for (const Ranked& r : d.ranking)
+    j["ranking"].push_back({{"effect", r.effect}, {"law", r.law}, {"gain", r.gain}});
   j["cannot_be_tested"] = d.untestable;
   j["notes"] = d.notes;
   return j.dump(1);

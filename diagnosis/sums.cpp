@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "diagnosis/detail/sums.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -8,6 +6,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/random.hpp"
+#include "diagnosis/detail/sums.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -15,18 +14,49 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using FloatRows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 constexpr std::size_t kStripes = 8;  // fixed: sums do not depend on threads
 }  // namespace
 
+/// Details as floats: sums are of doubles, and a column rounded to 24 bits is a column as good.
+struct Points {
+  struct Cell {
+    int set;
+    std::size_t begin, end;                // of `order`
+    std::array<Index, kGroups> row, rows;  // of its details
+    Index mean, means;                     // one over the set-ups, then differences
+    std::size_t top, between;              // rows among the set's
+    std::uint64_t at = 0;                  // row of cells times their number a row, plus column
+  };
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order;  // by cell, square, set-up
+  std::vector<Cell> cells;
+  std::uint64_t cells_a_row = 1;
+  Index rows = 0;
+  std::vector<FloatRows> blocks;  // columns, in the bank's order
+  FloatRows residual;
+  struct Top {
+    MatrixXd factor, white;  // Cholesky's, of the means' covariance; means of the columns over it
+    VectorXd white_y;
+  };
+  std::array<std::array<std::vector<Top>, kTops>, kSets> top;  // by theta
+};
+
 std::vector<Theta> thetas(double cell) {
   std::vector<Theta> all{{}};
-  for (const bool per_set_up : {false, true})
-    for (const bool gauss : {false, true})
-      for (const double length : {1.5, 5.0, 18.0})
-        for (const double ratio : {3.0, 100.0, 3000.0})
-          all.push_back({gauss, length * cell, ratio, per_set_up});
+  const auto add = [&](bool gauss, double length) {
+    for (const double ratio : {0.7, 3.0, kStartRatio, 50.0, 200.0, 1000.0})
+      all.push_back({gauss, length * cell, ratio});
+  };
+  for (const double length : {0.6, 1.2, 2.5, 5.0, 10.0, 20.0}) add(false, length);
+  // Smooth processes far above the white part tell their length well: steps of 1.5.
+  for (const double length : {0.6, 0.9, 1.35, 2.0, 3.0, 4.5, 7.0, 10.5, 16.0, 24.0})
+    add(true, length);
   return all;
+}
+
+double TopSums::points() const {
+  return std::accumulate(weight.begin(), weight.end(), 0.0);
 }
 
 int Layout::block_of(double x, double y) const {
@@ -82,123 +112,352 @@ Layout lay_out(const Box3& box, std::uint64_t seed) {
 
 namespace {
 
-/// The observations of one cell of one set-up, sorted by its finest squares.
-struct CellPoints {
-  int set;
-  std::size_t begin, end;
-};
-
-void add_cell(const std::vector<Observation>& all,
-              const std::vector<std::pair<std::uint64_t, std::uint32_t>>& order,
-              const CellPoints& cell, const std::vector<const Column*>& columns, SetSums& sums,
-              RowMatrix& x) {
-  const auto k = static_cast<Index>(columns.size());
-  const auto n = static_cast<Index>(cell.end - cell.begin);
-  x.resize(n, k + 1);
-  for (Index i = 0; i < n; ++i) {
-    const Observation& o = all[order[cell.begin + static_cast<std::size_t>(i)].second];
-    for (Index j = 0; j < k; ++j) x(i, j) = columns[static_cast<std::size_t>(j)]->value(o);
-    x(i, k) = o.residual_mm;
-  }
-  // Keys carry three pairs of bits below the cell: the squares of sides 1/2, 1/4, 1/8.
-  std::vector<std::uint64_t> key(static_cast<std::size_t>(n));
-  for (std::size_t i = 0; i < key.size(); ++i) key[i] = order[cell.begin + i].first;
-  RowMatrix means = x;
-  VectorXd weight = VectorXd::Ones(n);
-  for (int scale = kScales - 1; scale >= 0; --scale) {
-    // Merge runs of equal parent: points -> 1/8 -> 1/4 -> 1/2 -> cell.
-    const int shift = 2 * (kScales - 1 - scale);
-    std::vector<Index> first;
-    for (Index i = 0; i < means.rows(); ++i)
-      if (i == 0 || (key[static_cast<std::size_t>(i)] >> shift) !=
-                        (key[static_cast<std::size_t>(i - 1)] >> shift))
-        first.push_back(i);
-    first.push_back(means.rows());
-    const auto parents = static_cast<Index>(first.size()) - 1;
-    RowMatrix next(parents, k + 1);
-    VectorXd next_weight(parents);
-    std::vector<std::uint64_t> next_key(static_cast<std::size_t>(parents));
-    for (Index p = 0; p < parents; ++p) {
-      const Index a = first[static_cast<std::size_t>(p)],
-                  m = first[static_cast<std::size_t>(p + 1)] - a;
-      next_weight(p) = weight.segment(a, m).sum();
-      next.row(p) = weight.segment(a, m).transpose() * means.middleRows(a, m) / next_weight(p);
-      next_key[static_cast<std::size_t>(p)] = key[static_cast<std::size_t>(a)];
-      for (Index i = a; i < a + m; ++i)
-        means.row(i) = std::sqrt(weight(i)) * (means.row(i) - next.row(p));
-    }
-    const auto at = static_cast<std::size_t>(scale);
-    sums.gram[at].selfadjointView<Eigen::Lower>().rankUpdate(means.transpose());
-    sums.count[at] += static_cast<double>(means.rows() - parents);
-    means = std::move(next);
-    weight = std::move(next_weight);
-    key = std::move(next_key);
-  }
-  const Index row = static_cast<Index>(sums.weight.size());
-  if (sums.rows.rows() <= row) sums.rows.conservativeResize(2 * row + 16, k + 1);
-  sums.rows.row(row) = means.row(0);
-  sums.weight.push_back(weight(0));
-  Vec3 centre;
-  for (std::size_t i = cell.begin; i < cell.end; ++i) centre += all[order[i].second].place;
-  sums.centre.push_back((1.0 / static_cast<double>(n)) * centre);
-  sums.set_up.push_back(all[order[cell.begin].second].set_up);
-}
-
-void whiten(SetSums& s, const std::vector<Theta>& theta) {
-  const Index m = static_cast<Index>(s.weight.size());
-  s.top.assign(theta.size(), MatrixXd());
-  s.log_det.assign(theta.size(), 0.0);
-  if (m == 0) return;
-  const double mean =
-      std::accumulate(s.weight.begin(), s.weight.end(), 0.0) / static_cast<double>(m);
-  const auto at = [](Index i) { return static_cast<std::size_t>(i); };
-  oneapi::tbb::parallel_for(std::size_t{0}, theta.size(), [&](std::size_t t) {
-    const Theta& th = theta[t];
-    MatrixXd c = MatrixXd::Zero(m, m);
-    for (Index i = 0; i < m; ++i) {
-      c(i, i) = mean / s.weight[at(i)];
-      if (th.ratio == 0.0) continue;
-      for (Index j = 0; j <= i; ++j) {
-        if (th.per_set_up && s.set_up[at(i)] != s.set_up[at(j)]) continue;
-        const Vec3 d = s.centre[at(i)] - s.centre[at(j)];
-        const double r = std::hypot(d.x, d.y) / th.length_mm;
-        c(i, j) += th.ratio * (th.gauss ? std::exp(-0.5 * r * r) : std::exp(-r));
-      }
-    }
-    const Eigen::LLT<MatrixXd> llt(c);
-    const MatrixXd white = llt.matrixL().solve(s.rows);
-    s.top[t] = white.transpose() * white;
-    double log_det = 0.0;
-    for (Index i = 0; i < m; ++i) log_det += 2.0 * std::log(llt.matrixLLT()(i, i));
-    s.log_det[t] = log_det;
-  });
-}
-
 std::uint64_t interleave(std::uint64_t r, std::uint64_t c) {
   std::uint64_t key = 0;
   for (int b = 2; b >= 0; --b) key = (key << 2) | (((r >> b) & 1U) << 1) | ((c >> b) & 1U);
   return key;
 }
 
+constexpr int kSetUpBits = 8;
+
+/// Means of squares by set-up, in the order of the squares.
+struct Level {
+  RowMatrix value;
+  std::vector<double> weight;
+  std::vector<std::uint64_t> square;
+  std::vector<std::uint32_t> set_up;
+  [[nodiscard]] std::size_t size() const { return weight.size(); }
+};
+
+/// Means over runs of equal square and set-up; `value` becomes the scatter about them.
+Level up(Level& level, int shift) {
+  Level next;
+  std::vector<Index> of(level.size());
+  for (std::size_t i = 0; i < level.size(); ++i) {
+    const std::uint64_t square = level.square[i] >> shift;
+    std::size_t at = next.size();
+    while (at > 0 && next.square[at - 1] == square && next.set_up[at - 1] != level.set_up[i]) --at;
+    if (at > 0 && next.square[at - 1] == square) {
+      next.weight[at - 1] += level.weight[i];
+      of[i] = static_cast<Index>(at - 1);
+    } else {
+      of[i] = static_cast<Index>(next.size());
+      next.weight.push_back(level.weight[i]);
+      next.square.push_back(square);
+      next.set_up.push_back(level.set_up[i]);
+    }
+  }
+  next.value = RowMatrix::Zero(static_cast<Index>(next.size()), level.value.cols());
+  for (std::size_t i = 0; i < level.size(); ++i)
+    next.value.row(of[i]) += level.weight[i] / next.weight[static_cast<std::size_t>(of[i])] *
+                             level.value.row(static_cast<Index>(i));
+  for (std::size_t i = 0; i < level.size(); ++i)
+    level.value.row(static_cast<Index>(i)) =
+        std::sqrt(level.weight[i]) *
+        (level.value.row(static_cast<Index>(i)) - next.value.row(of[i]));
+  return next;
+}
+
+/// Runs of one square: calls run(first, end).
+template <class Run>
+void each_square(const Level& level, const Run& run) {
+  for (std::size_t i = 0, j; i < level.size(); i = j) {
+    for (j = i; j < level.size() && level.square[j] == level.square[i];) ++j;
+    run(i, j);
+  }
+}
+
+/// Details of a cell's values, from points up to its means.
+void transform(const Points& points, const Points::Cell& cell, RowMatrix& x, FloatRows& out) {
+  Level level;
+  level.value = std::move(x);
+  for (std::size_t i = cell.begin; i < cell.end; ++i) {
+    level.weight.push_back(1.0);
+    level.square.push_back(points.order[i].first >> kSetUpBits);
+    level.set_up.push_back(
+        static_cast<std::uint32_t>(points.order[i].first & ((1U << kSetUpBits) - 1U)));
+  }
+  Level next = up(level, 0);
+  out.middleRows(cell.row[kPointGroup], cell.rows[kPointGroup]) = level.value.cast<float>();
+  Eigen::RowVectorXd mean;
+  for (int scale = kScales - 1; scale >= 0; --scale) {
+    level = std::move(next);
+    next = up(level, 2);
+    // Details of one square, turned into their mean over the set-ups and differences.
+    Index common = cell.row[static_cast<std::size_t>(scale)],
+          between = cell.row[static_cast<std::size_t>(kScales + scale)];
+    each_square(level, [&](std::size_t i, std::size_t j) {
+      mean = level.value.row(static_cast<Index>(i));
+      double weight = level.weight[i];
+      for (std::size_t k = i + 1; k < j; ++k) {
+        const double w = level.weight[k], a = std::sqrt(weight / (weight + w)),
+                     b = std::sqrt(w / (weight + w));
+        const auto row = level.value.row(static_cast<Index>(k));
+        out.row(between++) = (b * mean - a * row).cast<float>();
+        mean = a * mean + b * row;
+        weight += w;
+      }
+      out.row(common++) = mean.cast<float>();
+    });
+  }
+  mean = next.value.row(0);
+  double weight = next.weight[0];
+  for (std::size_t k = 1; k < next.size(); ++k) {
+    const auto row = next.value.row(static_cast<Index>(k));
+    out.row(cell.mean + static_cast<Index>(k)) = (row - mean).cast<float>();
+    mean = (weight * mean + next.weight[k] * row) / (weight + next.weight[k]);
+    weight += next.weight[k];
+  }
+  out.row(cell.mean) = mean.cast<float>();
+}
+
+/// Calls work(stripe, cell) for all cells, stripes in parallel.
+template <class Work>
+void each_cell(const Points& points, const Work& work) {
+  oneapi::tbb::parallel_for(std::size_t{0}, kStripes, [&](std::size_t s) {
+    const std::size_t n = points.cells.size();
+    for (std::size_t i = s * n / kStripes; i < (s + 1) * n / kStripes; ++i)
+      work(s, points.cells[i]);
+  });
+}
+
+using Sums = std::vector<std::array<std::array<MatrixXd, kGroups>, kSets>>;  // by stripe
+Sums zeros(Index rows, Index cols) {
+  Sums sums(kStripes);
+  for (auto& stripe : sums)
+    for (auto& set : stripe)
+      for (MatrixXd& m : set) m = MatrixXd::Zero(rows, cols);
+  return sums;
+}
+MatrixXd total(const Sums& sums, std::size_t set, std::size_t scale) {
+  MatrixXd all = sums[0][set][scale];
+  for (std::size_t s = 1; s < sums.size(); ++s) all += sums[s][set][scale];
+  return all;
+}
+
+MatrixXd covariance(const TopSums& s, const Theta& theta) {
+  const auto m = static_cast<Index>(s.weight.size());
+  const double mean = s.points() / static_cast<double>(m);
+  const auto at = [](Index i) { return static_cast<std::size_t>(i); };
+  MatrixXd c = MatrixXd::Zero(m, m);
+  for (Index i = 0; i < m; ++i) {
+    c(i, i) = mean / s.weight[at(i)];
+    if (theta.ratio == 0.0) continue;
+    for (Index j = 0; j <= i; ++j) {
+      if (s.which[at(i)] != s.which[at(j)]) continue;
+      const Vec3 d = s.centre[at(i)] - s.centre[at(j)];
+      const double r = std::hypot(d.x, d.y) / theta.length_mm;
+      c(i, j) += theta.ratio * (theta.gauss ? std::exp(-0.5 * r * r) : std::exp(-r));
+    }
+  }
+  return c;
+}
+
+/// Means of the cells of a set, or differences between their set-ups.
+MatrixXd means_of(const Points& points, const FloatRows& block, std::size_t set, std::size_t top,
+                  std::size_t count) {
+  MatrixXd means(static_cast<Index>(count), block.cols());
+  for (const Points::Cell& c : points.cells) {
+    if (static_cast<std::size_t>(c.set) != set) continue;
+    if (top == 0)
+      means.row(static_cast<Index>(c.top)) = block.row(c.mean).cast<double>();
+    else
+      means.middleRows(static_cast<Index>(c.between), c.means - 1) =
+          block.middleRows(c.mean + 1, c.means - 1).cast<double>();
+  }
+  return means;
+}
+
 }  // namespace
+
+void exchange_residuals(Bank& bank, const std::vector<double>& residual) {
+  Points& p = *bank.points;
+  p.residual.resize(p.rows, 1);
+  each_cell(p, [&](std::size_t, const Points::Cell& cell) {
+    RowMatrix x(static_cast<Index>(cell.end - cell.begin), 1);
+    for (Index i = 0; i < x.rows(); ++i)
+      x(i, 0) = residual[p.order[cell.begin + static_cast<std::size_t>(i)].second];
+    transform(p, cell, x, p.residual);
+  });
+  const Index k = bank.y();
+  Sums sums = zeros(k + 1, 1);
+  each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      MatrixXd& to = sums[stripe][static_cast<std::size_t>(cell.set)][g];
+      const VectorXd y = p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>();
+      Index at = 0;
+      for (const FloatRows& block : p.blocks) {
+        to.block(at, 0, block.cols(), 1) +=
+            block.middleRows(cell.row[g], cell.rows[g]).cast<double>().transpose() * y;
+        at += block.cols();
+      }
+      to(k, 0) += y.squaredNorm();
+    }
+  });
+  for (std::size_t set = 0; set < kSets; ++set) {
+    SetSums& s = bank.sets[set];
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      s.gram[g].col(k) = total(sums, set, g);
+      s.gram[g].row(k) = s.gram[g].col(k).transpose();
+    }
+    for (std::size_t u = 0; u < kTops; ++u) {
+      if (s.top[u].weight.empty()) continue;
+      const VectorXd means = means_of(p, p.residual, set, u, s.top[u].weight.size());
+      oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
+        Points::Top& top = p.top[set][u][t];
+        MatrixXd& gram = s.top[u].gram[t];
+        top.white_y = top.factor.triangularView<Eigen::Lower>().solve(means);
+        gram.col(k).head(k) = top.white.transpose() * top.white_y;
+        gram(k, k) = top.white_y.squaredNorm();
+        gram.row(k) = gram.col(k).transpose();
+      });
+    }
+  }
+}
+
+Weights effective_weights(const Bank& bank, const std::vector<int>& model, const Fit& fit) {
+  const Points& p = *bank.points;
+  const Index k = bank.y();
+  // Scores of each cell and column.
+  std::vector<std::array<VectorXd, kGroups>> scores(p.cells.size());
+  VectorXd coefficients = VectorXd::Zero(k);
+  for (std::size_t i = 0; i < model.size(); ++i)
+    coefficients(model[i]) = fit.coefficients(static_cast<Index>(i));
+  each_cell(p, [&](std::size_t, const Points::Cell& cell) {
+    auto& score = scores[static_cast<std::size_t>(&cell - p.cells.data())];
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      VectorXd e = p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>();
+      Index at = 0;
+      for (const FloatRows& block : p.blocks) {
+        const VectorXd b = coefficients.segment(at, block.cols());
+        if (b.squaredNorm() > 0.0)
+          e -= block.middleRows(cell.row[g], cell.rows[g]).cast<double>() * b;
+        at += block.cols();
+      }
+      score[g].resize(k);
+      at = 0;
+      for (const FloatRows& block : p.blocks) {
+        score[g].segment(at, block.cols()) =
+            block.middleRows(cell.row[g], cell.rows[g]).cast<double>().transpose() * e;
+        at += block.cols();
+      }
+    }
+  });
+  std::unordered_map<std::uint64_t, std::size_t> index;
+  for (std::size_t i = 0; i < p.cells.size(); ++i) index[p.cells[i].at] = i;
+  Weights weights;
+  for (std::size_t g = 0; g < kGroups; ++g) {
+    VectorXd real = VectorXd::Zero(k), free = VectorXd::Zero(k);
+    for (std::size_t i = 0; i < p.cells.size(); ++i) {
+      VectorXd near = VectorXd::Zero(k);
+      const std::uint64_t r = p.cells[i].at / p.cells_a_row, c = p.cells[i].at % p.cells_a_row;
+      for (std::uint64_t row = r == 0 ? 0 : r - 1; row <= r + 1; ++row)
+        for (std::uint64_t col = c == 0 ? 0 : c - 1; col <= c + 1 && col < p.cells_a_row; ++col)
+          if (const auto at = index.find(row * p.cells_a_row + col);
+              at != index.end() && p.cells[at->second].set == p.cells[i].set)
+            near += scores[at->second][g];
+      real += scores[i][g].cwiseProduct(near);
+    }
+    for (const SetSums& s : bank.sets) free += fit.variance[g] * s.gram[g].diagonal().head(k);
+    std::vector<double> ratio;
+    for (Index j = bank.nuisances; j < k; ++j)
+      if (free(j) > 0.0) ratio.push_back(real(j) / free(j));
+    weights[g] = 1.0;
+    if (ratio.empty()) continue;
+    const auto middle = ratio.begin() + static_cast<std::ptrdiff_t>(ratio.size() / 2);
+    std::nth_element(ratio.begin(), middle, ratio.end());
+    weights[g] = 1.0 / std::fmax(1.0, *middle);
+  }
+  return weights;
+}
+
+void add_columns(Bank& bank, const std::vector<Observation>& all,
+                 const std::vector<Column>& columns) {
+  std::vector<Column> fresh;
+  const Index before = bank.y();
+  for (const Column& c : columns)
+    if (bank.index.emplace(c.key, static_cast<int>(bank.columns.size())).second) {
+      bank.columns.push_back(c);
+      fresh.push_back(c);
+    }
+  if (fresh.empty()) return;
+  Points& p = *bank.points;
+  const auto m = static_cast<Index>(fresh.size());
+  FloatRows block(p.rows, m);
+  each_cell(p, [&](std::size_t, const Points::Cell& cell) {
+    RowMatrix x(static_cast<Index>(cell.end - cell.begin), m);
+    for (Index i = 0; i < x.rows(); ++i) {
+      const Observation& o = all[p.order[cell.begin + static_cast<std::size_t>(i)].second];
+      for (Index j = 0; j < m; ++j) x(i, j) = fresh[static_cast<std::size_t>(j)].value(o);
+    }
+    transform(p, cell, x, block);
+  });
+  // Products of the new with all: columns before, themselves, the residual.
+  Sums sums = zeros(before + m + 1, m);
+  each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      if (cell.rows[g] == 0) continue;  // seen from one set-up only
+      MatrixXd& to = sums[stripe][static_cast<std::size_t>(cell.set)][g];
+      const MatrixXd x = block.middleRows(cell.row[g], cell.rows[g]).cast<double>();
+      Index at = 0;
+      for (const FloatRows& old : p.blocks) {
+        const MatrixXd o = old.middleRows(cell.row[g], cell.rows[g]).cast<double>();
+        to.middleRows(at, old.cols()).noalias() += o.transpose() * x;
+        at += old.cols();
+      }
+      to.middleRows(at, m).selfadjointView<Eigen::Lower>().rankUpdate(x.transpose());
+      to.row(before + m).noalias() +=
+          p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>().transpose() * x;
+    }
+  });
+  const Index k = before + m;
+  const auto widened = [&](const MatrixXd& old, const MatrixXd& more) {
+    MatrixXd wide(k + 1, k + 1);
+    wide.topLeftCorner(before, before) = old.topLeftCorner(before, before);
+    wide.middleCols(before, m) = more;
+    wide.block(before, 0, m, before) = more.topRows(before).transpose();
+    wide.row(k).head(before) = old.row(before).head(before);
+    wide(k, k) = old(before, before);
+    wide.col(k).head(k) = wide.row(k).head(k).transpose();
+    return wide;
+  };
+  for (std::size_t set = 0; set < kSets; ++set) {
+    SetSums& s = bank.sets[set];
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      MatrixXd more = total(sums, set, g);
+      more.middleRows(before, m).triangularView<Eigen::StrictlyUpper>() =
+          MatrixXd(more.middleRows(before, m).transpose());
+      s.gram[g] = widened(s.gram[g], more);
+    }
+    for (std::size_t u = 0; u < kTops; ++u) {
+      if (s.top[u].weight.empty()) {
+        for (MatrixXd& g : s.top[u].gram) g = MatrixXd::Zero(k + 1, k + 1);
+        continue;
+      }
+      const MatrixXd means = means_of(p, block, set, u, s.top[u].weight.size());
+      oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
+        Points::Top& top = p.top[set][u][t];
+        const MatrixXd white = top.factor.triangularView<Eigen::Lower>().solve(means);
+        MatrixXd more(k + 1, m);
+        more.topRows(before).noalias() = top.white.transpose() * white;
+        more.middleRows(before, m).noalias() = white.transpose() * white;
+        more.row(k) = top.white_y.transpose() * white;
+        s.top[u].gram[t] = widened(s.top[u].gram[t], more);
+        top.white.conservativeResize(Eigen::NoChange, k);
+        top.white.rightCols(m) = white;
+      });
+    }
+  }
+  p.blocks.push_back(std::move(block));
+}
 
 Bank sum_up(const std::vector<Observation>& all, const std::vector<Column>& nuisances,
             const std::vector<Column>& columns, const Layout& layout,
             const std::vector<Theta>* theta, int only) {
   Bank bank;
   bank.theta = theta != nullptr ? *theta : thetas(layout.cell_mm);
-  const auto add = [&](const Column& c) {
-    if (bank.index.emplace(c.key, static_cast<int>(bank.columns.size())).second)
-      bank.columns.push_back(c);
-  };
-  for (const Column& c : nuisances) add(c);
-  bank.nuisances = static_cast<int>(bank.columns.size());
-  for (const Column& c : columns) add(c);
-  std::vector<const Column*> pointers;
-  for (const Column& c : bank.columns) pointers.push_back(&c);
-
-  // Sorted by set-up, cell, square of a quarter, of a sixteenth...
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> order;
+  bank.points = std::make_shared<Points>();
+  Points& p = *bank.points;
   const double square = layout.cell_mm / 8.0;
   for (std::uint32_t i = 0; i < all.size(); ++i) {
     const Observation& o = all[i];
@@ -209,192 +468,94 @@ Bank sum_up(const std::vector<Observation>& all, const std::vector<Column>& nuis
     const auto r = static_cast<std::uint64_t>(std::clamp(
         (o.place.y - layout.y0) / square, 0.0, 8.0 * static_cast<double>(layout.rows) - 1e-6));
     const std::uint64_t cell = (r / 8) * static_cast<std::uint64_t>(layout.cols) + c / 8;
-    order.emplace_back(
-        (((static_cast<std::uint64_t>(o.set_up) << 32) | cell) << 6) | interleave(r % 8, c % 8), i);
+    p.order.emplace_back((((cell << 6) | interleave(r % 8, c % 8)) << kSetUpBits) |
+                             (o.set_up & ((1U << kSetUpBits) - 1U)),
+                         i);
   }
-  std::sort(order.begin(), order.end());
-  std::vector<CellPoints> cells;
-  for (std::size_t i = 0; i < order.size();) {
-    std::size_t j = i;
-    while (j < order.size() && (order[j].first >> 6) == (order[i].first >> 6)) ++j;
-    const Vec3 p = all[order[i].second].place;
-    cells.push_back({layout.set_of(p.x, p.y), i, j});
-    i = j;
-  }
-  const auto k = static_cast<Index>(pointers.size()) + 1;
-  struct Stripe {
-    std::array<SetSums, kSets> sets;
-  };
-  std::vector<Stripe> stripes(kStripes);
-  oneapi::tbb::parallel_for(std::size_t{0}, kStripes, [&](std::size_t s) {
-    for (SetSums& set : stripes[s].sets)
-      for (MatrixXd& g : set.gram) g = MatrixXd::Zero(k, k);
-    RowMatrix x;
-    for (std::size_t i = s * cells.size() / kStripes; i < (s + 1) * cells.size() / kStripes; ++i)
-      add_cell(all, order, cells[i], pointers,
-               stripes[s].sets[static_cast<std::size_t>(cells[i].set)], x);
-  });
-  for (int set = 0; set < kSets; ++set) {
-    SetSums& to = bank.sets[static_cast<std::size_t>(set)];
-    for (MatrixXd& g : to.gram) g = MatrixXd::Zero(k, k);
-    Index rows = 0;
-    for (Stripe& s : stripes)
-      rows += static_cast<Index>(s.sets[static_cast<std::size_t>(set)].weight.size());
-    to.rows.resize(rows, k);
-    Index row = 0;
-    for (Stripe& s : stripes) {
-      SetSums& from = s.sets[static_cast<std::size_t>(set)];
-      for (std::size_t g = 0; g < kScales; ++g) {
-        to.gram[g] += from.gram[g];
-        to.count[g] += from.count[g];
-      }
-      const auto m = static_cast<Index>(from.weight.size());
-      if (m > 0) to.rows.middleRows(row, m) = from.rows.topRows(m);
-      row += m;
-      to.weight.insert(to.weight.end(), from.weight.begin(), from.weight.end());
-      to.centre.insert(to.centre.end(), from.centre.begin(), from.centre.end());
-      to.set_up.insert(to.set_up.end(), from.set_up.begin(), from.set_up.end());
+  std::sort(p.order.begin(), p.order.end());
+  const auto cell_of = [&](std::size_t i) { return p.order[i].first >> (6 + kSetUpBits); };
+  for (std::size_t i = 0, j; i < p.order.size(); i = j) {
+    for (j = i; j < p.order.size() && cell_of(j) == cell_of(i);) ++j;
+    const Vec3 first = all[p.order[i].second].place;
+    Points::Cell cell{layout.set_of(first.x, first.y), i, j, {}, {}, 0, 0, 0, 0};
+    SetSums& set = bank.sets[static_cast<std::size_t>(cell.set)];
+    Level level;
+    Vec3 centre;
+    for (std::size_t a = i; a < j; ++a) {
+      centre += (1.0 / static_cast<double>(j - i)) * all[p.order[a].second].place;
+      level.weight.push_back(1.0);
+      level.square.push_back(p.order[a].first >> kSetUpBits);
+      level.set_up.push_back(all[p.order[a].second].set_up);
     }
-    for (MatrixXd& g : to.gram) g.triangularView<Eigen::StrictlyUpper>() = g.transpose();
-    whiten(to, bank.theta);
+    level.value.resize(static_cast<Index>(level.size()), 0);
+    const auto squares = [](const Level& l) {
+      Index n = 0;
+      each_square(l, [&](std::size_t, std::size_t) { ++n; });
+      return n;
+    };
+    Level next = up(level, 0);
+    cell.rows[kPointGroup] = static_cast<Index>(level.size());
+    set.count[kPointGroup] += static_cast<double>(level.size() - next.size());
+    for (int scale = kScales - 1; scale >= 0; --scale) {
+      level = std::move(next);
+      next = up(level, 2);
+      const auto c = static_cast<std::size_t>(scale), d = static_cast<std::size_t>(kScales + scale);
+      cell.rows[c] = squares(level);
+      cell.rows[d] = static_cast<Index>(level.size()) - cell.rows[c];
+      const Index parents = squares(next);
+      set.count[c] += static_cast<double>(cell.rows[c] - parents);
+      set.count[d] +=
+          static_cast<double>(cell.rows[d] - (static_cast<Index>(next.size()) - parents));
+    }
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      cell.row[g] = p.rows;
+      p.rows += cell.rows[g];
+    }
+    cell.mean = p.rows;
+    cell.means = static_cast<Index>(next.size());
+    p.rows += cell.means;
+    cell.top = set.top[0].weight.size();
+    cell.between = set.top[1].weight.size();
+    double weight = next.weight[0];
+    for (std::size_t a = 1; a < next.size(); ++a) {
+      set.top[1].weight.push_back(weight * next.weight[a] / (weight + next.weight[a]));
+      set.top[1].centre.push_back(centre);
+      set.top[1].which.push_back(static_cast<std::uint32_t>(a));
+      weight += next.weight[a];
+    }
+    set.top[0].weight.push_back(weight);
+    set.top[0].centre.push_back(centre);
+    set.top[0].which.push_back(0);
+    cell.at = cell_of(i) & 0xffffffffU;
+    p.cells.push_back(cell);
   }
+  p.cells_a_row = static_cast<std::uint64_t>(layout.cols);
+  for (std::size_t set = 0; set < kSets; ++set) {
+    SetSums& s = bank.sets[set];
+    for (MatrixXd& g : s.gram) g = MatrixXd::Zero(1, 1);
+    for (std::size_t u = 0; u < kTops; ++u) {
+      TopSums& sums = s.top[u];
+      sums.gram.assign(bank.theta.size(), MatrixXd::Zero(1, 1));
+      sums.log_det.assign(bank.theta.size(), 0.0);
+      p.top[set][u].resize(bank.theta.size());
+      if (sums.weight.empty()) continue;
+      const auto m = static_cast<Index>(sums.weight.size());
+      oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
+        const Eigen::LLT<MatrixXd> llt(covariance(sums, bank.theta[t]));
+        Points::Top& top = p.top[set][u][t];
+        top.factor = llt.matrixLLT();
+        for (Index i = 0; i < m; ++i) sums.log_det[t] += 2.0 * std::log(top.factor(i, i));
+        top.white = MatrixXd(m, 0);
+      });
+    }
+  }
+  std::vector<double> residual(all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) residual[i] = all[i].residual_mm;
+  exchange_residuals(bank, residual);
+  add_columns(bank, all, nuisances);
+  bank.nuisances = bank.y();
+  add_columns(bank, all, columns);
   return bank;
-}
-
-namespace {
-
-/// The sums of a model's columns: small dense matrices.
-struct Small {
-  std::array<MatrixXd, kScales> gram;
-  std::array<double, kScales> count{};
-  std::vector<MatrixXd> top;
-  std::vector<double> log_det;
-  double top_count = 0.0;
-};
-
-Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<int>& sets) {
-  Small s;
-  std::vector<int> at = model;
-  at.push_back(bank.y());
-  for (std::size_t g = 0; g < kScales; ++g) {
-    s.gram[g] = MatrixXd::Zero(static_cast<Index>(at.size()), static_cast<Index>(at.size()));
-    for (const int set : sets) {
-      const SetSums& from = bank.sets[static_cast<std::size_t>(set)];
-      s.gram[g] += from.gram[g](at, at);
-      s.count[g] += from.count[g];
-    }
-  }
-  s.top.resize(bank.theta.size());
-  s.log_det.assign(bank.theta.size(), 0.0);
-  for (const int set : sets)
-    s.top_count += static_cast<double>(bank.sets[static_cast<std::size_t>(set)].weight.size());
-  for (std::size_t t = 0; t < bank.theta.size(); ++t) {
-    s.top[t] = MatrixXd::Zero(static_cast<Index>(at.size()), static_cast<Index>(at.size()));
-    for (const int set : sets) {
-      const SetSums& from = bank.sets[static_cast<std::size_t>(set)];
-      if (from.weight.empty()) continue;
-      s.top[t] += from.top[t](at, at);
-      s.log_det[t] += from.log_det[t];
-    }
-  }
-  return s;
-}
-
-double rss(const MatrixXd& gram, const VectorXd& b) {
-  const Index p = b.size();
-  return std::fmax(
-      0.0, gram(p, p) - 2.0 * b.dot(gram.col(p).head(p)) + b.dot(gram.topLeftCorner(p, p) * b));
-}
-
-constexpr double kLeastVariance = 1e-12;  // a nanometre: exact data keep finite logarithms
-
-/// Solves for the coefficients, given variances; columns that add nothing get none.
-VectorXd solve(const MatrixXd& a, const VectorXd& b, MatrixXd* covariance) {
-  const VectorXd d = a.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  MatrixXd scaled = d.asDiagonal() * a * d.asDiagonal();
-  scaled.diagonal().array() += 1e-10;
-  const Eigen::LDLT<MatrixXd> ldlt(scaled);
-  if (covariance != nullptr)
-    *covariance =
-        d.asDiagonal() * ldlt.solve(MatrixXd::Identity(a.rows(), a.cols())) * d.asDiagonal();
-  return d.asDiagonal() * ldlt.solve(d.asDiagonal() * b);
-}
-
-}  // namespace
-
-Fit fit(const Bank& bank, const std::vector<int>& model, const std::vector<int>& sets) {
-  const Small s = pick(bank, model, sets);
-  const auto p = static_cast<Index>(model.size());
-  Fit best;
-  std::array<double, kScales> start{};
-  for (std::size_t g = 0; g < kScales; ++g)
-    start[g] = std::fmax(kLeastVariance, s.count[g] > 0.0 ? s.gram[g](p, p) / s.count[g] : 1.0);
-  const double start_top = std::fmax(kLeastVariance, s.top[0](p, p) / std::fmax(1.0, s.top_count));
-  for (std::size_t t = 0; t < bank.theta.size(); ++t) {
-    Fit f;
-    f.theta = static_cast<int>(t);
-    f.variance = best.coefficients.size() == p ? best.variance : start;
-    f.top_variance = best.coefficients.size() == p ? best.top_variance : start_top;
-    MatrixXd a;
-    for (int round = 0; round < 4; ++round) {
-      a = s.top[t].topLeftCorner(p, p) / f.top_variance;
-      VectorXd b = s.top[t].col(p).head(p) / f.top_variance;
-      for (std::size_t g = 0; g < kScales; ++g) {
-        a += s.gram[g].topLeftCorner(p, p) / f.variance[g];
-        b += s.gram[g].col(p).head(p) / f.variance[g];
-      }
-      f.coefficients = solve(a, b, nullptr);
-      for (std::size_t g = 0; g < kScales; ++g)
-        if (s.count[g] > 0.0)
-          f.variance[g] = std::fmax(kLeastVariance, rss(s.gram[g], f.coefficients) / s.count[g]);
-      f.top_variance = std::fmax(
-          kLeastVariance, rss(s.top[t], f.coefficients) /
-                              std::fmax(1.0, s.top_count - static_cast<double>(bank.nuisances)));
-      double objective = s.log_det[t] + s.top_count * std::log(f.top_variance);
-      for (std::size_t g = 0; g < kScales; ++g) objective += s.count[g] * std::log(f.variance[g]);
-      const bool rest = std::abs(objective - f.objective) < 0.01;
-      f.objective = objective;
-      if (rest) break;
-      if (round == 1 && objective > best.objective + 200.0) break;
-    }
-    if (f.objective < best.objective) {
-      best = f;
-      solve(a, VectorXd::Zero(p), &best.covariance);
-    }
-  }
-  return best;
-}
-
-double objective_held(const Bank& bank, const std::vector<int>& model, const VectorXd& coefficients,
-                      int free_columns, const std::vector<int>& sets) {
-  // The held part is moved to the residual's side.
-  Bank moved;
-  std::vector<int> at = model;
-  at.push_back(bank.y());
-  MatrixXd map = MatrixXd::Zero(static_cast<Index>(at.size()), free_columns + 1);
-  map.topLeftCorner(free_columns, free_columns).setIdentity();
-  map(static_cast<Index>(at.size()) - 1, free_columns) = 1.0;
-  for (Index i = free_columns; i < static_cast<Index>(model.size()); ++i)
-    map(i, free_columns) = -coefficients(i);
-  moved.columns.resize(static_cast<std::size_t>(free_columns));
-  moved.nuisances = bank.nuisances;
-  moved.theta = bank.theta;
-  for (const int set : sets) {
-    const SetSums& from = bank.sets[static_cast<std::size_t>(set)];
-    SetSums& to = moved.sets[static_cast<std::size_t>(set)];
-    for (std::size_t g = 0; g < kScales; ++g) {
-      to.gram[g] = map.transpose() * from.gram[g](at, at) * map;
-      to.count[g] = from.count[g];
-    }
-    to.weight = from.weight;
-    to.log_det = from.log_det;
-    to.top.resize(from.top.size());
-    for (std::size_t t = 0; t < from.top.size(); ++t)
-      if (from.top[t].size() > 0) to.top[t] = map.transpose() * from.top[t](at, at) * map;
-  }
-  std::vector<int> nuisances(static_cast<std::size_t>(free_columns));
-  std::iota(nuisances.begin(), nuisances.end(), 0);
-  return fit(moved, nuisances, sets).objective;
 }
 
 }  // namespace maquette::diagnosis::detail

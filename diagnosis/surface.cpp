@@ -45,7 +45,8 @@ Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
 
 }  // namespace
 
-std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y) const {
+std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y,
+                                                            std::vector<Rival>* rivals) const {
   const double z = heightmap::height_at(design_, x, y);
   if (std::isnan(z)) return std::nullopt;
   if (path_ == nullptr) {
@@ -61,7 +62,7 @@ std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y) 
     if (std::isnan(gx) || std::isnan(gy)) return std::nullopt;
     return Place{z, normalized(Vec3{-gx, -gy, 1.0}), std::nullopt, z};
   }
-  auto contact = path_->at(x, y);
+  auto contact = path_->at(x, y, rivals);
   if (!contact) return std::nullopt;
   return Place{contact->height_mm, contact->normal, contact, z};
 }
@@ -76,11 +77,15 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
                  Millimetres{step}, design.x0, design.y0};
   Grid<float> off(cut.z_mm.rows(), cut.z_mm.cols(), NAN);
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, cut.z_mm.rows(), [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < cut.z_mm.cols(); ++c)
-      if (const auto place = at(cut.x_mm(c), cut.y_mm(r))) {
-        cut.z_mm(r, c) = static_cast<float>(place->height_mm);
-        off(r, c) = static_cast<float>(place->height_mm - place->design_mm);
-      }
+    for (std::ptrdiff_t c = 0; c < cut.z_mm.cols(); ++c) {
+      const double x = cut.x_mm(c), y = cut.y_mm(r);
+      const double wanted = heightmap::height_at(design_, x, y);
+      if (std::isnan(wanted)) continue;
+      const auto made = path_ == nullptr ? std::optional(wanted) : path_->height(x, y);
+      if (!made) continue;
+      cut.z_mm(r, c) = static_cast<float>(*made);
+      off(r, c) = static_cast<float>(*made - wanted);
+    }
   });
   std::vector<double> d;
   for (const float v : off.cells())

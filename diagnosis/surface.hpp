@@ -7,6 +7,7 @@
 
 #include <array>
 #include <optional>
+#include <vector>
 
 #include "core/result.hpp"
 #include "core/run_context.hpp"
@@ -28,7 +29,9 @@ class SimulatedSurface {
     double design_mm;
   };
   /// none: beside the design, over a void, or not reached by the program.
-  [[nodiscard]] std::optional<Place> at(double x_mm, double y_mm) const;
+  /// @param rivals  as of CutPath::at
+  [[nodiscard]] std::optional<Place> at(double x_mm, double y_mm,
+                                        std::vector<Rival>* rivals = nullptr) const;
   /// Second derivatives of the surface smoothed at each of kCurvatureScales_mm.
   [[nodiscard]] std::array<Curvature, kCurvatureScales_mm.size()> curvature(double x_mm,
                                                                             double y_mm) const;

@@ -62,4 +62,69 @@ std::vector<double> strongest_waves(const std::vector<Observation>& all,
   return waves;
 }
 
+namespace {
+
+/// In place, length a power of two (Cooley and Tukey 1965).
+void transform(std::vector<std::complex<double>>& v) {
+  const std::size_t n = v.size();
+  for (std::size_t i = 1, j = 0; i < n; ++i) {
+    std::size_t bit = n >> 1;
+    for (; j & bit; bit >>= 1) j ^= bit;
+    j |= bit;
+    if (i < j) std::swap(v[i], v[j]);
+  }
+  for (std::size_t half = 1; half < n; half *= 2) {
+    std::vector<std::complex<double>> turn(half);
+    for (std::size_t k = 0; k < half; ++k)
+      turn[k] =
+          std::polar(1.0, -std::numbers::pi * static_cast<double>(k) / static_cast<double>(half));
+    for (std::size_t i = 0; i < n; i += 2 * half)
+      for (std::size_t k = 0; k < half; ++k) {
+        const auto a = v[i + k], b = v[i + k + half] * turn[k];
+        v[i + k] = a + b;
+        v[i + k + half] = a - b;
+      }
+  }
+}
+
+}  // namespace
+
+std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
+                                         const std::vector<double>& residual, const Layout& layout,
+                                         double cut) {
+  if (!(cut > 100.0)) return {};
+  std::size_t bins = 1024;
+  while (bins < (1U << 22) && cut / static_cast<double>(bins) > 0.3) bins *= 2;
+  std::vector<std::complex<double>> v(2 * bins, 0.0);  // padded: half waves count too
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Observation& o = all[i];
+    if (!(o.path_mm >= 0.0 && o.path_mm < cut) || layout.set_of(o.place.x, o.place.y) != kChoose)
+      continue;
+    v[static_cast<std::size_t>(o.path_mm / cut * static_cast<double>(bins))] += residual[i];
+  }
+  transform(v);
+  const auto first = static_cast<std::size_t>(2.0 * cut / 40.0),
+             end = std::min(bins, static_cast<std::size_t>(2.0 * cut / 0.8));
+  // Against the level of the surrounding 201 lines; noise gives e^-x for a line x times the level.
+  const double least = std::log(static_cast<double>(bins)) + 7.0;
+  std::vector<std::pair<double, double>> found;
+  for (std::size_t from = first; from + 201 < end; from += 101) {
+    std::vector<double> near;
+    for (std::size_t k = from; k < from + 201; ++k) near.push_back(std::norm(v[k]));
+    std::nth_element(near.begin(), near.begin() + 100, near.end());
+    const double level = near[100] / 0.693;
+    for (std::size_t k = from + 50; k < from + 151; ++k) {
+      const double power = std::norm(v[k]);
+      if (power > least * level && power >= std::norm(v[k - 1]) && power >= std::norm(v[k + 1]))
+        found.emplace_back(power, 0.5 * static_cast<double>(k));
+    }
+  }
+  // Passes that follow each other at even distances repeat a line on both sides: the strongest.
+  std::sort(found.rbegin(), found.rend());
+  std::vector<double> waves;
+  for (const auto& [power, w] : found)
+    if (waves.size() < 4) waves.push_back(w);
+  return waves;
+}
+
 }  // namespace maquette::diagnosis::detail

@@ -29,6 +29,18 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
   return now;
 }
 
+/// From a moment of the program on, the tip is off by a constant along one axis.
+[[nodiscard]] inline Column step_after(int axis, double share, std::string name) {
+  return column(fmt::format("step_{}{:.6f}", kAxisName[axis], share), {std::move(name), 1.0, 5.0},
+                [axis, share](const Observation& o) {
+                  return o.path_share > share ? component(o.along, axis) : 0.0;
+                });
+}
+/// The same as a form whose moment is refined; `step`: distance to the next such form.
+[[nodiscard]] Form step_form(int axis, double share, double step, double minutes);
+/// Forms at the moments that the data show, and at 15 even ones.
+[[nodiscard]] std::vector<Form> step_forms(int axis, const Scene& scene);
+
 // One function a family, each in its own file; library.cpp lists them in order.
 void add_machine_scale(std::vector<Effect>& all);
 void add_machine_squareness(std::vector<Effect>& all);

@@ -7,6 +7,7 @@
 
 #include "core/run_context.hpp"
 #include "diagnosis/detail/sums.hpp"
+#include "diagnosis/diagnose.hpp"
 
 namespace maquette::diagnosis::detail {
 
@@ -15,6 +16,9 @@ struct Member {
   const Effect* effect = nullptr;
   Form form;
 };
+
+/// In -2 log likelihood, a ratio of 100: causes closer than that are not told apart.
+inline constexpr double kEquivalent = 9.2;
 
 struct Candidate {
   const Effect* effect = nullptr;
@@ -38,16 +42,19 @@ struct Search {
   std::vector<Candidate> candidates;
 };
 
-/// Best combination on the choosing blocks. `bank` is rebuilt where forms are refined.
-[[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, const RunContext& run);
+/// Best combination on the choosing blocks. Refined forms are added to `bank`.
+/// @param ranking  what each candidate gains alone, best first
+[[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
+                                         const RunContext& run);
 
 struct Confirmed {
   Member member;
   double p_value = 1.0;
 };
 /// Those of `members` that hold on the confirming blocks.
+/// @param rejected  the others, and why
 [[nodiscard]] std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members,
-                                             double level);
+                                             double level, std::vector<Rejected>& rejected);
 
 /// Upper tail of chi-squared.
 [[nodiscard]] double chi2_tail(double x, int degrees);

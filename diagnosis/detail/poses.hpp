@@ -6,14 +6,19 @@
 // bias), one scan that stands apart (registration).
 //
 // Every pose is also wrong by itself, by an amount nobody has declared. It is taken from the
-// poses' own other components: a pattern counts if it is out of all proportion to them (Student's
-// t with as many degrees of freedom as components are left). With one scan there are five, so
-// only gross patterns count, and all look-alikes are named together.
+// poses' own other components, beside what the fit does not know of them: a pattern counts if it is
+// out of all proportion to them (Student's t with as many degrees of freedom as components are
+// left). With one scan there are five, so only gross patterns count. Shifts that the causes found
+// bring along are no finding. Causes that registration takes almost whole (an even coat) are
+// weighed by poses and residuals together: equivalent, or named instead.
 
+#include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/diagnose.hpp"
 
 namespace maquette::diagnosis::detail {
 
-void add_pose_causes(const Measurements& measurements, Diagnosis& diagnosis);
+void add_pose_causes(const Measurements& measurements, const Bank& bank,
+                     const std::vector<Member>& members, const std::vector<Candidate>& candidates,
+                     const Fit& fit, Diagnosis& diagnosis);
 
 }  // namespace maquette::diagnosis::detail

@@ -6,16 +6,22 @@
 //
 // Scales. Squares of four sizes halve into each other (cell, cell / 2, / 4, / 8). What is summed at
 // one scale is the scatter of the means of a square's quarters about the square's mean (Haar
-// details), of points within the smallest squares at the finest. Details of different scales
-// of correlated noise are nearly uncorrelated, and each scale has a variance of its own, which the
-// residuals give: rough coats make the coarser ones larger. The means of the cells
-// themselves have a dense covariance: white + a stationary process (theta), of the part or of
-// each set-up.
+// details), of points within the smallest squares at the finest. Details of different scales of
+// correlated noise are nearly uncorrelated, and each scale has a variance of its own, which the
+// residuals give: rough coats make the coarser ones larger.
+//
+// Set-ups. A rough coat is the same in all scans, so their details are not independent. Those of
+// one square are turned (Helmert) into the mean over the set-ups, which has the part's roughness,
+// and differences between set-ups, which have not; each kind has its own variance at each scale.
+//
+// The means of the cells have a dense covariance: white + a stationary process (theta), one for
+// means over the set-ups and one for differences between them.
 //
 // Sets. Blocks of cells in plan are drawn by the seed for choosing, confirming, reporting;
 // points within `buffer` of a border between blocks count for none.
 
 #include <array>
+#include <memory>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -27,16 +33,22 @@
 
 namespace maquette::diagnosis::detail {
 
-inline constexpr int kScales = 4;  // three of details of squares, one of points
+inline constexpr int kScales = 3;  // of details of squares
+/// Details with a variance of their own: means over the set-ups by scale, differences between them
+/// by scale, points within the smallest squares.
+inline constexpr int kGroups = 2 * kScales + 1;
+inline constexpr std::size_t kPointGroup = 2 * kScales;
+/// Means of cells: over the set-ups, and differences between them.
+inline constexpr std::size_t kTops = 2;
 enum Set : int { kChoose = 0, kConfirm = 1, kReport = 2, kSets = 3 };
 
 /// Smooth noise of the cell means, relative to the white part.
 struct Theta {
   bool gauss = false;  ///< else exponential correlation
   double length_mm = 0.0;
-  double ratio = 0.0;       ///< variance over that of the white part of a mean cell; 0: white
-  bool per_set_up = false;  ///< else of the part, the same in all set-ups
+  double ratio = 0.0;  ///< variance over that of the white part of a mean cell; 0: white
 };
+inline constexpr double kStartRatio = 12.0;  ///< one of the grid's; where searches for theta start
 [[nodiscard]] std::vector<Theta> thetas(double cell_mm);
 
 struct Layout {
@@ -51,23 +63,41 @@ struct Layout {
 };
 [[nodiscard]] Layout lay_out(const Box3& box, std::uint64_t seed);
 
-struct SetSums {
-  std::array<Eigen::MatrixXd, kScales> gram;  ///< columns, the residual last
-  std::array<double, kScales> count{};        ///< degrees of freedom
-  Eigen::MatrixXd rows;                       ///< of cell means
-  std::vector<double> weight;                 ///< points of each
-  std::vector<Vec3> centre;
-  std::vector<std::uint32_t> set_up;
-  std::vector<Eigen::MatrixXd> top;  ///< by theta
+struct TopSums {
+  std::vector<double> weight;        ///< points that a mean (or difference) is worth
+  std::vector<Vec3> centre;          ///< of the cell
+  std::vector<std::uint32_t> which;  ///< difference: between the first `which` set-ups and the next
+  std::vector<Eigen::MatrixXd> gram;  ///< over the covariance, by theta
   std::vector<double> log_det;
+  [[nodiscard]] double points() const;  ///< sum of the weights
 };
 
+struct SetSums {
+  std::array<Eigen::MatrixXd, kGroups> gram;  ///< columns, the residual last
+  std::array<double, kGroups> count{};        ///< degrees of freedom
+  std::array<TopSums, kTops> top;
+};
+
+/// The observations sorted into cells, and every column's details: what the sums are made of, kept
+/// so that columns can be added and residuals exchanged.
+struct Points;
+
+/// Weight of each group of details, at most 1: details of roughness that is longer than a square
+/// are not independent, so that a group of n is worth n weight.
+using Weights = std::array<double, kGroups>;
+
 struct Bank {
+  Weights weight = [] {
+    Weights w;
+    w.fill(1.0);
+    return w;
+  }();
   std::vector<Column> columns;  ///< nuisances first
   std::unordered_map<std::string, int> index;
   int nuisances = 0;
   std::array<SetSums, kSets> sets;
   std::vector<Theta> theta;
+  std::shared_ptr<Points> points;
   [[nodiscard]] int y() const { return static_cast<int>(columns.size()); }
 };
 
@@ -77,18 +107,41 @@ struct Bank {
                           const Layout& layout, const std::vector<Theta>* theta = nullptr,
                           int only = -1);
 
+/// Those of `columns` that the bank has not yet. `observations` are those it was made of.
+void add_columns(Bank& bank, const std::vector<Observation>& observations,
+                 const std::vector<Column>& columns);
+/// Other residuals in the same places, one for each observation.
+void exchange_residuals(Bank& bank, const std::vector<double>& residual_mm);
+
 /// A model fitted to some of the sets.
 struct Fit {
   double objective = INFINITY;  ///< -2 log likelihood, up to a constant
-  int theta = 0;
+  std::array<int, kTops> theta{};
   Eigen::VectorXd coefficients;  ///< in the order of the model's columns
   Eigen::MatrixXd covariance;
-  std::array<double, kScales> variance{};  ///< of one point, by scale
-  double top_variance = 0.0;
+  std::array<double, kGroups> variance{};  ///< of one point, by group
+  std::array<double, kTops> top_variance{};
 };
+/// What details are worth: the variance that scores (column times residual) would have were the
+/// residuals of a fit independent, over the variance that they have, sums over cells and their
+/// neighbours taken together (Conley, J. Econometrics 92 (1999),
+/// doi:10.1016/S0304-4076(98)00084-0). Median over all columns that are no nuisances, so that a
+/// cause not yet in the model counts little.
+[[nodiscard]] Weights effective_weights(const Bank& bank, const std::vector<int>& model,
+                                        const Fit& fit);
+
 /// @param model  indices of columns
 [[nodiscard]] Fit fit(const Bank& bank, const std::vector<int>& model,
                       const std::vector<int>& sets);
+/// A column beside a fitted model, all sets, at the fit's noise.
+struct Beside {
+  Eigen::VectorXd absorbed;  ///< what of one unit the model's columns take
+  double information = 0.0;  ///< on its coefficient, 1 / variance
+  double estimate = 0.0;
+};
+[[nodiscard]] Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& fit,
+                            int column);
+
 /// -2 log likelihood of sets with coefficients held except the nuisances (the first ones), noise
 /// profiled.
 [[nodiscard]] double objective_held(const Bank& bank, const std::vector<int>& model,

@@ -16,4 +16,10 @@ namespace maquette::diagnosis::detail {
                                                   const std::vector<double>& residual,
                                                   const Layout& layout, int axis, double span_mm);
 
+/// The same along the cutting length, for waves that are steady in time: waves over the whole
+/// length, which is many, so that their number is known to a half. Wavelengths of 0.8 mm to 40 mm.
+[[nodiscard]] std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
+                                                       const std::vector<double>& residual,
+                                                       const Layout& layout, double cut_mm);
+
 }  // namespace maquette::diagnosis::detail

@@ -19,6 +19,7 @@ void add_machine_backlash(std::vector<Effect>& all) {
     e.source = "ISO 230-2, reversal value; 5 to 70 um";
     e.acts_on = "machine";
     e.depends_on = "direction of motion along " + a + ", slope along " + a;
+    e.unknown_shift = a;
     e.looks_like = {"machine.servo_lag", "tool.deflection"};
     e.separate_by = "one-way passes on a test strip";
     e.correction = "backlash compensation of the " + a + " axis, or one-way passes";
@@ -30,7 +31,7 @@ void add_machine_backlash(std::vector<Effect>& all) {
                          {column(fmt::format("backlash_{}{}", a, k), {"width_mm", 2.0, 1.0},
                                  [=](const Observation& o) {
                                    return displaced_mm(o,
-                                                       [=](const CutState& s) {
+                                                       [=](const CutState& s, Vec3) {
                                                          Vec3 d;
                                                          (axis == 0   ? d.x
                                                           : axis == 1 ? d.y

@@ -15,6 +15,7 @@ void add_machine_scale(std::vector<Effect>& all) {
     e.source = "screw pitch and temperature, ISO 230-2; 20 to 100 um/m";
     e.acts_on = "machine";
     e.depends_on = "position along " + a;
+    e.unknown_shift = a;
     e.looks_like = {"stock.swelling", "scanner.range_scale"};
     e.separate_by = "a gauge bar in the scene, or the distance of two milled marks by calliper";
     e.correction = "scale " + a + " in the control or in the program";

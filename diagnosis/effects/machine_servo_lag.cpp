@@ -26,7 +26,8 @@ void add_machine_servo_lag(std::vector<Effect>& all) {
       Form f{fmt::format("lag of about {} mm", kLagLengths_mm[k]),
              {column(fmt::format("lag{}", k), {"half_square_lag_mm2", scale, 10.0},
                      [=](const Observation& o) {
-                       return displaced_mm(o, [k](const CutState& s) { return s.lag[k]; });
+                       return displaced_mm(
+                           o, [k](const CutState& s, Vec3) -> Vec3 { return s.lag[k]; });
                      })}};
       f.sign = 1;
       forms.push_back(std::move(f));

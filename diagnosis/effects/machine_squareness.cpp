@@ -20,6 +20,7 @@ void add_machine_squareness(std::vector<Effect>& all) {
     e.source = "ISO 230-1; 0.02 mm in 300 mm";
     e.acts_on = "machine";
     e.depends_on = std::string("position along ") + kAxisName[p.by];
+    e.unknown_shift = kAxisName[p.moved];
     e.looks_like = {"scanner.registration", "stock.warp"};
     e.separate_by = "mill a strip, turn the block by 180 degrees, mill its neighbour";
     e.correction = "square the axes, or shear the program by the angle";

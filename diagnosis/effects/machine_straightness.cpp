@@ -16,6 +16,7 @@ void add_machine_straightness(std::vector<Effect>& all) {
     e.source = "ISO 230-1; 0.01 mm in 300 mm";
     e.acts_on = "machine";
     e.depends_on = "position along " + a + " alone";
+    e.unknown_shift = std::string(axis == 0 ? "yz" : "xz");
     e.looks_like = {"stock.warp", "machine.thermal_growth_z", "scanner.encoder_eccentricity"};
     e.separate_by = "a straight edge scanned beside the part, or a second station";
     e.correction = "compensation table of the " + a + " axis from the fitted curve";
@@ -34,7 +35,7 @@ void add_machine_straightness(std::vector<Effect>& all) {
       };
       std::vector<Form> forms;
       for (const int out : {2, 1 - axis})
-        for (const int most : {2, 3, 4, 6}) {
+        for (const int most : {2, 3, 4, 6, 8, 10}) {
           Form f{fmt::format("{} curve of degree {}", out == 2 ? "vertical" : "sideways", most),
                  {}};
           for (int degree = 2; degree <= most; ++degree) f.columns.push_back(part(out, degree));

@@ -14,6 +14,7 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
   e.source = "exponential warm-up; 25 to 40 um in 15 to 30 min";
   e.acts_on = "machine";
   e.depends_on = "time since the program's start";
+  e.unknown_shift = std::string("z");
   e.looks_like = {"tool.wear", "machine.straightness_y", "stock.warp", "machine.step_loss_z"};
   e.separate_by = "cut the first strip again at the end";
   e.correction = "let the spindle run warm before the finish";

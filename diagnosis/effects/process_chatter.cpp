@@ -49,6 +49,7 @@ void add_process_chatter(std::vector<Effect>& all) {
       forms.push_back(Make{0, 2.0 * scene.half_mm()}(waves, 0.5));
     for (const double waves : scene.waves_y)
       forms.push_back(Make{1, 2.0 * scene.half_mm()}(waves, 0.5));
+    for (const double waves : scene.waves_path) forms.push_back(Make{2, scene.cut_mm}(waves, 0.5));
     return forms;
   };
   all.push_back(std::move(e));

@@ -13,6 +13,7 @@ void add_stock_warp(std::vector<Effect>& all) {
   e.source = "plate of constant curvature; released stress 0.1 to 1 mm";
   e.acts_on = "stock";
   e.depends_on = "position in plan";
+  e.unknown_shift = std::string("z");
   e.looks_like = {"machine.straightness_x", "machine.straightness_y", "machine.thermal_growth_z"};
   e.separate_by = "scan clamped and free";
   e.correction = "clamp evenly, let the block rest before the finish";

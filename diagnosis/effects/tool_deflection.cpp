@@ -13,20 +13,29 @@ void add_tool_deflection(std::vector<Effect>& all) {
   e.source = "F / k of a slender cutter; 1 to 20 um in foam, more in wood";
   e.acts_on = "cutter";
   e.depends_on = "slope, engagement, up or down the slope";
+  e.unknown_shift = std::string("z");
   e.looks_like = {"tool.radius_error", "machine.backlash_x", "tool.runout"};
   e.separate_by = "a spring pass over one patch";
   e.correction = "shorter tool, lower feed, or a spring pass";
   e.needs = Needs::path;
   e.forms = [](const Scene&) {
-    const auto side = column("deflect_side", {"sideways_mm", 1.0, 1.0}, [](const Observation& o) {
-      return o.on_surface
-                 ? dot(o.along, o.normal) * (o.normal.x * o.normal.x + o.normal.y * o.normal.y)
-                 : 0.0;
-    });
+    std::vector<Form> forms;
+    for (const double size : {0.03, 0.1, 0.3})
+      forms.push_back({fmt::format("away from the wall, about {} mm", size),
+                       {column(fmt::format("deflect_side{}", size), {"sideways_mm", 1.0, 1.0},
+                               [size](const Observation& o) {
+                                 if (!o.on_surface) return 0.0;
+                                 return displaced_mm(o,
+                                                     [size](const CutState&, Vec3 n) {
+                                                       return size * Vec3{n.x, n.y, 0.0};
+                                                     }) /
+                                        size;
+                               })}});
     const auto ramp = column("deflect_ramp", {"ramp_mm", 1.0, 1.0}, [](const Observation& o) {
       return o.on_surface ? dot(o.along, o.normal) * o.feed.z : 0.0;
     });
-    return std::vector<Form>{{"away from the wall", {side}}, {"up against down", {ramp}}};
+    forms.push_back({"up against down", {ramp}});
+    return forms;
   };
   all.push_back(std::move(e));
 }

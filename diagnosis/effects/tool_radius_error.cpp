@@ -13,14 +13,26 @@ void add_tool_radius_error(std::vector<Effect>& all) {
   e.source = "offset of the ball's envelope; 10 to 100 um";
   e.acts_on = "cutter";
   e.depends_on = "slope, whatever its direction";
+  e.unknown_shift = std::string("z");
   e.looks_like = {"coating.thickness", "tool.runout", "scanner.incidence_bias", "tool.wear"};
   e.separate_by = "measure the cutter; or scan before the coat";
   e.correction = "program with the measured radius";
   e.forms = [](const Scene&) {
-    return std::vector<Form>{
-        {"offset, tip held", {column("radius", {"error_mm", 1.0, 1.0}, [](const Observation& o) {
-           return o.on_surface ? dot(o.along, o.normal) * (o.normal.z - 1.0) : 0.0;
-         })}}};
+    // Sizes for themselves: at hollows and ridges another pass comes to make the surface.
+    std::vector<Form> forms;
+    for (const double size : {0.02, -0.02, 0.08, -0.08}) {
+      Form f{fmt::format("about {} mm, tip held", size),
+             {column(fmt::format("radius{}", size), {"error_mm", 1.0, 1.0},
+                     [size](const Observation& o) {
+                       if (!o.on_surface) return 0.0;
+                       return recut_mm(o, [size](const CutState&,
+                                                 Vec3 n) { return size * (1.0 - 1.0 / n.z); }) /
+                              size;
+                     })}};
+      f.sign = size > 0.0 ? 1 : -1;
+      forms.push_back(std::move(f));
+    }
+    return forms;
   };
   all.push_back(std::move(e));
 }

@@ -6,6 +6,9 @@
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+constexpr double kSize_mm = 0.05;  // at which other passes are let in
+}
 
 void add_tool_wear(std::vector<Effect>& all) {
   Effect e;
@@ -14,6 +17,7 @@ void add_tool_wear(std::vector<Effect>& all) {
   e.source = "radius falling with the length cut; 10 to 100 um";
   e.acts_on = "cutter";
   e.depends_on = "length cut so far, slope";
+  e.unknown_shift = std::string("z");
   e.looks_like = {"machine.thermal_growth_z", "tool.radius_error", "coating.thickness"};
   e.separate_by = "cut the first strip again with a new cutter";
   e.correction = "change the cutter earlier";
@@ -29,10 +33,14 @@ void add_tool_wear(std::vector<Effect>& all) {
         forms.push_back({fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
                          {column(fmt::format("wear{}{}", law.power, tip_held),
                                  {"radius_loss_mm", 1.0, 1.0}, [=](const Observation& o) {
-                                   return o.on_surface ? dot(o.along, o.normal) *
-                                                             std::pow(o.cut_share, law.power) *
-                                                             (tip_held ? 1.0 - o.normal.z : 1.0)
-                                                       : 0.0;
+                                   if (!o.on_surface) return 0.0;
+                                   return recut_mm(o,
+                                                   [=](const CutState& s, Vec3 n) {
+                                                     return kSize_mm *
+                                                            std::pow(s.cut_share, law.power) *
+                                                            (1.0 / n.z - (tip_held ? 1.0 : 0.0));
+                                                   }) /
+                                          kSize_mm;
                                  })}});
     return forms;
   };

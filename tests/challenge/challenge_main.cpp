@@ -2,7 +2,8 @@
 
 // Hides effects, has them found, counts.
 //   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--seed S]
-//             [--effect NAME] [--size K] [--keep FOLDER] [--full]
+//             [--from N] [--effect NAME] [--size K] [--keep FOLDER] [--full]
+// --from: the first cases of each kind are passed over, to see a later one again.
 // --full: 200 null, 600 single, 300 double, 150 triple, 150 outside. Prints a line a case and the
 // table; writes confusion.svg into the working folder.
 
@@ -72,12 +73,13 @@ int main(int argc, char** argv) {
   if (argc < 2) {
     std::puts(
         "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
-        "[--seed S] [--effect NAME] [--size K] [--keep FOLDER] [--full]");
+        "[--seed S] [--from N] [--effect NAME] [--size K] [--keep FOLDER] [--full]");
     return 2;
   }
   std::map<std::string, int> counts;
   std::uint64_t seed = 1;
   std::string only, keep;
+  int from = 0;
   double size = 1.0;
   for (int i = 2; i < argc; ++i) {
     const std::string a = argv[i];
@@ -89,6 +91,8 @@ int main(int argc, char** argv) {
     const std::string v = argv[++i];
     if (a == "--seed")
       seed = std::stoull(v);
+    else if (a == "--from")
+      from = std::stoi(v);
     else if (a == "--effect")
       only = v;
     else if (a == "--keep")
@@ -102,7 +106,7 @@ int main(int argc, char** argv) {
   std::map<std::pair<std::string, std::string>, int> confusion;
   double slowest = 0;
   for (const char* kind : {"null", "single", "double", "triple", "outside"}) {
-    for (int i = 0; i < counts[kind]; ++i) {
+    for (int i = from; i < counts[kind]; ++i) {
       challenge::Options o;
       o.seed = seed * 1'000'003 + static_cast<std::uint64_t>(i) * 17 +
                static_cast<std::uint64_t>(kind[0]);

@@ -43,23 +43,26 @@ Result<JobResult> scan_job(const ScanJob& job, const fs::path& out, const RunCon
   json stations = json::array();
   for (std::size_t i = 0; i < job.stations_mm.size(); ++i) {
     const Vec3 place = job.stations_mm[i];
-    const std::string name = fmt::format("station {}", i + 1);
+    const auto set_up = [&](auto& o) {
+      o.paint = paint;
+      o.colour = job.reflectance.has_value();
+      o.name = fmt::format("station {}", i + 1);
+      o.max_points = job.max_points;
+      o.seed = job.seed + i;
+    };
     scan::ScanFigures figures;
     if (const auto* scanner = std::get_if<PhaseShiftScanner>(&job.scanner)) {
       scan::ScanOptions o;
+      set_up(o);
       o.scanner = scanner->preset;
       o.angular = scanner->angular;
       o.range = scanner->range;
       o.footprint_rays = scanner->footprint_rays;
       o.station_mm = place;
-      o.paint = paint;
-      o.colour = job.reflectance.has_value();
-      o.name = name;
-      o.max_points = job.max_points;
-      o.seed = job.seed + i;
       MAQUETTE_TRY(figures, scan::simulate_scan(surface, stones, o, *writer, run));
     } else {
       scan::StructuredLightOptions o;
+      set_up(o);
       o.scanner = std::get<assets::StructuredLightPreset>(job.scanner);
       Vec3 target;
       if (job.target_mm) {
@@ -69,11 +72,6 @@ Result<JobResult> scan_job(const ScanJob& job, const fs::path& out, const RunCon
         target = 0.5 * (box.min + box.max);
       }
       o.model_from_station = scan::look_at(place, target);
-      o.paint = paint;
-      o.colour = job.reflectance.has_value();
-      o.name = name;
-      o.max_points = job.max_points;
-      o.seed = job.seed + i;
       MAQUETTE_TRY(figures, scan::simulate_structured_light(surface, stones, o, *writer, run));
     }
     points += figures.points;

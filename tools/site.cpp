@@ -234,6 +234,10 @@ SiteFile empty_site_file() {
   t.add({"scanner.elevation_deg", &s.scanner_elevation_deg, "of the stations", 5, 90});
   t.add({"scanner.distance_mm", &s.scanner_distance_mm, "from the part's border", 10, 1e6});
   t.add({"scanner.max_points", &s.max_points, "per station", 1000, 2e8});
+  t.add({"scanner.footprint_rays", &s.footprint_rays,
+         "1: rays, as a fine scanner; 7: the preset's beam with its blur and mixed pixels (not of "
+         "structured light)",
+         1, 10000});
 
   t.section("deviation", "");
   t.add({"deviation.reach_mm", &s.reach_mm, "farther points are off the part", 0.01, 1000});

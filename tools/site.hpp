@@ -99,6 +99,9 @@ struct Site {
   std::int64_t stations = 2;
   double scanner_elevation_deg = 55.0, scanner_distance_mm = 1500.0;
   std::int64_t max_points = 1'000'000;
+  /// On parts of a few beams' width the blur of a beam is most of the relief that is missing, and
+  /// registration refuses; so the run's scans look with rays unless asked for the beam.
+  std::int64_t footprint_rays = 1;
   double reach_mm = 5.0;
 };
 

@@ -249,11 +249,8 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
            job.surface = as_milled;
            job.stones = stones;
            MAQUETTE_TRY(job.scanner, find_scanner(site.scanner));
-           // On parts of a few beams' width the blur of a beam is most of the relief that is
-           // missing, and registration refuses; the run's scans look with rays, as a fine
-           // scanner would. `maquette scan` gives the beam its width.
            if (auto* phase_shift = std::get_if<PhaseShiftScanner>(&job.scanner))
-             phase_shift->footprint_rays = 1;
+             phase_shift->footprint_rays = static_cast<int>(site.footprint_rays);
            job.stations_mm = {station_position(site, field, i)};
            job.max_points = static_cast<std::uint64_t>(site.max_points);
            job.seed = static_cast<std::uint64_t>(site.seed) + static_cast<std::uint64_t>(i);

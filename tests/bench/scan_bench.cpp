@@ -5,9 +5,9 @@
 //   scan_bench full [NODES POINTS]   4001 nodes a side of 0.5 mm, 5 M points, 0.3 mm noise, 20 mm
 //                                    and 2 degrees off: CPU seconds and error of the true pose;
 //                                    then signed distances of all points
-//   scan_bench mesh [NODES POINTS]   the same part as triangles (1415 nodes: 4 M), 5 M points 0.3
-//   mm
-//                                    off: CPU seconds; sign and distance against the grid's
+//   scan_bench mesh [NODES POINTS]   the same part as triangles (1415 nodes: 4 M), 5 M points
+//                                    0.3 mm off: CPU seconds; sign and distance against the grid's
+//   scan_bench peer [NODES POINTS]   registration and distances of 5 M points beside CloudCompare's
 //   scan_bench poses [RUNS]          200 parts and poses: within 3 sigma, share of the spacing
 
 #include <cmath>
@@ -18,6 +18,7 @@
 #include <fmt/format.h>
 #include <Eigen/Dense>
 
+#include "bench/scan_peer.hpp"
 #include "scan/deviate.hpp"
 #include "scan/mesh_distance.hpp"
 #include "scan/register.hpp"
@@ -165,10 +166,13 @@ int main(int argc, char** argv) {
     maquette::scan::full(number(2, 4001), static_cast<std::size_t>(number(3, 5'000'000)));
   else if (what == "mesh")
     maquette::scan::mesh(number(2, 1415), static_cast<std::size_t>(number(3, 5'000'000)));
+  else if (what == "peer")
+    maquette::scan::beside_cloudcompare(number(2, 1415),
+                                        static_cast<std::size_t>(number(3, 5'000'000)));
   else if (what == "poses")
     maquette::scan::poses(static_cast<int>(number(2, 200)));
   else {
-    fmt::print("scan_bench full | mesh | poses\n");
+    fmt::print("scan_bench full | mesh | peer | poses\n");
     return 2;
   }
   return 0;

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "bench/scan_peer.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include "scan/deviate.hpp"
+#include "scan/register.hpp"
+#include "support/matchers.hpp"
+#include "support/scan_terrain.hpp"
+
+namespace maquette::scan {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace testing_support;
+
+/// The command that starts it, without windows.
+std::optional<std::string> cloudcompare() {
+  const char* home = std::getenv("HOME");
+  const char* cache = std::getenv("XDG_CACHE_HOME");
+  const char* given = std::getenv("MAQUETTE_PEERS");
+  const fs::path peers =
+      given != nullptr ? fs::path(given)
+                       : (cache != nullptr ? fs::path(cache)
+                                           : fs::path(home != nullptr ? home : ".") / ".cache") /
+                             "maquette/peers";
+  const fs::path root = peers / "cloudcompare/usr";
+  const std::string offscreen = "QT_QPA_PLATFORM=offscreen ";
+  if (fs::exists(root / "bin/CloudCompare")) {
+    std::string libraries;
+    for (const auto& e : fs::directory_iterator(root / "lib"))
+      libraries += fmt::format("{0}:{0}/cloudcompare:", e.path().string());
+    return fmt::format("{}LD_LIBRARY_PATH={} {}", offscreen, libraries,
+                       (root / "bin/CloudCompare").string());
+  }
+  if (std::system("command -v CloudCompare > /dev/null") == 0) return offscreen + "CloudCompare";
+  return std::nullopt;
+}
+
+/// Runs it; CPU seconds.
+double run_cpu_s(const std::string& command) {
+  const auto children = [] {
+    rusage u{};
+    ::getrusage(RUSAGE_CHILDREN, &u);
+    return static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
+           1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
+  };
+  const double before = children();
+  if (std::system((command + " > log.txt 2>&1").c_str()) != 0) fmt::print("it failed\n");
+  return children() - before;
+}
+
+TriMesh mesh_of(const heightmap::ModelField& f) {
+  TriMesh mesh;
+  const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c)
+      mesh.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
+  for (std::ptrdiff_t r = 0; r + 1 < rows; ++r)
+    for (std::ptrdiff_t c = 0; c + 1 < cols; ++c) {
+      const auto a = static_cast<std::uint32_t>(r * cols + c), b = a + 1,
+                 d = static_cast<std::uint32_t>(a + static_cast<std::uint32_t>(cols) + 1),
+                 e = d - 1;
+      mesh.triangles.push_back({a, b, d});
+      mesh.triangles.push_back({a, d, e});
+    }
+  return mesh;
+}
+
+void write_mesh(const TriMesh& mesh, const fs::path& path) {
+  std::ofstream out(path, std::ios::binary);
+  out << "ply\nformat binary_little_endian 1.0\nelement vertex " << mesh.vertices_mm.size()
+      << "\nproperty float x\nproperty float y\nproperty float z\nelement face "
+      << mesh.triangles.size() << "\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const Vec3& v : mesh.vertices_mm) {
+    const std::array p{static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+    out.write(reinterpret_cast<const char*>(&p), sizeof p);
+  }
+  for (const auto& t : mesh.triangles) {
+    out.put(3);
+    out.write(reinterpret_cast<const char*>(&t), sizeof t);
+  }
+}
+
+/// A named float or double of each vertex of a binary PLY.
+std::vector<double> column(const fs::path& path, const std::string& wanted) {
+  std::ifstream in(path, std::ios::binary);
+  const std::map<std::string, std::size_t> sizes{{"float", 4},  {"double", 8}, {"uchar", 1},
+                                                 {"ushort", 2}, {"short", 2},  {"int", 4},
+                                                 {"uint", 4},   {"char", 1}};
+  std::size_t count = 0, stride = 0, at = 0, width = 0;
+  for (std::string line; std::getline(in, line) && line != "end_header";) {
+    std::istringstream words(line);
+    std::string first, second, third;
+    words >> first >> second >> third;
+    if (first == "element" && second == "vertex") count = std::stoul(third);
+    if (first != "property" || !sizes.contains(second)) continue;
+    if (third == wanted) at = stride, width = sizes.at(second);
+    stride += sizes.at(second);
+  }
+  std::vector<double> values;
+  std::string record(stride, '\0');
+  if (width == 0) return values;
+  while (values.size() < count && in.read(record.data(), static_cast<std::streamsize>(stride))) {
+    float f = 0.0F;
+    double d = 0.0;
+    std::memcpy(width == 4 ? static_cast<void*>(&f) : &d, record.data() + at, width);
+    values.push_back(width == 4 ? static_cast<double>(f) : d);
+  }
+  return values;
+}
+
+fs::path file_with(const fs::path& folder, const std::string& part) {
+  for (const auto& e : fs::directory_iterator(folder))
+    if (e.path().filename().string().find(part) != std::string::npos) return e.path();
+  return {};
+}
+
+double rms_off(const Cloud& truth, const Cloud& seen, const RigidTransform& pose) {
+  double square = 0.0, n = 0.0;
+  for (std::size_t i = 0; i < truth.points_mm.size(); i += 97, n += 1.0) {
+    const Vec3 e = pose.point(seen.points_mm[i]) - truth.points_mm[i];
+    square += dot(e, e);
+  }
+  return std::sqrt(square / n);
+}
+
+}  // namespace
+
+void beside_cloudcompare(std::ptrdiff_t nodes, std::size_t points) {
+  const auto start = cloudcompare();
+  if (!start) {
+    fmt::print("CloudCompare is not installed (tools/setup --peers): no comparison\n");
+    return;
+  }
+  const double spacing = 2000.0 / static_cast<double>(nodes - 1);
+  const heightmap::ModelField part = rough_part(1, nodes, nodes, spacing);
+  const Cloud truth = points_on(part, points, 2, 0.3);
+  // Near, for its ICP has no coarse step.
+  const RigidTransform moved = random_pose(3, {1000.0, 1000.0, 10.0}, 0.001, 2.0);
+  const Cloud seen = seen_from(truth, moved);
+  const ScratchFolder folder;
+  fs::current_path(folder.path());
+  write_mesh(mesh_of(part), "mesh.ply");
+  if (!write_cloud(truth, "there.ply") || !write_cloud(seen, "off.ply")) return;
+  fmt::print("{} triangles, {} points of 0.3 mm, CPU seconds\n", 2 * (nodes - 1) * (nodes - 1),
+             points);
+
+  const auto cpu = [] { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; };
+  double before = cpu();
+  const auto found = register_scan(seen, part);
+  const double ours = cpu() - before;
+  if (!found) {
+    fmt::print("{}\n", found.error().message);
+    return;
+  }
+  const std::string open = *start +
+                           " -SILENT -NO_TIMESTAMP -C_EXPORT_FMT PLY -PLY_EXPORT_FMT "
+                           "BINARY_LE -O ";
+  // What it takes to read both files and write one.
+  const double files = run_cpu_s(open + "there.ply -O mesh.ply -SAVE_CLOUDS");
+  const double icp = run_cpu_s(open + "off.ply -O mesh.ply -ICP") - files;
+  fmt::print("registration: {:8.2f} s, {:.4f} mm rms from the true pose\n", ours,
+             rms_off(truth, seen, found->model_from_scan));
+  if (const fs::path file = file_with(".", "REGISTRATION_MATRIX"); !file.empty()) {
+    std::ifstream in(file);
+    std::array<double, 16> m{};
+    for (double& v : m) in >> v;
+    double square = 0.0, n = 0.0;
+    for (std::size_t i = 0; i < points; i += 97, n += 1.0) {
+      const Vec3 p = seen.points_mm[i];
+      const Vec3 q{m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3],
+                   m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
+                   m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]};
+      square += dot(q - truth.points_mm[i], q - truth.points_mm[i]);
+    }
+    fmt::print("CloudCompare: {:8.2f} s, {:.4f} mm at its default stop, ratio {:.1f}\n", icp,
+               std::sqrt(square / n), icp / ours);
+  } else {
+    fmt::print("CloudCompare gave no registration\n");
+  }
+
+  before = cpu();
+  const auto deviation = deviate(truth, {}, part, Millimetres{20.0});
+  const double ours_deviation = cpu() - before;
+  const double c2m = run_cpu_s(open + "there.ply -O mesh.ply -C2M_DIST") - files;
+  fmt::print("deviation:    {:8.2f} s\n", ours_deviation);
+  const fs::path result = file_with(".", "C2M_DIST");
+  auto theirs =
+      result.empty() ? std::vector<double>{} : column(result, "scalar_C2M_signed_distances");
+  if (!deviation || theirs.size() != points) {
+    fmt::print("CloudCompare gave {} distances\n", theirs.size());
+    return;
+  }
+  std::vector<double> apart;
+  std::size_t flips = 0;
+  for (std::size_t i = 0; i < points; ++i) {
+    const auto d = static_cast<double>(deviation->per_point_mm[i]);
+    if (std::isnan(d)) continue;
+    apart.push_back(std::abs(d - theirs[i]));
+    if (std::abs(std::abs(d) - std::abs(theirs[i])) < 1e-3 && d * theirs[i] < -1e-6) ++flips;
+  }
+  std::sort(apart.begin(), apart.end());
+  fmt::print(
+      "CloudCompare: {:8.2f} s, ratio {:.1f}; distances differ by {:.2g} mm (median), {:.2g} (99.9 "
+      "%), {} signs\n",
+      c2m, c2m / ours_deviation, apart[apart.size() / 2], apart[apart.size() * 999 / 1000], flips);
+}
+
+}  // namespace maquette::scan

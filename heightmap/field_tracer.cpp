@@ -167,7 +167,7 @@ struct Traversal {
   const ModelField& field;
   Axis x, y;
   ShearedRay sheared;
-  double oz, dz, slack_z, from;
+  double oz, dz, inverse_z, slack_z, from;
   double end = kInf;  // the ray leaves the field's box
   Best best;
 
@@ -207,7 +207,8 @@ struct Traversal {
     const auto lowest = static_cast<double>(leaves.low[box]),
                highest = static_cast<double>(leaves.high[box]);
     if (std::abs(dz) >= kParallel) {
-      const double a = (lowest - slack_z - oz) / dz, b = (highest + slack_z - oz) / dz;
+      const double a = (lowest - slack_z - oz) * inverse_z,
+                   b = (highest + slack_z - oz) * inverse_z;
       t_in = std::max(t_in, std::min(a, b));
       t_out = std::min(t_out, std::max(a, b));
     } else if (!meets(0.0, 0.0, lowest, highest)) {
@@ -365,6 +366,7 @@ Traversal make_traversal(const ModelField& f, double low, double high, Vec3 orig
               ShearedRay(origin, direction),
               origin.z,
               direction.z,
+              1.0 / direction.z,  // not used where the ray is level
               0.0,
               from_mm,
               kInf,

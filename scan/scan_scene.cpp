@@ -18,8 +18,9 @@ using heightmap::ModelField;
 // behind its own triangle.
 constexpr double kSamePointMm = 1e-3;
 
-/// Distance at which the ray enters the part through a wall; infinite if it does not.
-double wall_distance(const ModelField& f, Vec3 o, Vec3 d) {
+/// @param top  of the surface
+/// @return distance at which the ray enters the part through a wall; infinite if it does not.
+double wall_distance(const ModelField& f, double top, Vec3 o, Vec3 d) {
   const double x0 = f.x0.value(), x1 = f.x_mm(f.z_mm.cols() - 1);
   const double y0 = f.y0.value(), y1 = f.y_mm(f.z_mm.rows() - 1);
   double t_in = 0.0, t_out = INFINITY;
@@ -36,6 +37,7 @@ double wall_distance(const ModelField& f, Vec3 o, Vec3 d) {
   clip(o.y, d.y, y0, y1);
   if (!(t_in <= t_out) || t_in == 0.0) return INFINITY;
   const Vec3 p = o + t_in * d;
+  if (p.z > top) return INFINITY;
   // Rounding may leave the entry a hair outside.
   const double height = heightmap::height_at(f, std::clamp(p.x, x0, x1), std::clamp(p.y, y0, y1));
   return p.z < height ? t_in : INFINITY;
@@ -48,6 +50,7 @@ ScanScene::ScanScene(const ModelField& surface, std::span<const TriMesh> stones,
   bounds_ = stone_scene_.bounds();
   const heightmap::HeightRange heights = heightmap::height_range(surface.z_mm);
   if (!(heights.min <= heights.max)) return;
+  top_mm_ = static_cast<double>(heights.max);
   bounds_.add({surface.x0.value(), surface.y0.value(), static_cast<double>(heights.min)});
   bounds_.add({surface.x_mm(surface.z_mm.cols() - 1), surface.y_mm(surface.z_mm.rows() - 1),
                static_cast<double>(heights.max)});
@@ -88,7 +91,7 @@ void ScanScene::look(const heightmap::FieldTracer::Ray& axis, double radius_mm,
 std::optional<Echo> ScanScene::answer(Vec3 o, Vec3 d,
                                       const std::optional<heightmap::FieldHit>& ground) const {
   double nearest = ground ? ground->distance_mm : INFINITY;
-  nearest = std::fmin(nearest, wall_distance(*surface_, o, d));
+  nearest = std::fmin(nearest, wall_distance(*surface_, top_mm_, o, d));
   if (const auto stone = stone_scene_.trace(o, d, nearest)) {
     const double facing = -dot(stone->normal, d);
     return Echo{stone->distance_mm, facing < 0.0 ? -stone->normal : stone->normal, std::abs(facing),
@@ -109,7 +112,7 @@ bool ScanScene::sees(Vec3 from, Vec3 point) const {
   const double limit = distance - kSamePointMm;
   if (const auto ground = tracer_.trace(from, d); ground && ground->distance_mm < limit)
     return false;
-  if (wall_distance(*surface_, from, d) < limit) return false;
+  if (wall_distance(*surface_, top_mm_, from, d) < limit) return false;
   return !stone_scene_.trace(from, d, limit).has_value();
 }
 

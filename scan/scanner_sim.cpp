@@ -2,6 +2,7 @@
 #include "scan/scanner_sim.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -9,6 +10,7 @@
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/parallel_invoke.h>
 
 #include "core/random.hpp"
 #include "scan/detail/beam.hpp"
@@ -25,6 +27,7 @@ constexpr double kReferenceRangeMm = 3000.0;
 constexpr double kGrey = 0.5;
 // Grey at a cosine of 0.01 and 3 m: what is darker is no noisier.
 constexpr double kLeastNoiseSignal = 0.01 * kGrey;
+constexpr std::int64_t kMostTogether = 8;
 // Streams of random numbers beside that of the range noise.
 constexpr std::uint64_t kTurnStream = 0x7475726e, kAzimuthStream = 0x617a696d,
                         kZenithStream = 0x7a656e69;
@@ -101,6 +104,7 @@ class Instrument {
         samples_(detail::beam_samples(options.footprint_rays)),
         waist_mm_(0.5 * options.scanner.beam_diameter_mm),
         divergence_rad_(1e-3 * options.scanner.beam_divergence_mrad),
+        farthest_mm_(farthest_mm),
         exact_angles_(
             options.angular.encoder_noise_rad == 0.0 && options.angular.vertical_index_rad == 0.0 &&
             options.angular.collimation_rad == 0.0 && options.angular.trunnion_rad == 0.0 &&
@@ -117,9 +121,13 @@ class Instrument {
   /// No ray is farther from the beam's middle.
   [[nodiscard]] double beam_radius_mm() const { return beam_radius_mm_; }
 
+  struct Zenith {
+    double angle, sine, cosine;
+  };
   enum class Outcome { nothing, lost, point };
-  /// What one point needs, kept for the next.
+  /// What a few points need, kept for the next.
   struct Beam {
+    std::vector<Vec3> shown, axes;
     std::vector<detail::Ray> rays;
     std::vector<std::optional<heightmap::FieldHit>> ground;
     std::vector<std::optional<detail::Echo>> echoes;
@@ -131,34 +139,53 @@ class Instrument {
     Colour colour;
   };
 
-  Outcome measure(double azimuth, double zenith, std::uint64_t ray, Beam& beam,
-                  Point& point) const {
-    const Vec3 shown = detail::direction_of(azimuth, zenith);
-    const Vec3 axis =
-        rotate(o_.station_rotation, exact_angles_ ? shown : aim(azimuth, zenith, ray));
-    double cos_turn = 1.0, sin_turn = 0.0;
-    if (samples_.size() > 1) {
-      const double turn = kTurn * random_uniform(o_.seed ^ kTurnStream, ray);
-      cos_turn = std::cos(turn);
-      sin_turn = std::sin(turn);
+  /// Directions one below the other in a column, in one walk over the terrain.
+  /// @param ray  number of the first
+  void measure(double azimuth, std::span<const Zenith> zenith, std::uint64_t ray, Beam& beam,
+               std::span<Point> points, std::span<Outcome> outcomes) const {
+    const std::size_t n = zenith.size(), each = samples_.size();
+    const double cos_azimuth = std::cos(azimuth), sin_azimuth = std::sin(azimuth);
+    beam.shown.clear();
+    beam.axes.clear();
+    beam.rays.clear();
+    for (std::size_t j = 0; j < n; ++j) {
+      const Zenith& z = zenith[j];
+      beam.shown.push_back({z.sine * cos_azimuth, z.sine * sin_azimuth, z.cosine});
+      beam.axes.push_back(rotate(o_.station_rotation,
+                                 exact_angles_ ? beam.shown[j] : aim(azimuth, z.angle, ray + j)));
+      if (each == 1) {
+        beam.rays.push_back({o_.station_mm, beam.axes[j]});
+        continue;
+      }
+      const double turn = kTurn * random_uniform(o_.seed ^ kTurnStream, ray + j);
+      const double cos_turn = std::cos(turn), sin_turn = std::sin(turn);
+      for (const detail::BeamSample& sample : samples_)
+        beam.rays.push_back(detail::skew_ray(o_.station_mm, beam.axes[j], waist_mm_,
+                                             divergence_rad_, sample, cos_turn, sin_turn));
     }
+    beam.ground.resize(n * each);
+    beam.echoes.resize(n * each);
+    if (n * each == 1) {
+      beam.echoes[0] = scene_.look(o_.station_mm, beam.axes[0]);
+    } else {
+      const Vec3 middle = beam.axes[n / 2];
+      double apart = 0.0;
+      for (const Vec3& axis : beam.axes) apart = std::max(apart, norm(axis - middle));
+      scene_.look({o_.station_mm, middle}, beam_radius_mm_ + 1.01 * apart * farthest_mm_, beam.rays,
+                  beam.ground, beam.echoes);
+    }
+    for (std::size_t j = 0; j < n; ++j)
+      outcomes[j] = answer(beam, j * each, beam.shown[j], ray + j, points[j]);
+  }
+
+ private:
+  /// What the detector makes of the echoes of one beam.
+  Outcome answer(Beam& beam, std::size_t first, Vec3 shown, std::uint64_t ray, Point& point) const {
     beam.returns.clear();
     double energy = 0.0, cos_mean = 0.0, strongest = 0.0;
-    beam.rays.clear();
-    for (const detail::BeamSample& sample : samples_)
-      beam.rays.push_back(samples_.size() == 1
-                              ? detail::Ray{o_.station_mm, axis}
-                              : detail::skew_ray(o_.station_mm, axis, waist_mm_, divergence_rad_,
-                                                 sample, cos_turn, sin_turn));
-    beam.ground.resize(samples_.size());
-    beam.echoes.resize(samples_.size());
-    if (samples_.size() == 1)
-      beam.echoes[0] = scene_.look(o_.station_mm, axis);
-    else
-      scene_.look({o_.station_mm, axis}, beam_radius_mm_, beam.rays, beam.ground, beam.echoes);
     for (std::size_t i = 0; i < samples_.size(); ++i) {
-      const auto& echo = beam.echoes[i];
-      const detail::Ray& r = beam.rays[i];
+      const auto& echo = beam.echoes[first + i];
+      const detail::Ray& r = beam.rays[first + i];
       if (!echo) continue;
       SurfaceLook look;
       if (o_.paint) look = o_.paint(r.origin_mm + echo->range_mm * r.direction, echo->stone);
@@ -187,7 +214,6 @@ class Instrument {
     return Outcome::point;
   }
 
- private:
   [[nodiscard]] Vec3 aim(double azimuth, double zenith, std::uint64_t ray) const {
     const AngularErrors& e = o_.angular;
     detail::Angles a = detail::true_angles(e, o_.second_face, azimuth, zenith);
@@ -212,7 +238,7 @@ class Instrument {
   const ScanOptions& o_;
   const detail::ScanScene& scene_;
   std::vector<detail::BeamSample> samples_;
-  double waist_mm_, divergence_rad_, beam_radius_mm_ = 0.0;
+  double waist_mm_, divergence_rad_, farthest_mm_, beam_radius_mm_ = 0.0;
   bool exact_angles_;
 };
 
@@ -294,53 +320,85 @@ Result<ScanFigures> scan_into(const detail::StationSink& sink, const ModelField&
                                               std::fmax(0.0, std::fmax(box.min.z, -box.max.z))}));
   station.intensity_limits = {0.0, std::pow(kReferenceRangeMm / nearest, 2)};
 
-  // Columns in batches of some 50 MB: memory does not depend on the number of points.
+  // As many directions at a time as lie within a leaf of the tracer's pyramid: eight cells.
+  const auto together = std::clamp<std::int64_t>(
+      static_cast<std::int64_t>(8.0 * surface.spacing.value() / (step * farthest)), 1,
+      kMostTogether);
+  std::vector<Instrument::Zenith> zeniths;
+  for (std::int64_t row = 0; row < grid.rows; ++row) {
+    const double v = grid.zenith(row);
+    zeniths.push_back({v, std::sin(v), std::cos(v)});
+  }
+  // Columns in batches of some 25 MB, one computed while the one before is handed over: memory does
+  // not depend on the number of points.
   const std::int64_t per_batch =
-      std::clamp<std::int64_t>(400'000 / std::max<std::int64_t>(1, grid.rows), 1, 1024);
-  std::vector<Column> columns(static_cast<std::size_t>(per_batch));
-  PointBatch batch;
-  for (std::int64_t first = 0; first < grid.columns; first += per_batch) {
-    if (run.stopped()) return fail(kCancelled, "the simulated scan was cancelled");
-    run.progress(static_cast<double>(first) / static_cast<double>(grid.columns));
-    const std::int64_t count = std::min(per_batch, grid.columns - first);
-    oneapi::tbb::parallel_for(std::int64_t{0}, count, [&](std::int64_t k) {
-      Column& column = columns[static_cast<std::size_t>(k)];
+      std::clamp<std::int64_t>(200'000 / std::max<std::int64_t>(1, grid.rows), 1, 1024);
+  using Columns = std::vector<Column>;
+  const auto look = [&](std::int64_t first, Columns& columns) {
+    columns.resize(static_cast<std::size_t>(std::min(per_batch, grid.columns - first)));
+    oneapi::tbb::parallel_for(std::size_t{0}, columns.size(), [&](std::size_t k) {
+      Column& column = columns[k];
       column.points.clear();
       column.rows.clear();
       column.lost = 0;
       Instrument::Beam beam;
-      for (std::int64_t row = 0; row < grid.rows; ++row) {
-        Instrument::Point point;
-        const auto ray = static_cast<std::uint64_t>((first + k) * grid.rows + row);
-        const auto outcome =
-            instrument.measure(grid.azimuth(first + k), grid.zenith(row), ray, beam, point);
-        if (outcome == Instrument::Outcome::lost) ++column.lost;
-        if (outcome != Instrument::Outcome::point) continue;
-        column.points.push_back(point);
-        column.rows.push_back(static_cast<std::uint32_t>(row));
+      std::array<Instrument::Point, kMostTogether> points;
+      std::array<Instrument::Outcome, kMostTogether> outcomes{};
+      const std::int64_t at = first + static_cast<std::int64_t>(k);
+      for (std::int64_t row = 0; row < grid.rows; row += together) {
+        const auto n = static_cast<std::size_t>(std::min(together, grid.rows - row));
+        instrument.measure(grid.azimuth(at),
+                           std::span(zeniths).subspan(static_cast<std::size_t>(row), n),
+                           static_cast<std::uint64_t>(at * grid.rows + row), beam,
+                           std::span(points).first(n), std::span(outcomes).first(n));
+        for (std::size_t j = 0; j < n; ++j) {
+          if (outcomes[j] == Instrument::Outcome::lost) ++column.lost;
+          if (outcomes[j] != Instrument::Outcome::point) continue;
+          column.points.push_back(points[j]);
+          column.rows.push_back(static_cast<std::uint32_t>(row) + static_cast<std::uint32_t>(j));
+        }
       }
     });
+  };
+  PointBatch batch;
+  const auto hand_over = [&](std::int64_t first, const Columns& columns) -> Result<void> {
     batch.clear();
-    for (std::int64_t k = 0; k < count; ++k) {
-      const Column& column = columns[static_cast<std::size_t>(k)];
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+      const Column& column = columns[k];
+      const std::int64_t at = first + static_cast<std::int64_t>(k);
       figures.lost += column.lost;
       for (std::size_t i = 0; i < column.points.size(); ++i) {
         const Instrument::Point& p = column.points[i];
         batch.points_mm.push_back(p.place_mm);
         batch.intensity.push_back(p.intensity);
-        batch.grid.push_back({column.rows[i], static_cast<std::uint32_t>(first + k)});
+        batch.grid.push_back({column.rows[i], static_cast<std::uint32_t>(at)});
         if (station.fields.colour) batch.colours.push_back(p.colour);
         // A turn of the mirror takes lines_per_turn rows; the head turns by a column meanwhile.
         if (with_time)
-          batch.time_s.push_back((static_cast<double>(first + k) +
-                                  static_cast<double>(column.rows[i]) * step / kTurn) /
-                                 scanner.turns_per_s);
+          batch.time_s.push_back(
+              (static_cast<double>(at) + static_cast<double>(column.rows[i]) * step / kTurn) /
+              scanner.turns_per_s);
       }
     }
-    if (batch.size() == 0) continue;
+    if (batch.size() == 0) return {};
     batch.begins_station = figures.points == 0;
     figures.points += batch.size();
-    MAQUETTE_TRY_VOID(sink(station, batch));
+    return sink(station, batch);
+  };
+  std::array<Columns, 2> columns;
+  if (figures.directions > 0) look(0, columns[0]);
+  for (std::int64_t first = 0, now = 0; first < grid.columns && figures.directions > 0;
+       first += per_batch, now = 1 - now) {
+    if (run.stopped()) return fail(kCancelled, "the simulated scan was cancelled");
+    run.progress(static_cast<double>(first) / static_cast<double>(grid.columns));
+    Result<void> handed_over;
+    oneapi::tbb::parallel_invoke(
+        [&] {
+          if (first + per_batch < grid.columns)
+            look(first + per_batch, columns[static_cast<std::size_t>(1 - now)]);
+        },
+        [&] { handed_over = hand_over(first, columns[static_cast<std::size_t>(now)]); });
+    MAQUETTE_TRY_VOID(handed_over);
   }
   if (figures.points == 0)
     return fail(

@@ -4,6 +4,7 @@
 /// @file scan_scene.hpp
 /// What a simulated scanner looks at: terrain with its four walls, and stones.
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -57,6 +58,7 @@ class ScanScene {
   StoneScene stone_scene_;
   heightmap::FieldTracer tracer_;
   Box3 bounds_;
+  double top_mm_ = -INFINITY;  // of the surface
 };
 
 /// Takes the batches of a station in order; the first one has begins_station set.

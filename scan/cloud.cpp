@@ -35,14 +35,73 @@ void fill(const Cloud& cloud, std::size_t from, std::size_t n,
   part(cloud.normals, batch.normals);
   part(cloud.colours, batch.colours);
   part(cloud.grid, batch.grid);
+  part(cloud.counts, batch.counts);
+  part(cloud.spread_mm, batch.spread_mm);
   if (!station_from_model) return;
   for (Vec3& p : batch.points_mm) p = station_from_model->point(p);
   for (Vec3& v : batch.normals) v = station_from_model->direction(v);
 }
 
+CloudFields fields_of(const Cloud& cloud) {
+  CloudFields f;
+  f.intensity = !cloud.intensity.empty();
+  f.colour = !cloud.colours.empty();
+  f.normals = !cloud.normals.empty();
+  f.grid = !cloud.grid.empty();
+  f.statistics = !cloud.counts.empty();
+  return f;
+}
+
+class MemoryReader final : public CloudReader {
+ public:
+  explicit MemoryReader(const Cloud& cloud) : cloud_(cloud), stations_(cloud.stations) {
+    if (stations_.empty()) stations_.emplace_back().points = cloud.points_mm.size();
+    if (stations_.size() == 1 && cloud.station_mm) stations_[0].position_mm = cloud.station_mm;
+    for (ScanStation& s : stations_) s.fields = fields_of(cloud);
+  }
+  [[nodiscard]] std::string_view format() const override { return "memory"; }
+  [[nodiscard]] const std::vector<ScanStation>& stations() const override { return stations_; }
+  [[nodiscard]] const std::vector<CloudImage>& images() const override { return images_; }
+  [[nodiscard]] double progress() const override {
+    return static_cast<double>(from_) /
+           static_cast<double>(std::max<std::size_t>(1, cloud_.points_mm.size()));
+  }
+  [[nodiscard]] Result<bool> next(PointBatch& batch) override {
+    while (station_ < stations_.size() && begun_ && left_ == 0) {
+      ++station_;
+      begun_ = false;
+    }
+    if (station_ == stations_.size()) return false;
+    const ScanStation& s = stations_[station_];
+    if (!begun_) left_ = s.points;
+    const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(left_, kBatch));
+    std::optional<RigidTransform> back;
+    if (s.model_from_station != RigidTransform{}) back = s.model_from_station.inverse();
+    fill(cloud_, from_, n, back, batch);
+    batch.station = station_;
+    batch.begins_station = !begun_;
+    begun_ = true;
+    from_ += n;
+    left_ -= n;
+    return true;
+  }
+
+ private:
+  const Cloud& cloud_;
+  std::vector<ScanStation> stations_;
+  std::vector<CloudImage> images_;
+  std::size_t station_ = 0, from_ = 0;
+  std::uint64_t left_ = 0;
+  bool begun_ = false;
+};
+
 }  // namespace
 
 namespace detail {
+
+std::unique_ptr<CloudReader> reader_of(const Cloud& cloud) {
+  return std::make_unique<MemoryReader>(cloud);
+}
 
 Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunContext& run) {
   Cloud cloud;
@@ -64,6 +123,7 @@ Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunCo
     common->colour &= f.colour;
     common->normals &= f.normals;
     common->grid &= f.grid;
+    common->statistics &= f.statistics;
     // The reader has compared the count with the file's size.
     if (batch.begins_station) make_room(cloud, cloud.points_mm.size() + station.points, *common);
     const RigidTransform& pose = station.model_from_station;
@@ -77,6 +137,9 @@ Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunCo
       if (common->normals)
         cloud.normals.push_back(moves ? pose.direction(batch.normals[i]) : batch.normals[i]);
       if (common->grid) cloud.grid.push_back(batch.grid[i]);
+      if (!common->statistics) continue;
+      cloud.counts.push_back(batch.counts[i]);
+      cloud.spread_mm.push_back(batch.spread_mm[i]);
     }
   }
   const std::size_t n = cloud.points_mm.size();
@@ -85,16 +148,16 @@ Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunCo
   if (cloud.colours.size() != n) cloud.colours.clear();
   if (cloud.normals.size() != n) cloud.normals.clear();
   if (cloud.grid.size() != n) cloud.grid.clear();
+  if (cloud.counts.size() != n) {
+    cloud.counts.clear();
+    cloud.spread_mm.clear();
+  }
   cloud.stations = reader.stations();
   kept.resize(cloud.stations.size());
   for (std::size_t s = 0; s < kept.size(); ++s) {
     ScanStation& station = cloud.stations[s];
     station.points = kept[s];
-    station.fields = {};
-    station.fields.intensity = !cloud.intensity.empty();
-    station.fields.colour = !cloud.colours.empty();
-    station.fields.normals = !cloud.normals.empty();
-    station.fields.grid = !cloud.grid.empty();
+    station.fields = fields_of(cloud);
   }
   if (cloud.stations.size() == 1) cloud.station_mm = cloud.stations.front().position_mm;
   return cloud;
@@ -104,8 +167,9 @@ Result<void> write_all(const Cloud& cloud, const RigidTransform* transform, Clou
   const std::size_t n = cloud.points_mm.size();
   const auto whole = [n](std::size_t size) { return size == 0 || size == n; };
   MAQUETTE_CHECK(whole(cloud.intensity.size()) && whole(cloud.normals.size()) &&
-                     whole(cloud.colours.size()) && whole(cloud.grid.size()),
-                 "{} points need {} intensities, normals, colours, places or none", n, n);
+                     whole(cloud.colours.size()) && whole(cloud.grid.size()) &&
+                     whole(cloud.counts.size()) && cloud.counts.size() == cloud.spread_mm.size(),
+                 "{} points need {} intensities, normals, colours, places, counts or none", n, n);
   std::vector<ScanStation> stations = cloud.stations;
   std::uint64_t listed = 0;
   for (const ScanStation& s : stations) listed += s.points;
@@ -129,11 +193,7 @@ Result<void> write_all(const Cloud& cloud, const RigidTransform* transform, Clou
       if (transform != nullptr && station.position_mm)
         station.position_mm = transform->point(*station.position_mm);
     }
-    station.fields = {};
-    station.fields.intensity = !cloud.intensity.empty();
-    station.fields.colour = !cloud.colours.empty();
-    station.fields.normals = !cloud.normals.empty();
-    station.fields.grid = !cloud.grid.empty();
+    station.fields = fields_of(cloud);
     MAQUETTE_TRY_VOID(writer.begin_station(station));
     for (const std::size_t end = from + station.points; from < end;) {
       const std::size_t count = std::min(kBatch, end - from);

@@ -43,6 +43,7 @@ struct CloudFields {
   bool time = false;        ///< seconds since the station's start, or GPS time (LAS)
   bool returns = false;     ///< which echo of how many
   bool scan_angle = false;  ///< of the mirror, from airborne instruments
+  bool statistics = false;  ///< each point stands for several: how many, and their spread
   bool flags = false;       ///< some points lack something: PointFlag in cloud_stream.hpp
   friend constexpr bool operator==(const CloudFields&, const CloudFields&) = default;
 };
@@ -70,6 +71,9 @@ struct Cloud {
   std::optional<Vec3> station_mm;  ///< scanner position in the cloud's frame, if there is one
   std::vector<Colour> colours;     ///< empty or one per point
   std::vector<GridIndex> grid;     ///< empty or one per point: its place in its station's grid
+  /// Empty, or of thinned points: how many each stands for, and their rms distance from it.
+  std::vector<std::uint32_t> counts;
+  std::vector<float> spread_mm;
   /// Empty, or all stations in the order of their points, `points` of each: the points of
   /// the first station come first.
   std::vector<ScanStation> stations;
@@ -82,7 +86,7 @@ inline constexpr double kLargestCoordinateMm = 1e9;
 /// By extension (case does not matter): .e57 .ptx .pts .pcd .las .ply .xyz .txt .asc .csv.
 /// All stations are brought into one frame by their poses, in the order of the file. Points
 /// without position are left out. A part that only some stations have (intensity, colour,
-/// normals, grid) is left out too. Units as in scan/cloud_stream.hpp.
+/// normals, grid, statistics) is left out too. Units as in scan/cloud_stream.hpp.
 /// @return the cloud, or
 ///   CORE_FILE_NOT_FOUND, CORE_FILE_NOT_READABLE
 ///   SCAN_CLOUD_FORMAT      line or byte offset and what was expected; a header that

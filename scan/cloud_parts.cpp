@@ -22,13 +22,15 @@ void PointBatch::clear() {
   return_index.clear();
   return_count.clear();
   scan_angle_rad.clear();
+  counts.clear();
+  spread_mm.clear();
   flags.clear();
 }
 
 namespace detail {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, Channel>, 36> kNames{{
+constexpr std::array<std::pair<std::string_view, Channel>, 38> kNames{{
     {"x", kX},
     {"y", kY},
     {"z", kZ},
@@ -65,6 +67,8 @@ constexpr std::array<std::pair<std::string_view, Channel>, 36> kNames{{
     {"returncount", kReturnCount},
     {"scan_angle_rad", kScanAngle},
     {"scan_angle", kScanAngle},
+    {"point_count", kCount},
+    {"spread", kSpread},
 }};
 
 std::uint16_t colour_value(double v) {
@@ -73,6 +77,10 @@ std::uint16_t colour_value(double v) {
 
 std::uint8_t byte_value(double v) {
   return v >= 255.0 ? 255 : v > 0.0 ? static_cast<std::uint8_t>(v) : 0;
+}
+
+std::uint32_t count_value(double v) {
+  return v >= 4294967295.0 ? 4294967295U : v > 0.0 ? static_cast<std::uint32_t>(v) : 0;
 }
 
 float float_value(double v) {  // beyond float's range a conversion would be undefined
@@ -107,6 +115,7 @@ CloudFields RecordPlan::fields() const {
   f.time = has(kTime);
   f.returns = has(kReturnIndex);
   f.scan_angle = has(kScanAngle);
+  f.statistics = has(kCount) && has(kSpread);
   return f;
 }
 
@@ -163,6 +172,10 @@ Result<void> append(const RecordPlan& plan, const Row& row, std::uint64_t index,
     batch.return_count.push_back(byte_value(row[kReturnCount]));
   }
   if (plan.has(kScanAngle)) batch.scan_angle_rad.push_back(float_value(row[kScanAngle]));
+  if (plan.has(kCount) && plan.has(kSpread)) {
+    batch.counts.push_back(count_value(row[kCount]));
+    batch.spread_mm.push_back(float_value(u * row[kSpread]));
+  }
   if (with_flags) batch.flags.push_back(flags);
   return {};
 }
@@ -241,13 +254,14 @@ std::optional<Quaternion> rotation_from_axes(Vec3 x, Vec3 y, Vec3 z) {
 void check_batch(const CloudFields& f, const PointBatch& b) {
   const std::size_t n = b.size();
   const auto fits = [n](bool field, std::size_t size) { return size == (field ? n : 0); };
-  MAQUETTE_CHECK(fits(f.intensity, b.intensity.size()) && fits(f.colour, b.colours.size()) &&
-                     fits(f.normals, b.normals.size()) && fits(f.grid, b.grid.size()) &&
-                     fits(f.time, b.time_s.size()) && fits(f.returns, b.return_index.size()) &&
-                     fits(f.returns, b.return_count.size()) &&
-                     fits(f.scan_angle, b.scan_angle_rad.size()) &&
-                     (b.flags.empty() || (f.flags && b.flags.size() == n)),
-                 "a batch of {} points must have the arrays of its station's fields", n);
+  MAQUETTE_CHECK(
+      fits(f.intensity, b.intensity.size()) && fits(f.colour, b.colours.size()) &&
+          fits(f.normals, b.normals.size()) && fits(f.grid, b.grid.size()) &&
+          fits(f.time, b.time_s.size()) && fits(f.returns, b.return_index.size()) &&
+          fits(f.returns, b.return_count.size()) && fits(f.scan_angle, b.scan_angle_rad.size()) &&
+          fits(f.statistics, b.counts.size()) && fits(f.statistics, b.spread_mm.size()) &&
+          (b.flags.empty() || (f.flags && b.flags.size() == n)),
+      "a batch of {} points must have the arrays of its station's fields", n);
 }
 
 std::string padded_count(std::uint64_t count) {

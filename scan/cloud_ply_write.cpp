@@ -42,6 +42,7 @@ class PlyWriter final : public FlatWriter {
     if (f.time) text += "property double time_s\n";
     if (f.returns) text += "property uchar return_index\nproperty uchar return_count\n";
     if (f.scan_angle) text += "property float scan_angle_rad\n";
+    if (f.statistics) text += "property uint point_count\nproperty float spread\n";
     if (extra_) text += fmt::format("property float {}\n", extra_->name);
     return text + "end_header\n";
   }
@@ -68,6 +69,10 @@ class PlyWriter final : public FlatWriter {
       rows_ += static_cast<char>(b.return_count[i]);
     }
     if (f.scan_angle) store(rows_, b.scan_angle_rad[i]);
+    if (f.statistics) {
+      store(rows_, b.counts[i]);
+      store(rows_, static_cast<float>(static_cast<double>(b.spread_mm[i]) / unit_mm_));
+    }
     if (extra_) {
       MAQUETTE_CHECK(count_ < extra_->values->size(), "{} scalars for more points",
                      extra_->values->size());

@@ -23,11 +23,13 @@
 /// Units   Batches are in millimetres. On disk:
 ///
 ///   format      unit           stations            what is held beside x y z
-///   E57         metres (said)  any, poses          everything but scan angle; colour 8 or 16 bit
+///   E57         metres (said)  any, poses          all but scan angle and statistics; colour 8 or
+///                                                  16 bit
 ///   PTX         metres         any, poses          grid (every cell, column by column),
 ///                                                  intensity 0 to 1, colour 8 bit
 ///   PTS         metres         any, without poses  intensity -2048 to 2047, colour 8 bit
-///   PCD         millimetres    one, position       all but flags and scan angle; colour 8 bit;
+///   PCD         millimetres    one, position       all but flags, scan angle and statistics;
+///                                                  colour 8 bit;
 ///                                                  read: NaN in a grid is kNoPosition
 ///   LAS         metres         one, no position    intensity and colour 16 bit, time, returns,
 ///                                                  scan angle
@@ -70,7 +72,9 @@ struct PointBatch {
   std::vector<double> time_s;
   std::vector<std::uint8_t> return_index, return_count;  ///< index counts from 0
   std::vector<float> scan_angle_rad;
-  std::vector<std::uint8_t> flags;  ///< PointFlag; empty if every point has everything
+  std::vector<std::uint32_t> counts;  ///< of thinned points: how many each stands for
+  std::vector<float> spread_mm;       ///< their rms distance from it; with counts
+  std::vector<std::uint8_t> flags;    ///< PointFlag; empty if every point has everything
   [[nodiscard]] std::size_t size() const { return points_mm.size(); }
   [[nodiscard]] bool has_position(std::size_t i) const {
     return flags.empty() || (flags[i] & (kDirectionOnly | kNoPosition)) == 0;

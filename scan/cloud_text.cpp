@@ -172,12 +172,13 @@ class TextWriter final : public FlatWriter {
     if (f.intensity) names += " intensity";
     if (f.normals) names += " nx ny nz";
     // Up to here the number of columns says what they are.
-    const bool more = f.colour || f.grid || f.time || f.returns || f.scan_angle;
+    const bool more = f.colour || f.grid || f.time || f.returns || f.scan_angle || f.statistics;
     if (f.colour) names += " red green blue";
     if (f.grid) names += " row column";
     if (f.time) names += " time_s";
     if (f.returns) names += " return_index return_count";
     if (f.scan_angle) names += " scan_angle_rad";
+    if (f.statistics) names += " point_count spread";
     if (separator_ == ',') std::replace(names.begin(), names.end(), ' ', ',');
     if (more || separator_ == ',') text += names + "\n";
     return text;
@@ -201,6 +202,8 @@ class TextWriter final : public FlatWriter {
     if (f.time) put(b.time_s[i]);
     if (f.returns) put(b.return_index[i], b.return_count[i]);
     if (f.scan_angle) put(b.scan_angle_rad[i]);
+    if (f.statistics)
+      put(b.counts[i], static_cast<float>(static_cast<double>(b.spread_mm[i]) / unit_mm_));
     rows_ += '\n';
     return {};
   }

@@ -49,8 +49,29 @@ struct Level {
   std::unique_ptr<Tree> tree;
 };
 
-Result<std::unique_ptr<Level>> make_level(const Cloud& cloud, double voxel) {
+/// How the voxels of a scan are turned. Two lattices that are parallel keep their pieces side by
+/// side in one and the same direction all over the part; where slopes are smoothed within a
+/// piece, every distance then errs by slope times that offset, and the poses by a good part of
+/// it. Between lattices that are turned against each other the offsets go every way.
+Quaternion lattice_of(std::size_t scan) {
+  constexpr double kGoldenTurn = 2.399963229728653;  // no two scans alike
+  return rotation_about(normalized(Vec3{0.3, 0.5, 1.0}), kGoldenTurn * static_cast<double>(scan));
+}
+
+Result<std::unique_ptr<Level>> make_level(const Cloud& scan, std::size_t index, double voxel) {
   auto level = std::make_unique<Level>();
+  const Quaternion turn = lattice_of(index);
+  const detail::Views views = detail::views_of(scan);
+  Cloud cloud = scan;
+  cloud.stations.clear();
+  for (std::size_t v = 0; v < views.ends.size(); ++v) {
+    ScanStation& s = cloud.stations.emplace_back();
+    s.position_mm = rotate(turn, views.places_mm[v]);
+    s.points = views.ends[v] - (v == 0 ? 0 : views.ends[v - 1]);
+  }
+  oneapi::tbb::parallel_for(std::size_t{0}, cloud.points_mm.size(), [&](std::size_t i) {
+    cloud.points_mm[i] = rotate(turn, cloud.points_mm[i]);
+  });
   Box3 box;
   for (const Vec3& p : cloud.points_mm) box.add(p);
   detail::VoxelGrid grid;
@@ -59,6 +80,11 @@ Result<std::unique_ptr<Level>> make_level(const Cloud& cloud, double voxel) {
                                            voxel, norm(box.max - box.min)));
   for (const Surfel& s : detail::make_surfels(cloud, grid))
     if (dot(s.normal, s.normal) > 0.5) level->pieces.surfels.push_back(s);
+  const Quaternion back{turn.w, -turn.x, -turn.y, -turn.z};
+  for (Surfel& s : level->pieces.surfels) {
+    s.centre_mm = rotate(back, s.centre_mm);
+    s.normal = rotate(back, s.normal);
+  }
   level->tree =
       std::make_unique<Tree>(3, level->pieces, nanoflann::KDTreeSingleIndexAdaptorParams(12));
   level->tree->buildIndex();
@@ -163,15 +189,19 @@ std::vector<std::size_t> apart(std::size_t n, const std::vector<Edge>& edges) {
 
 /// Covariance of the poses but the first: the sandwich of M-estimators with scores summed over
 /// square blocks of a sixteenth of the part (cluster-robust: Liang and Zeger 1986), because the
-/// pieces share points, and the part's small relief, with their neighbours.
-Eigen::MatrixXd covariance_of(const std::vector<Edge>& edges, const Eigen::MatrixXd& information,
-                              const Box3& all, Vec3 centre) {
-  const Eigen::Index size = information.rows();
+/// pieces share points, and the part's small relief, with their neighbours. Its outer factors are
+/// the derivative of the scores, psi' = (1 - u^2)(1 - 5 u^2), not the weights (Huber 1981, section
+/// 6.3): at normal noise 0.76 against 0.91, a fifth of a standard deviation.
+Eigen::MatrixXd covariance_of(const std::vector<Edge>& edges, std::size_t scans, const Box3& all,
+                              Vec3 centre) {
+  const auto size = static_cast<Eigen::Index>(6 * (scans - 1));
+  Eigen::MatrixXd bread = Eigen::MatrixXd::Zero(size, size);
   const Vec3 extent = all.max - all.min;
   const double block = std::max({extent.x, extent.y, extent.z}) / 16.0;
   std::map<std::array<int, 3>, Eigen::VectorXd> scores;
   for (const Edge& e : edges) {
     const double limit = kTukey * e.system.sigma;
+    Matrix6 curve = Matrix6::Zero();
     for (const Match& m : e.matches) {
       const double u = m.worth * m.distance / limit;
       if (!(std::abs(u) < 1.0)) continue;
@@ -179,6 +209,8 @@ Eigen::MatrixXd covariance_of(const std::vector<Edge>& edges, const Eigen::Matri
       const Vec3 turn = cross(m.place - centre, m.normal);
       Vector6 row;
       row << m.normal.x, m.normal.y, m.normal.z, turn.x, turn.y, turn.z;
+      curve += std::pow(m.worth / e.system.sigma, 2) * (1.0 - u * u) * (1.0 - 5.0 * u * u) * row *
+               row.transpose();
       const Vec3 at = (1.0 / block) * (m.place - all.min);
       auto& score = scores[{static_cast<int>(std::floor(at.x)), static_cast<int>(std::floor(at.y)),
                             static_cast<int>(std::floor(at.z))}];
@@ -186,6 +218,13 @@ Eigen::MatrixXd covariance_of(const std::vector<Edge>& edges, const Eigen::Matri
       if (e.a > 0) score.segment<6>(static_cast<Eigen::Index>(6 * (e.a - 1))) += pull * row;
       if (e.b > 0) score.segment<6>(static_cast<Eigen::Index>(6 * (e.b - 1))) -= pull * row;
     }
+    const auto a = static_cast<Eigen::Index>(6 * e.a) - 6,
+               b = static_cast<Eigen::Index>(6 * e.b) - 6;
+    if (a >= 0) bread.block<6, 6>(a, a) += curve;
+    if (b >= 0) bread.block<6, 6>(b, b) += curve;
+    if (a < 0 || b < 0) continue;
+    bread.block<6, 6>(a, b) -= curve;
+    bread.block<6, 6>(b, a) -= curve;
   }
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(size, size);
   for (const auto& [key, score] : scores) meat += score * score.transpose();
@@ -193,7 +232,7 @@ Eigen::MatrixXd covariance_of(const std::vector<Edge>& edges, const Eigen::Matri
   const double few = blocks > 1.5 * static_cast<double>(size)
                          ? blocks / (blocks - static_cast<double>(size))
                          : 3.0;
-  const Eigen::MatrixXd inverse = information.inverse();
+  const Eigen::MatrixXd inverse = bread.inverse();
   return few * inverse * meat * inverse;
 }
 
@@ -288,11 +327,10 @@ Result<Merge> merge_scans(std::span<const Cloud> scans, const MergeOptions& opti
   // 8, 4, 2, 1 times the finest voxel, as far as the capture asks for it.
   int doublings = 0;
   while (doublings < 3 && merge.voxel_mm * (2 << doublings) < capture) ++doublings;
-  Eigen::MatrixXd information;
   for (int level = options.poses ? doublings : 0; level >= 0; --level) {
     const double voxel = merge.voxel_mm * (1 << level);
     for (std::size_t i = 0; i < n; ++i) {
-      MAQUETTE_TRY(levels[i], make_level(scans[i], voxel));
+      MAQUETTE_TRY(levels[i], make_level(scans[i], i, voxel));
     }
     // Wide at first, then as wide as neighbouring pieces lie apart.
     double gate =
@@ -333,7 +371,7 @@ Result<Merge> merge_scans(std::span<const Cloud> scans, const MergeOptions& opti
         right.segment<6>(b) -= e.system.right;
       }
       // The first scan stays. Rotations count at the part's radius, so that all are lengths.
-      information = normal.bottomRightCorner(size - 6, size - 6);
+      const Eigen::MatrixXd information = normal.bottomRightCorner(size - 6, size - 6);
       Eigen::VectorXd scale = Eigen::VectorXd::Ones(size - 6);
       for (Eigen::Index i = 0; i < size - 6; ++i)
         if (i % 6 >= 3) scale(i) = 2.0 / extent;
@@ -375,7 +413,7 @@ Result<Merge> merge_scans(std::span<const Cloud> scans, const MergeOptions& opti
 
   merge.scans.resize(n);
   if (options.poses) {
-    const Eigen::MatrixXd covariance = covariance_of(edges, information, all, centre);
+    const Eigen::MatrixXd covariance = covariance_of(edges, n, all, centre);
     for (std::size_t i = 0; i < n; ++i) {
       MergedPose& p = merge.scans[i];
       p.correction = poses[i];
@@ -470,31 +508,6 @@ Cloud join(std::vector<Cloud> scans) {
   }
   if (all.stations.size() == 1) all.station_mm = all.stations.front().position_mm;
   return all;
-}
-
-Result<Thinned> thin_merged(const Cloud& cloud, double voxel_mm) {
-  Box3 box;
-  for (const Vec3& p : cloud.points_mm) box.add(p);
-  detail::VoxelGrid grid;
-  if (!(voxel_mm > 0.0) || !detail::make_voxel_grid(box, voxel_mm, grid))
-    return fail(kMergeOptions, fmt::format("a voxel of {} mm does not fit a cloud of {} mm",
-                                           voxel_mm, norm(box.max - box.min)));
-  const auto surfels = detail::make_surfels(cloud, grid);
-  Thinned result;
-  std::vector<double> rough;
-  for (const Surfel& s : surfels) {
-    result.cloud.points_mm.push_back(s.centre_mm);
-    result.cloud.normals.push_back(s.normal);
-    if (!cloud.intensity.empty()) result.cloud.intensity.push_back(s.intensity);
-    const auto whole = [](float v) { return static_cast<std::uint16_t>(std::lround(v)); };
-    if (!cloud.colours.empty())
-      result.cloud.colours.push_back({whole(s.red), whole(s.green), whole(s.blue)});
-    if (s.rough_mm > 0.0) rough.push_back(s.rough_mm);
-  }
-  result.mean_points =
-      static_cast<double>(cloud.points_mm.size()) / static_cast<double>(surfels.size());
-  result.rough_mm = median(std::move(rough), 0.0);
-  return result;
 }
 
 }  // namespace maquette::scan

@@ -17,12 +17,14 @@
 ///          full information (Pulli 1999, doi:10.1109/IM.1999.805346), so loops close by
 ///          themselves; how well each pair alone would have agreed is stated.
 /// Stated   6 x 6 covariance of each pose against the first scan's (cluster-robust over blocks of a
-///          sixteenth of the part); per pair: overlap, robust
+///          sixteenth of the part, derivative of the scores); per pair: overlap, robust
 ///          noise, the step that the pair alone would take (loop misfit) and its chi squared.
-/// Accuracy Scans of 300 mm with 0.1 mm of noise and pieces of 2.6 mm come together within 0.01 mm.
-/// The
-///          covariance speaks of noise alone; what relief finer than the pieces adds is not in it,
-///          and on rough ground makes true errors two to five times the stated ones.
+/// Accuracy Scans of 300 mm with 0.1 mm of noise and pieces of 2.6 mm come together within 0.005
+/// mm,
+///          and their errors are those of the stated covariance (mean square of normalised errors
+///          1.05 over 12 pairs of scans of rough ground). The scans' voxels are turned against each
+///          other, so that pieces lie beside each other in every direction: parallel lattices
+///          made the errors 3.6 times the stated ones.
 /// Colour   One gain per scan and channel: robust mean log ratio (Huber 1964) of the colours of
 ///          common pieces, least squares over all pairs, geometric mean 1.
 /// Refuses  scans that overlap with none, poses that the shapes do not determine, iterations that
@@ -90,14 +92,5 @@ void apply(const MergedPose& pose, Cloud& scan);
 
 /// All points, stations kept. A part that only some have is left out.
 [[nodiscard]] Cloud join(std::vector<Cloud> scans);
-
-/// What thinning leaves of a cloud: the mean of each voxel's points (place, colour, intensity),
-/// with a normal, and how much was taken together.
-struct Thinned {
-  Cloud cloud;
-  double mean_points = 0.0, rough_mm = 0.0;  ///< a voxel; median scatter along the normal
-};
-/// @pre voxel_mm > 0. @return SCAN_MERGE_OPTIONS if it is below 2^-21 of the extent
-[[nodiscard]] Result<Thinned> thin_merged(const Cloud& cloud, double voxel_mm);
 
 }  // namespace maquette::scan

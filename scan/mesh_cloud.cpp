@@ -2,15 +2,16 @@
 #include "scan/mesh_cloud.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
-#include <unordered_map>
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/parallel_sort.h>
 
 #include "core/files.hpp"
+#include "scan/detail/dual_mesh.hpp"
+#include "scan/detail/mesh_borders.hpp"
 #include "scan/detail/surfels.hpp"
 
 namespace maquette::scan {
@@ -72,75 +73,73 @@ struct Field {
   }
 };
 
-struct Cell {
-  std::uint64_t key = 0;
-  bool crossed = false;
-  std::uint8_t below = 0;  // bit per corner: the function is negative there
-  Vec3 vertex;
+struct Vertex {
+  Vec3 place;
   Colour colour;
+  bool near = false;  // to points
 };
 
-constexpr std::array<std::array<int, 2>, 12> kEdges{{{0, 1},
-                                                     {2, 3},
-                                                     {4, 5},
-                                                     {6, 7},
-                                                     {0, 2},
-                                                     {1, 3},
-                                                     {4, 6},
-                                                     {5, 7},
-                                                     {0, 4},
-                                                     {1, 5},
-                                                     {2, 6},
-                                                     {3, 7}}};
-
-std::array<std::uint64_t, 2> ordered(std::uint32_t a, std::uint32_t b) {
-  return a < b ? std::array<std::uint64_t, 2>{a, b} : std::array<std::uint64_t, 2>{b, a};
+/// The middle of a piece's crossings, moved onto the zero along the gradient.
+Vertex vertex_of(const detail::DualGrid& cells, std::size_t k, unsigned piece, const Field& field,
+                 bool coloured) {
+  const VoxelGrid& grid = field.grid;
+  const detail::CellSurfaces& surfaces = cells.surfaces[k];
+  const std::array<float, 8> f = cells.at_corners(k);
+  Vec3 sum;
+  int crossings = 0;
+  for (unsigned e = 0; e < 12; ++e) {
+    if (!surfaces.crosses(e) || surfaces.piece(e) != piece) continue;
+    const detail::Crossing c = detail::crossing_of(f, e);
+    const Vec3 from = cells.corner_mm(k, c.from);
+    sum += from + c.share * (cells.corner_mm(k, c.to) - from);
+    ++crossings;
+  }
+  Vertex vertex;
+  Vec3 p = (1.0 / crossings) * sum;
+  Field::Value v = field.at(p, coloured);
+  for (int round = 0; round < 2 && v.weight > 0.0; ++round) {
+    const double square = dot(v.gradient, v.gradient);
+    // Half a voxel at most: the vertex stays with its cell.
+    if (!(square > 0.01) || std::abs(v.distance) > 0.5 * grid.voxel_mm) break;
+    p = p - (v.distance / square) * v.gradient;
+    v = field.at(p, coloured);
+  }
+  if (!(v.weight > 0.0)) return vertex;
+  // Near points only: a piece within a voxel of the vertex.
+  const std::uint64_t own = grid.key_of(p);
+  for (std::int64_t dx = -1; dx <= 1 && !vertex.near; ++dx)
+    for (std::int64_t dy = -1; dy <= 1 && !vertex.near; ++dy)
+      for (std::int64_t dz = -1; dz <= 1 && !vertex.near; ++dz) {
+        const std::uint32_t i = field.map.find(VoxelGrid::key(
+            VoxelGrid::x_of(own) + dx, VoxelGrid::y_of(own) + dy, VoxelGrid::z_of(own) + dz));
+        if (i == KeyMap::npos) continue;
+        const Vec3 d = field.surfels[i].centre_mm - p;
+        vertex.near = dot(d, d) < grid.voxel_mm * grid.voxel_mm;
+      }
+  vertex.place = p;
+  const auto whole = [](double c) {
+    return static_cast<std::uint16_t>(std::lround(std::clamp(c, 0.0, 65'535.0)));
+  };
+  if (coloured) vertex.colour = {whole(v.colour.x), whole(v.colour.y), whole(v.colour.z)};
+  return vertex;
 }
 
-/// Border loops: half edges without a partner, joined head to tail.
-std::vector<std::vector<std::uint32_t>> border_loops(const TriMesh& mesh, std::size_t& knots) {
-  struct Half {
-    std::uint64_t edge;
-    std::uint32_t from, to;
-    bool operator<(const Half& b) const { return edge != b.edge ? edge < b.edge : from < b.from; }
-  };
-  std::vector<Half> halves;
-  halves.reserve(3 * mesh.triangles.size());
+/// Vertices that no triangle has: those whose neighbours are far from points.
+void drop_unused(TriMesh& mesh, std::vector<Colour>& colours) {
+  std::vector<std::uint32_t> number(mesh.vertices_mm.size(), KeyMap::npos);
   for (const auto& t : mesh.triangles)
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = t[k], b = t[(k + 1) % 3];
-      const auto e = ordered(a, b);
-      halves.push_back({e[0] << 32U | e[1], a, b});
-    }
-  oneapi::tbb::parallel_sort(halves.begin(), halves.end());
-  std::unordered_multimap<std::uint32_t, std::uint32_t> next;
-  std::vector<std::uint32_t> starts;
-  knots = 0;
-  for (std::size_t i = 0; i < halves.size();) {
-    std::size_t j = i;
-    while (j < halves.size() && halves[j].edge == halves[i].edge) ++j;
-    if (j - i > 2) ++knots;
-    if (j - i == 1) {
-      // The border runs against the triangle's edge, so that a fan fits.
-      next.emplace(halves[i].to, halves[i].from);
-      starts.push_back(halves[i].to);
-    }
-    i = j;
+    for (const std::uint32_t v : t) number[v] = 0;
+  std::uint32_t kept = 0;
+  for (std::size_t v = 0; v < number.size(); ++v) {
+    if (number[v] == KeyMap::npos) continue;
+    mesh.vertices_mm[kept] = mesh.vertices_mm[v];
+    if (!colours.empty()) colours[kept] = colours[v];
+    number[v] = kept++;
   }
-  std::vector<std::vector<std::uint32_t>> loops;
-  for (const std::uint32_t start : starts) {
-    std::vector<std::uint32_t> loop;
-    for (std::uint32_t at = start;;) {
-      const auto step = next.find(at);
-      if (step == next.end()) break;
-      loop.push_back(at);
-      at = step->second;
-      next.erase(step);
-      if (at == start) break;
-    }
-    if (loop.size() >= 3) loops.push_back(std::move(loop));
-  }
-  return loops;
+  mesh.vertices_mm.resize(kept);
+  if (!colours.empty()) colours.resize(kept);
+  for (auto& t : mesh.triangles)
+    for (std::uint32_t& v : t) v = number[v];
 }
 
 }  // namespace
@@ -167,8 +166,9 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
     map.insert(surfels[i].key, static_cast<std::uint32_t>(i));
 
   // Cells that touch a voxel with points: its own and its 26 neighbours.
-  std::vector<std::uint64_t> keys;
-  KeyMap seen(4 * surfels.size());
+  detail::DualGrid cells;
+  cells.grid = &grid;
+  cells.cell_of = KeyMap(4 * surfels.size());
   for (const Surfel& s : surfels)
     for (std::int64_t dx = -1; dx <= 1; ++dx)
       for (std::int64_t dy = -1; dy <= 1; ++dy)
@@ -176,139 +176,73 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
           const std::uint64_t key =
               VoxelGrid::key(VoxelGrid::x_of(s.key) + dx, VoxelGrid::y_of(s.key) + dy,
                              VoxelGrid::z_of(s.key) + dz);
-          const auto next = static_cast<std::uint32_t>(keys.size());
-          if (seen.insert(key, next) == next) keys.push_back(key);
+          const auto next = static_cast<std::uint32_t>(cells.keys.size());
+          if (cells.cell_of.insert(key, next) == next) cells.keys.push_back(key);
         }
   // The function at the cells' corners.
-  KeyMap node_map(2 * keys.size());
+  const std::size_t count = cells.keys.size();
   std::vector<std::uint64_t> nodes;
-  std::vector<std::array<std::uint32_t, 8>> corners(keys.size());
-  for (std::size_t k = 0; k < keys.size(); ++k)
-    for (unsigned c = 0; c < 8; ++c) {
-      const std::uint64_t key = VoxelGrid::key(VoxelGrid::x_of(keys[k]) + (c & 1U),
-                                               VoxelGrid::y_of(keys[k]) + (c >> 1U & 1U),
-                                               VoxelGrid::z_of(keys[k]) + (c >> 2U & 1U));
-      const auto next = static_cast<std::uint32_t>(nodes.size());
-      corners[k][c] = node_map.insert(key, next);
-      if (corners[k][c] == next) nodes.push_back(key);
-    }
+  cells.corners.resize(count);
+  {
+    KeyMap node_of(2 * count);
+    for (std::size_t k = 0; k < count; ++k)
+      for (unsigned c = 0; c < 8; ++c) {
+        const std::uint64_t key = VoxelGrid::key(VoxelGrid::x_of(cells.keys[k]) + (c & 1U),
+                                                 VoxelGrid::y_of(cells.keys[k]) + (c >> 1U & 1U),
+                                                 VoxelGrid::z_of(cells.keys[k]) + (c >> 2U & 1U));
+        const auto next = static_cast<std::uint32_t>(nodes.size());
+        cells.corners[k][c] = node_of.insert(key, next);
+        if (cells.corners[k][c] == next) nodes.push_back(key);
+      }
+  }
   const Field field{grid, surfels, map};
-  std::vector<float> values(nodes.size());
+  cells.values.resize(nodes.size());
   oneapi::tbb::parallel_for(std::size_t{0}, nodes.size(), [&](std::size_t i) {
     const auto v = field.at(
         field.node(VoxelGrid::x_of(nodes[i]), VoxelGrid::y_of(nodes[i]), VoxelGrid::z_of(nodes[i])),
         false);
-    values[i] = v.weight > 0.0 ? static_cast<float>(v.distance) : NAN;
+    cells.values[i] = v.weight > 0.0 ? static_cast<float>(v.distance) : NAN;
   });
   if (run.stopped()) return fail(kCancelled, "meshing was cancelled");
   run.progress(0.6);
 
-  const bool coloured = !cloud.colours.empty();
-  std::vector<Cell> cells(keys.size());
-  oneapi::tbb::parallel_for(std::size_t{0}, keys.size(), [&](std::size_t k) {
-    Cell& cell = cells[k];
-    cell.key = keys[k];
-    std::array<Vec3, 8> place;
-    std::array<double, 8> f{};
-    for (unsigned c = 0; c < 8; ++c) {
-      const std::uint64_t key = nodes[corners[k][c]];
-      place[c] = field.node(VoxelGrid::x_of(key), VoxelGrid::y_of(key), VoxelGrid::z_of(key));
-      f[c] = static_cast<double>(values[corners[k][c]]);
-      if (std::isnan(f[c])) return;
-      if (f[c] < 0.0) cell.below = static_cast<std::uint8_t>(cell.below | 1U << c);
-    }
-    if (cell.below == 0 || cell.below == 255) return;
-    Vec3 sum;
-    int crossings = 0;
-    for (const auto& [a, b] : kEdges) {
-      const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
-      if ((f[i] < 0.0) == (f[j] < 0.0)) continue;
-      sum += place[i] + f[i] / (f[i] - f[j]) * (place[j] - place[i]);
-      ++crossings;
-    }
-    Vec3 p = (1.0 / crossings) * sum;
-    Field::Value v = field.at(p, coloured);
-    for (int round = 0; round < 2 && v.weight > 0.0; ++round) {
-      const double square = dot(v.gradient, v.gradient);
-      // Half a voxel at most: the vertex stays with its cell.
-      if (!(square > 0.01) || std::abs(v.distance) > 0.5 * grid.voxel_mm) break;
-      p = p - (v.distance / square) * v.gradient;
-      v = field.at(p, coloured);
-    }
-    if (!(v.weight > 0.0)) return;
-    // Near points only: a piece within a voxel of the vertex.
-    const std::uint64_t own = grid.key_of(p);
-    bool near = false;
-    for (std::int64_t dx = -1; dx <= 1 && !near; ++dx)
-      for (std::int64_t dy = -1; dy <= 1 && !near; ++dy)
-        for (std::int64_t dz = -1; dz <= 1 && !near; ++dz) {
-          const std::uint32_t i = map.find(VoxelGrid::key(
-              VoxelGrid::x_of(own) + dx, VoxelGrid::y_of(own) + dy, VoxelGrid::z_of(own) + dz));
-          if (i == KeyMap::npos) continue;
-          const Vec3 d = surfels[i].centre_mm - p;
-          near = dot(d, d) < grid.voxel_mm * grid.voxel_mm;
-        }
-    if (!near) return;
-    cell.crossed = true;
-    cell.vertex = p;
-    const auto whole = [](double c) {
-      return static_cast<std::uint16_t>(std::lround(std::clamp(c, 0.0, 65'535.0)));
-    };
-    if (coloured) cell.colour = {whole(v.colour.x), whole(v.colour.y), whole(v.colour.z)};
+  cells.surfaces.resize(count);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    const std::array<float, 8> f = cells.at_corners(k);
+    if (std::none_of(f.begin(), f.end(), [](float v) { return std::isnan(v); }))
+      cells.surfaces[k] = detail::surfaces_of(f);
   });
-
-  std::vector<std::uint32_t> number(cells.size(), KeyMap::npos);
+  cells.first.resize(count);
+  std::uint32_t pieces = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    cells.first[k] = pieces;
+    pieces += cells.surfaces[k].count;
+  }
+  const bool coloured = !cloud.colours.empty();
+  std::vector<Vertex> vertices(pieces);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    for (unsigned piece = 0; piece < cells.surfaces[k].count; ++piece)
+      vertices[cells.first[k] + piece] = vertex_of(cells, k, piece, field, coloured);
+  });
   TriMesh& mesh = result.mesh;
-  for (std::size_t k = 0; k < cells.size(); ++k) {
-    if (!cells[k].crossed) continue;
-    number[k] = static_cast<std::uint32_t>(mesh.vertices_mm.size());
-    mesh.vertices_mm.push_back(cells[k].vertex);
-    if (coloured) result.colours.push_back(cells[k].colour);
+  cells.vertex.assign(pieces, KeyMap::npos);
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    if (!vertices[i].near) continue;
+    cells.vertex[i] = static_cast<std::uint32_t>(mesh.vertices_mm.size());
+    mesh.vertices_mm.push_back(vertices[i].place);
+    if (coloured) result.colours.push_back(vertices[i].colour);
   }
-  // A crossed edge of the grid from a node along an axis joins the four cells around it.
-  for (std::size_t k = 0; k < cells.size(); ++k) {
-    if (!cells[k].crossed) continue;
-    const std::int64_t at[3] = {VoxelGrid::x_of(cells[k].key), VoxelGrid::y_of(cells[k].key),
-                                VoxelGrid::z_of(cells[k].key)};
-    for (unsigned axis = 0; axis < 3; ++axis) {
-      const bool from = (cells[k].below & 1U) != 0;
-      const bool to = (cells[k].below >> (1U << axis) & 1U) != 0;
-      if (from == to) continue;
-      const unsigned u = (axis + 1) % 3, v = (axis + 2) % 3;
-      std::array<std::uint32_t, 4> ring{};
-      bool whole = true;
-      for (unsigned i = 0; i < 4 && whole; ++i) {
-        std::int64_t c[3] = {at[0], at[1], at[2]};
-        // Counter-clockwise about the axis: (0,0), (-1,0), (-1,-1), (0,-1).
-        if (i == 1 || i == 2) --c[u];
-        if (i == 2 || i == 3) --c[v];
-        const std::uint32_t cell = seen.find(VoxelGrid::key(c[0], c[1], c[2]));
-        whole = cell != KeyMap::npos && number[cell] != KeyMap::npos;
-        if (whole) ring[i] = number[cell];
-      }
-      if (!whole) continue;
-      // Outside is where the function is positive.
-      if (!from) std::swap(ring[1], ring[3]);
-      const auto square = [&](std::size_t a, std::size_t b) {
-        const Vec3 d = mesh.vertices_mm[ring[a]] - mesh.vertices_mm[ring[b]];
-        return dot(d, d);
-      };
-      if (square(0, 2) <= square(1, 3)) {
-        mesh.triangles.push_back({ring[0], ring[1], ring[2]});
-        mesh.triangles.push_back({ring[0], ring[2], ring[3]});
-      } else {
-        mesh.triangles.push_back({ring[0], ring[1], ring[3]});
-        mesh.triangles.push_back({ring[1], ring[2], ring[3]});
-      }
-    }
-  }
+  vertices = {};
+  detail::join_cells(cells, mesh, result.colours);
   if (mesh.triangles.empty())
     return fail(kMeshCloudSparse,
                 fmt::format("{} points in voxels of {:.3g} mm show no surface; take larger voxels",
                             cloud.points_mm.size(), result.voxel_mm));
   run.progress(0.9);
 
-  const auto loops = border_loops(mesh, result.knots);
+  detail::part_fans(mesh, result.colours);
+  drop_unused(mesh, result.colours);
+  const auto loops = detail::border_loops(mesh);
   for (const auto& loop : loops) {
     MeshHole hole;
     hole.edges = loop.size();

@@ -11,8 +11,11 @@
 ///          (scan/merge.hpp). Around them an implicit function is summed: the distance to the
 ///          neighbours' planes with weights that fall with distance (Shen, O'Brien, Shewchuk
 ///          2004, doi:10.1145/1015706.1015816; Kolluri 2008, doi:10.1145/1361192.1361195). Its zero
-///          is meshed by one vertex a cell that it crosses (surface nets: Gibson 1998,
-///          doi:10.1007/BFb0056277), which then steps onto the zero along the gradient.
+///          is meshed by one vertex for each piece of it in a cell (dual marching cubes: Nielson
+///          2004, doi:10.1109/VISUAL.2004.28), which then steps onto the zero along the gradient.
+/// Manifold By construction: an edge has one or two triangles, the triangles at a vertex are one
+///          fan, closed or open (scan/detail/dual_mesh.hpp, mesh_borders.hpp). Faces may still
+///          pass through each other where the points do.
 /// Open     Triangles are made only near points (a voxel away at most), so gaps of more than two
 ///          voxels stay holes. All border loops are listed with length and the gap's area.
 /// Closed   Each border loop is filled by a fan from its middle: no hole remains, but what a fan
@@ -52,7 +55,6 @@ struct CloudMesh {
   TriMesh mesh;
   std::vector<Colour> colours;  ///< one a vertex, or empty
   std::vector<MeshHole> holes;  ///< of the open mesh, longest first
-  std::size_t knots = 0;        ///< edges with more than two triangles
   double voxel_mm = 0.0;
 };
 

@@ -6,18 +6,12 @@
 
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/parallel_sort.h>
-#include <Eigen/Eigenvalues>
 
 #include "core/random.hpp"
+#include "scan/detail/moments.hpp"
 
 namespace maquette::scan::detail {
 namespace {
-
-struct Moments {
-  double n = 0.0;
-  Vec3 sum;  // about the voxel's middle
-  double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-};
 
 Vec3 middle_of(const VoxelGrid& g, std::uint64_t key) {
   const auto at = [](std::int64_t i) { return static_cast<double>(i) + 0.5; };
@@ -163,36 +157,13 @@ std::vector<Surfel> make_surfels(const Cloud& cloud, const VoxelGrid& grid) {
         for (std::int64_t dz = -1; dz <= 1; ++dz) {
           const std::uint32_t i = map.find(VoxelGrid::key(x + dx, y + dy, z + dz));
           if (i == KeyMap::npos) continue;
-          const Moments& m = moments[i];
-          const Vec3 o = grid.voxel_mm * Vec3{static_cast<double>(dx), static_cast<double>(dy),
-                                              static_cast<double>(dz)};
-          all.n += m.n;
-          all.sum += m.sum + m.n * o;
-          all.xx += m.xx + 2 * o.x * m.sum.x + m.n * o.x * o.x;
-          all.xy += m.xy + o.x * m.sum.y + o.y * m.sum.x + m.n * o.x * o.y;
-          all.xz += m.xz + o.x * m.sum.z + o.z * m.sum.x + m.n * o.x * o.z;
-          all.yy += m.yy + 2 * o.y * m.sum.y + m.n * o.y * o.y;
-          all.yz += m.yz + o.y * m.sum.z + o.z * m.sum.y + m.n * o.y * o.z;
-          all.zz += m.zz + 2 * o.z * m.sum.z + m.n * o.z * o.z;
+          all.add(moments[i], grid.voxel_mm * Vec3{static_cast<double>(dx), static_cast<double>(dy),
+                                                   static_cast<double>(dz)});
         }
-    if (all.n < 6.0) return;
-    const Vec3 mean = (1.0 / all.n) * all.sum;
-    Eigen::Matrix3d scatter;
-    scatter << all.xx / all.n - mean.x * mean.x, all.xy / all.n - mean.x * mean.y,
-        all.xz / all.n - mean.x * mean.z, all.xy / all.n - mean.x * mean.y,
-        all.yy / all.n - mean.y * mean.y, all.yz / all.n - mean.y * mean.z,
-        all.xz / all.n - mean.x * mean.z, all.yz / all.n - mean.y * mean.z,
-        all.zz / all.n - mean.z * mean.z;
-    Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
-    solver.computeDirect(scatter);
-    const Eigen::Vector3d least = solver.eigenvectors().col(0);
-    // On a line or without shape there is no normal.
-    if (!(solver.eigenvalues()(1) > 4.0 * std::fmax(solver.eigenvalues()(0), 0.0)) ||
-        !(solver.eigenvalues()(1) > 0.02 * solver.eigenvalues()(2)))
-      return;
-    s.normal = {least.x(), least.y(), least.z()};
-    if (dot(s.normal, towards[k]) < 0.0) s.normal = -s.normal;
-    s.rough_mm = std::sqrt(std::fmax(0.0, solver.eigenvalues()(0)));
+    const auto plane = plane_of(all);
+    if (!plane) return;
+    s.normal = dot(plane->normal, towards[k]) < 0.0 ? -plane->normal : plane->normal;
+    s.rough_mm = plane->rough_mm;
   });
   return surfels;
 }

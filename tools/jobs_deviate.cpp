@@ -16,6 +16,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
+#include "scan/clean.hpp"
 #include "scan/deviate.hpp"
 #include "scan/expected_surface.hpp"
 #include "scan/find_spheres.hpp"
@@ -174,6 +175,9 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   };
   MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points));
   if (!std::isnan(entry.scanner_position_mm.x)) cloud.station_mm = entry.scanner_position_mm;
+  scan::CleanOptions edges;  // what floats between two surfaces belongs to neither
+  edges.least_neighbours = 0;
+  MAQUETTE_TRY(const scan::CleanFigures cleaned, scan::clean_cloud(cloud, edges, run));
   scan::RegisterOptions options;
   options.scale = input.scale;
   std::vector<scan::Datum> datums = datums_of(input);
@@ -193,6 +197,7 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   if (!best && spheres && best.error().code != kCancelled) best = spheres->registration;
   if (!best) return within(std::move(best.error()));
   all.registrations.push_back(registration_row(*best, name));
+  all.registrations.back()["mixed_points_taken_out"] = cleaned.mixed;
   if (input.scale) {
     for (Vec3& p : cloud.points_mm) p = best->scale * p;
     if (cloud.station_mm) *cloud.station_mm = best->scale * *cloud.station_mm;

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "scan/clean.hpp"
 #include "scan/mesh_cloud.hpp"
 
 namespace maquette::tools {
@@ -124,7 +125,6 @@ Result<JobResult> merge_job(const MergeJob& job, const fs::path& out, const RunC
                        {"triangles", mesh.mesh.triangles.size()},
                        {"voxel_mm", mesh.voxel_mm},
                        {"closed", job.closed},
-                       {"knots", mesh.knots},
                        {"border_loops", mesh.holes.size()},
                        {"border_loops_area_mm2", area},
                        {"loops", holes}};
@@ -132,15 +132,17 @@ Result<JobResult> merge_job(const MergeJob& job, const fs::path& out, const RunC
                                mesh.holes.size());
   }
   if (job.thin_mm > 0.0) {
-    MAQUETTE_TRY(const scan::Thinned thin, scan::thin_merged(all, job.thin_mm));
+    scan::CleanOptions thin;
+    thin.mixed = false;
+    thin.least_neighbours = 0;
+    thin.voxel_mm = thin.thin_mm = job.thin_mm;
+    MAQUETTE_TRY(const scan::CleanFigures thinned, scan::clean_cloud(all, thin, run));
     figures["thinned"] = {{"voxel_mm", job.thin_mm},
-                          {"points", thin.cloud.points_mm.size()},
-                          {"points_per_voxel", thin.mean_points},
-                          {"rough_mm", thin.rough_mm}};
-    MAQUETTE_TRY_VOID(scan::write_cloud(thin.cloud, out));
-  } else {
-    MAQUETTE_TRY_VOID(scan::write_cloud(all, out));
+                          {"points", thinned.written},
+                          {"points_per_voxel", static_cast<double>(thinned.kept) /
+                                                   static_cast<double>(thinned.written)}};
   }
+  MAQUETTE_TRY_VOID(scan::write_cloud(all, out));
   fs::path statement = out;
   statement += ".merge.json";
   MAQUETTE_TRY_VOID(write_file(statement, figures.dump(1)));

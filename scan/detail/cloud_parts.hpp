@@ -37,6 +37,8 @@ enum Channel : std::size_t {
   kReturnIndex,
   kReturnCount,
   kScanAngle,
+  kCount,
+  kSpread,
   kChannels
 };
 inline constexpr std::size_t kIgnored = kChannels;
@@ -125,6 +127,9 @@ class BasicReader : public CloudReader {
   double unit_mm_;
   std::uint64_t points_read_ = 0;  ///< of the file, for messages
 };
+
+/// Reads a cloud in memory, which must outlive the reader, station by station, each in its frame.
+[[nodiscard]] std::unique_ptr<CloudReader> reader_of(const Cloud& cloud);
 
 using ReaderResult = Result<std::unique_ptr<CloudReader>>;
 [[nodiscard]] ReaderResult open_e57(ByteSource source, const CloudReadOptions& options);

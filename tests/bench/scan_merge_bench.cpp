@@ -87,10 +87,9 @@ int run(double million) {
     square += (p.z - h) * (p.z - h);
     ++n;
   }
-  fmt::print(
-      "  {:.2f} M triangles, voxel {:.3f} mm, {} border loops, {} knots, {:.4f} mm rms of height\n",
-      1e-6 * static_cast<double>(mesh->mesh.triangles.size()), mesh->voxel_mm, mesh->holes.size(),
-      mesh->knots, std::sqrt(square / static_cast<double>(n)));
+  fmt::print("  {:.2f} M triangles, voxel {:.3f} mm, {} border loops, {:.4f} mm rms of height\n",
+             1e-6 * static_cast<double>(mesh->mesh.triangles.size()), mesh->voxel_mm,
+             mesh->holes.size(), std::sqrt(square / static_cast<double>(n)));
   return 0;
 }
 

@@ -6,6 +6,9 @@
 //                           facing out
 //   open, holes stated .... a plane with a square gap: two loops, their lengths and areas; closed:
 //                           no border left
+//   manifold .............. crossing sheets, sheets a voxel apart, stray points: CGAL agrees, open
+//   and
+//                           closed; all signs of a cell
 //   accuracy .............. a simulated scan of rough ground against the ground itself
 //   colours ............... a ramp comes back at the vertices
 //   file .................. read back by another reader
@@ -21,7 +24,9 @@
 #include <gtest/gtest.h>
 
 #include "core/random.hpp"
+#include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
+#include "scan/detail/dual_mesh.hpp"
 #include "scan/scanner_sim.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -82,7 +87,6 @@ TEST(MeshCloud, ClosesABall) {
   const auto mesh = mesh_cloud(ball(20.0, 60'000, 0.05), o);
   ASSERT_THAT(mesh, Succeeds());
   EXPECT_TRUE(mesh->holes.empty());
-  EXPECT_EQ(mesh->knots, 0U);
   EXPECT_EQ(border_edges(mesh->mesh), 0U);
   const auto v = static_cast<double>(mesh->mesh.vertices_mm.size()),
              f = static_cast<double>(mesh->mesh.triangles.size());
@@ -125,7 +129,6 @@ TEST(MeshCloud, SaysWhereItHasHoles) {
   EXPECT_NEAR(open->holes[1].middle_mm.y, 50.0, 0.5);
   EXPECT_GE(open->holes[1].length_mm, 72.0);
   EXPECT_LE(open->holes[1].length_mm, 110.0);
-  EXPECT_EQ(open->knots, 0U);
   EXPECT_EQ(border_edges(open->mesh), open->holes[0].edges + open->holes[1].edges);
   for (std::size_t i = 0; i < open->mesh.vertices_mm.size(); ++i) {
     const Vec3 p = open->mesh.vertices_mm[i];
@@ -179,6 +182,66 @@ TEST(MeshCloud, FollowsRoughGround) {
   EXPECT_LT(std::sqrt(square / n), 0.35 * noise + 0.02);
   // One outer border, nothing else.
   EXPECT_EQ(mesh->holes.size(), 1U);
+}
+
+/// A cloud that is hard on a mesher: sheets a voxel apart, crossing ones, gaps, stray points.
+Cloud tangle(std::uint64_t seed, int points) {
+  Cloud cloud;
+  for (int i = 0; i < points; ++i) {
+    const auto k = static_cast<std::uint64_t>(i);
+    const double u = 40.0 * random_uniform(seed, 4 * k), v = 40.0 * random_uniform(seed, 4 * k + 1);
+    const double lift = 0.4 * random_normal(seed + 100, k);
+    Vec3 p{u, v, 10.0 + 3.0 * std::sin(0.5 * u) + lift};
+    if (i % 4 == 1) p = {u, v, 11.5 - 0.05 * u + lift};
+    if (i % 4 == 2) p = {u, 20.0 + lift, 0.5 * v};
+    if (i % 40 == 3) p = {u, v, 20.0 * random_uniform(seed, 4 * k + 2)};
+    if (std::hypot(p.x - 12.0, p.y - 30.0) < 4.0) continue;
+    cloud.points_mm.push_back(p);
+  }
+  cloud.colours.resize(cloud.points_mm.size(), {1000, 2000, 3000});
+  cloud.station_mm = Vec3{20, -300, 400};
+  return cloud;
+}
+
+TEST(MeshCloud, IsAManifoldWhateverThePoints) {
+  std::uint64_t triangles = 0;
+  for (std::uint64_t seed = 1; seed <= 12; ++seed)
+    for (const bool closed : {false, true}) {
+      MeshCloudOptions o;
+      o.voxel_mm = seed % 2 == 0 ? 0.7 : 1.3;
+      o.closed = closed;
+      const auto mesh = mesh_cloud(tangle(seed, 15'000), o);
+      ASSERT_THAT(mesh, Succeeds());
+      meshing::MeshCheckOptions checks;
+      checks.self_intersections = false;
+      const auto certificate = meshing::check_mesh(mesh->mesh, nullptr, checks);
+      ASSERT_THAT(certificate, Succeeds());
+      ASSERT_TRUE(certificate->manifold) << seed;
+      ASSERT_EQ(certificate->closed, closed) << seed;
+      ASSERT_EQ(mesh->colours.size(), mesh->mesh.vertices_mm.size());
+      triangles += certificate->triangles;
+    }
+  EXPECT_GT(triangles, 100'000U);
+}
+
+/// Every sign of the eight corners, and random values for each: pieces are cycles of edges.
+TEST(DualCells, MeetOnEachFaceAlike) {
+  for (unsigned below = 1; below < 255; ++below)
+    for (std::uint64_t seed = 0; seed < 40; ++seed) {
+      std::array<float, 8> f{};
+      for (unsigned c = 0; c < 8; ++c)
+        f[c] = static_cast<float>((below >> c & 1U ? -1.0 : 1.0) *
+                                  (0.05 + random_uniform(seed, 8 * below + c)));
+      const detail::CellSurfaces s = detail::surfaces_of(f);
+      ASSERT_EQ(s.below, below);
+      ASSERT_GE(s.count, 1);
+      ASSERT_LE(s.count, 4);
+      std::array<int, 4> edges{};
+      for (unsigned e = 0; e < 12; ++e)
+        if (s.crosses(e)) ++edges[s.piece(e)];
+      // Three edges at least, and none without.
+      for (unsigned k = 0; k < 4; ++k) ASSERT_TRUE(k < s.count ? edges[k] >= 3 : edges[k] == 0);
+    }
 }
 
 TEST(MeshCloud, ChoosesItsVoxel) {

@@ -98,5 +98,24 @@ TEST_F(ScanCommand, MergesWhatItScanned) {
   EXPECT_EQ(run("merge a.e57 --out x.ply").exit_code, 2);
 }
 
+TEST_F(ScanCommand, CleansWhatItScanned) {
+  ASSERT_EQ(run("scan design.tif --max-points 40000 --out s.e57 --quiet").exit_code, 0);
+  const Outcome o = run("clean s.e57 --part design.tif --thin-mm 5 --out c.ply --json --quiet");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json j = json::parse(o.out);
+  const auto count = [&](const char* key) { return j[key].get<std::uint64_t>(); };
+  EXPECT_EQ(count("points"),
+            count("mixed") + count("isolated") + count("off_part") + count("kept"));
+  EXPECT_EQ(count("off_part"), 0U);
+  EXPECT_GT(count("kept"), 0.95 * static_cast<double>(count("points")));
+  const auto back = scan::read_cloud(scratch / "c.ply");
+  ASSERT_TRUE(back.has_value());
+  EXPECT_EQ(back->points_mm.size(), count("written"));
+  std::uint64_t all = 0;
+  for (const std::uint32_t n : back->counts) all += n;
+  EXPECT_EQ(all, count("kept"));
+  EXPECT_EQ(run("clean s.e57 --thin-mm -1 --out x.ply").exit_code, 2);
+}
+
 }  // namespace
 }  // namespace maquette::tools

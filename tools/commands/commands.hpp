@@ -51,6 +51,7 @@ Command add_export(CLI::App& root, const CommonOptions& common);
 Command add_render(CLI::App& root, const CommonOptions& common);
 Command add_compare(CLI::App& root, const CommonOptions& common);
 Command add_scan(CLI::App& root, const CommonOptions& common);
+Command add_clean(CLI::App& root, const CommonOptions& common);
 Command add_merge(CLI::App& root, const CommonOptions& common);
 Command add_deviate(CLI::App& root, const CommonOptions& common);
 Command add_diagnose(CLI::App& root, const CommonOptions& common);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// scan, merge
+// scan, clean, merge
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -9,6 +9,7 @@
 #include "core/files.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_clean.hpp"
 #include "tools/jobs_merge.hpp"
 
 namespace maquette::tools {
@@ -87,6 +88,56 @@ Command add_scan(CLI::App& root, const CommonOptions& common) {
             }
             return finish(console, "scan",
                           [&](const RunContext& run) { return scan_job(job, o->out, run); });
+          }};
+}
+
+Command add_clean(CLI::App& root, const CommonOptions&) {
+  struct Options {
+    CleanJob job;
+    std::string scanner = "zf5006h";
+    fs::path out = "clean.e57", part;
+    bool keep_mixed = false;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "clean",
+      "Takes mixed points at edges, isolated points and what is off the part out of a scan; thins "
+      "it, and turns normals to the scanner. Any size, in constant memory beside some bytes a "
+      "point.\n"
+      "Example: maquette clean in.e57 --part surface.tif --thin-mm 0.5 --out out.ply");
+  app->add_option("cloud", o->job.cloud, ".e57 .ptx .pts .pcd .las .ply .xyz .csv")->required();
+  app->add_option("--out", o->out, "cloud; PLY, XYZ and CSV hold the statistics of thinned points")
+      ->capture_default_str();
+  app->add_option("--scanner", o->scanner,
+                  fmt::format("whose beam is as wide: {}, or a .toml file",
+                              fmt::join(scanner_names(), ", ")))
+      ->capture_default_str();
+  app->add_option("--least-jump-mm", o->job.options.least_jump_mm,
+                  "between the two surfaces of a mixed point; 0: two beam diameters")
+      ->capture_default_str();
+  app->add_flag("--keep-mixed", o->keep_mixed);
+  app->add_option("--least-neighbours", o->job.options.least_neighbours,
+                  "fewer points in the 27 voxels around a point, itself included: isolated; 0: "
+                  "all stay")
+      ->capture_default_str();
+  app->add_option("--voxel-mm", o->job.options.voxel_mm, "of that; 0: eight points each")
+      ->capture_default_str();
+  app->add_option("--part", o->part,
+                  "model field (.tif) or mesh in the scan's frame: what is outside its box is off "
+                  "the part");
+  app->add_option("--margin-mm", o->job.margin_mm, "that the box is grown by")
+      ->capture_default_str();
+  app->add_option("--thin-mm", o->job.options.thin_mm,
+                  "one point a voxel: mean, count, spread, colour, intensity, normal; 0: every "
+                  "point")
+      ->capture_default_str();
+  app->add_flag("--normals", o->job.options.normals, "towards the scanner, for every point");
+  return {app, [o](Console& console) -> Result<int> {
+            MAQUETTE_TRY(o->job.scanner, find_scanner(o->scanner));
+            o->job.options.mixed = !o->keep_mixed;
+            o->job.part = given(o->part);
+            return finish(console, "clean",
+                          [&](const RunContext& run) { return clean_job(o->job, o->out, run); });
           }};
 }
 

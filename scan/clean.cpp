@@ -1,0 +1,428 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan/clean.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include "scan/detail/cloud_parts.hpp"
+#include "scan/detail/range_image.hpp"
+#include "scan/detail/voxel_statistics.hpp"
+
+namespace maquette::scan {
+namespace {
+
+using detail::KeyMap;
+using detail::RangeImage;
+using detail::VoxelStatistics;
+
+enum class Verdict : std::uint8_t { kept, mixed, isolated, off_part, no_position };
+
+/// Opens the cloud at its beginning.
+using Open = std::function<Result<std::unique_ptr<CloudReader>>()>;
+/// Takes each batch with the index of its first point.
+using Take = std::function<Result<void>(const ScanStation&, PointBatch&, std::uint64_t)>;
+
+class Cleaner {
+ public:
+  Cleaner(Open open, const CleanOptions& options, const RunContext& run)
+      : open_(std::move(open)),
+        o_(options),
+        run_(run),
+        needs_voxels_(options.least_neighbours > 0 || (options.normals && options.thin_mm == 0.0)) {
+  }
+
+  Result<void> judge();
+  /// The points that stay; with normals where they were asked for.
+  Result<void> write(const std::function<Result<void>(const ScanStation&, const PointBatch&)>& out);
+  [[nodiscard]] const CleanFigures& figures() const { return figures_; }
+
+ private:
+  struct View {
+    std::optional<Vec3> scanner_mm;  ///< station's frame
+    std::unique_ptr<RangeImage> image;
+  };
+  [[nodiscard]] Result<void> each_batch(int pass, const Take& take);
+  View& view_of(const PointBatch& batch, const ScanStation& station);
+  [[nodiscard]] Result<void> survey();
+  [[nodiscard]] Result<void> fill_images();
+  [[nodiscard]] Result<void> gather();
+  void find_isolated();
+
+  Open open_;
+  const CleanOptions& o_;
+  const RunContext& run_;
+  CleanFigures figures_;
+  std::vector<View> views_;
+  std::vector<Vec3> sample_;  // every k-th point, model frame
+  std::uint64_t sample_step_ = 1;
+  Box3 bounds_;
+  std::vector<Verdict> verdicts_;
+  std::unique_ptr<VoxelStatistics> voxels_;
+  std::vector<bool> lonely_;  // by voxel
+  bool needs_voxels_;
+};
+
+Result<void> Cleaner::each_batch(int pass, const Take& take) {
+  MAQUETTE_TRY(const auto reader, open_());
+  PointBatch batch;
+  std::uint64_t first = 0;
+  while (true) {
+    if (run_.stopped()) return fail(kCancelled, "cleaning was cancelled");
+    run_.progress(0.25 * (pass + reader->progress()));
+    MAQUETTE_TRY(const bool more, reader->next(batch));
+    if (!more) return {};
+    const std::size_t n = batch.size();
+    MAQUETTE_TRY_VOID(take(reader->stations()[batch.station], batch, first));
+    first += n;
+  }
+}
+
+Cleaner::View& Cleaner::view_of(const PointBatch& batch, const ScanStation& station) {
+  if (batch.station >= views_.size()) views_.resize(batch.station + 1);
+  View& v = views_[batch.station];
+  if (v.scanner_mm) return v;
+  if (station.position_mm)
+    v.scanner_mm = station.model_from_station.inverse().point(*station.position_mm);
+  else if (station.model_from_station != RigidTransform{})
+    v.scanner_mm = Vec3{};
+  return v;
+}
+
+Result<void> Cleaner::survey() {
+  constexpr std::size_t kSample = 2'000'000;
+  MAQUETTE_TRY_VOID(each_batch(
+      0, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+        View& view = view_of(b, station);
+        if (b.begins_station && b.size() > 0) {
+          if (!view.scanner_mm)
+            ++figures_.not_judged;
+          else if (o_.mixed)
+            view.image = std::make_unique<RangeImage>();
+        }
+        for (std::size_t i = 0; i < b.size(); ++i) {
+          if (!b.has_position(i)) {
+            ++figures_.without_position;
+            continue;
+          }
+          ++figures_.points;
+          const Vec3 p = station.model_from_station.point(b.points_mm[i]);
+          bounds_.add(p);
+          if (needs_voxels_ && (first + i) % sample_step_ == 0) sample_.push_back(p);
+          if (!view.image) continue;
+          const Vec3 d = b.points_mm[i] - *view.scanner_mm;
+          if (dot(d, d) > 0.0) view.image->survey(d, b.grid.empty() ? nullptr : &b.grid[i]);
+        }
+        if (sample_.size() < kSample) return {};
+        std::size_t to = 0;
+        for (std::size_t i = 0; i < sample_.size(); i += 2) sample_[to++] = sample_[i];
+        sample_.resize(to);
+        sample_step_ *= 2;
+        return {};
+      }));
+  if (figures_.points == 0) return fail(kCloudEmpty, "there are no points to clean");
+  figures_.voxel_mm = o_.voxel_mm;
+  if (needs_voxels_ && o_.voxel_mm == 0.0) {
+    // In a sample of one point in k, eight points of all are 8 / k: the area does not change.
+    const double k = static_cast<double>(figures_.points) / static_cast<double>(sample_.size());
+    figures_.voxel_mm = detail::voxel_for(sample_, 8.0) / std::sqrt(k);
+  }
+  sample_ = {};
+  return {};
+}
+
+Result<void> Cleaner::fill_images() {
+  for (View& v : views_)
+    if (v.image) v.image->build();
+  MAQUETTE_TRY_VOID(
+      each_batch(1, [&](const ScanStation&, PointBatch& b, std::uint64_t) -> Result<void> {
+        const View& view = views_[b.station];
+        if (!view.image) return {};
+        for (std::size_t i = 0; i < b.size(); ++i) {
+          const Vec3 d = b.points_mm[i] - *view.scanner_mm;
+          if (b.has_position(i) && dot(d, d) > 0.0)
+            view.image->put(d, b.grid.empty() ? nullptr : &b.grid[i]);
+        }
+        return {};
+      }));
+  for (View& v : views_) {
+    if (!v.image) continue;
+    v.image->finish();
+    figures_.range_noise_mm = std::fmax(figures_.range_noise_mm, v.image->noise_mm());
+  }
+  return {};
+}
+
+Result<void> Cleaner::gather() {
+  const detail::BeamWidth beam{0.5 * o_.beam_diameter_mm, 1e-3 * o_.beam_divergence_mrad};
+  const double jump = o_.least_jump_mm > 0.0 ? o_.least_jump_mm : 2.0 * o_.beam_diameter_mm;
+  detail::VoxelGrid grid;
+  if (needs_voxels_ &&
+      (!(figures_.voxel_mm > 0.0) || !detail::make_voxel_grid(bounds_, figures_.voxel_mm, grid)))
+    return fail(kCleanOptions,
+                fmt::format("voxels of {} mm do not fit a cloud of {} mm; they must be larger than "
+                            "a two-millionth of it",
+                            figures_.voxel_mm, norm(bounds_.max - bounds_.min)));
+  voxels_ = std::make_unique<VoxelStatistics>(grid);
+  verdicts_.reserve(figures_.points + figures_.without_position);
+  return each_batch(
+      2, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+        const View& view = views_[b.station];
+        verdicts_.resize(first + b.size(), Verdict::kept);
+        oneapi::tbb::parallel_for(std::size_t{0}, b.size(), [&](std::size_t i) {
+          Verdict& verdict = verdicts_[first + i];
+          if (!b.has_position(i)) {
+            verdict = Verdict::no_position;
+            return;
+          }
+          if (o_.part_mm) {
+            const Vec3 p = station.model_from_station.point(b.points_mm[i]);
+            const Box3& box = *o_.part_mm;
+            if (!(p.x >= box.min.x && p.x <= box.max.x && p.y >= box.min.y && p.y <= box.max.y &&
+                  p.z >= box.min.z && p.z <= box.max.z)) {
+              verdict = Verdict::off_part;
+              return;
+            }
+          }
+          if (!view.image) return;
+          const Vec3 d = b.points_mm[i] - *view.scanner_mm;
+          if (dot(d, d) > 0.0 &&
+              view.image->mixed(d, b.grid.empty() ? nullptr : &b.grid[i], beam, jump))
+            verdict = Verdict::mixed;
+        });
+        for (std::size_t i = 0; i < b.size(); ++i) {
+          const Verdict verdict = verdicts_[first + i];
+          figures_.off_part += verdict == Verdict::off_part ? 1 : 0;
+          figures_.mixed += verdict == Verdict::mixed ? 1 : 0;
+          if (!needs_voxels_ || verdict != Verdict::kept) continue;
+          Vec3 towards;
+          if (view.scanner_mm)
+            towards =
+                station.model_from_station.direction(normalized(*view.scanner_mm - b.points_mm[i]));
+          voxels_->add(station.model_from_station.point(b.points_mm[i]), towards);
+        }
+        return {};
+      });
+}
+
+void Cleaner::find_isolated() {
+  std::vector<std::uint8_t> lonely(voxels_->size());
+  oneapi::tbb::parallel_for(std::size_t{0}, lonely.size(), [&](std::size_t v) {
+    lonely[v] = voxels_->around(v, o_.least_neighbours) < o_.least_neighbours ? 1 : 0;
+  });
+  lonely_.assign(lonely.begin(), lonely.end());
+}
+
+Result<void> Cleaner::judge() {
+  MAQUETTE_TRY_VOID(survey());
+  if (o_.mixed) MAQUETTE_TRY_VOID(fill_images());
+  MAQUETTE_TRY_VOID(gather());
+  for (View& v : views_) v.image.reset();
+  if (o_.least_neighbours > 0) find_isolated();
+  return {};
+}
+
+/// Keeps the elements of `all` whose index is listed.
+template <class T>
+void pick(std::vector<T>& all, const std::vector<std::uint32_t>& wanted) {
+  if (all.empty()) return;
+  std::size_t to = 0;
+  for (const std::uint32_t i : wanted) all[to++] = all[i];
+  all.resize(to);
+}
+
+void pick(PointBatch& b, const std::vector<std::uint32_t>& wanted) {
+  pick(b.points_mm, wanted);
+  pick(b.intensity, wanted);
+  pick(b.colours, wanted);
+  pick(b.normals, wanted);
+  pick(b.grid, wanted);
+  pick(b.time_s, wanted);
+  pick(b.return_index, wanted);
+  pick(b.return_count, wanted);
+  pick(b.scan_angle_rad, wanted);
+  pick(b.flags, wanted);
+  pick(b.counts, wanted);
+  pick(b.spread_mm, wanted);
+}
+
+ScanStation thinned_station(const std::vector<ScanStation>& from, bool intensity, bool colour) {
+  ScanStation s;
+  s.name = "thinned";
+  if (from.size() == 1) {
+    s = from.front();
+    s.model_from_station = {};
+    s.rows = s.columns = 0;
+    s.points = 0;
+  }
+  s.fields = {};
+  s.fields.normals = s.fields.statistics = true;
+  s.fields.intensity = intensity;
+  s.fields.colour = colour;
+  for (const ScanStation& f : from) s.colour_bits = std::max(s.colour_bits, f.colour_bits);
+  return s;
+}
+
+Result<void> Cleaner::write(
+    const std::function<Result<void>(const ScanStation&, const PointBatch&)>& out) {
+  std::unique_ptr<VoxelStatistics> thin;
+  if (o_.thin_mm > 0.0) {
+    detail::VoxelGrid grid;
+    if (!detail::make_voxel_grid(bounds_, o_.thin_mm, grid))
+      return fail(kCleanOptions, fmt::format("voxels of {} mm are too small to thin {} mm",
+                                             o_.thin_mm, norm(bounds_.max - bounds_.min)));
+    thin = std::make_unique<VoxelStatistics>(grid);
+  }
+  std::vector<ScanStation> stations;
+  bool intensity = true, colour = true;
+  std::vector<std::uint32_t> wanted;
+  MAQUETTE_TRY_VOID(each_batch(
+      3, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+        const RigidTransform& pose = station.model_from_station;
+        const View& view = views_[b.station];
+        wanted.clear();
+        for (std::size_t i = 0; i < b.size(); ++i) {
+          Verdict& verdict = verdicts_[first + i];
+          if (verdict != Verdict::kept) continue;
+          if (!lonely_.empty() && lonely_[voxels_->find(pose.point(b.points_mm[i]))]) {
+            verdict = Verdict::isolated;
+            ++figures_.isolated;
+            continue;
+          }
+          wanted.push_back(static_cast<std::uint32_t>(i));
+        }
+        figures_.kept += wanted.size();
+        if (b.begins_station) stations.push_back(station);
+        if (thin) {
+          intensity &= station.fields.intensity || b.size() == 0;
+          colour &= station.fields.colour || b.size() == 0;
+          for (const std::uint32_t i : wanted) {
+            Vec3 towards;
+            if (view.scanner_mm)
+              towards = pose.direction(normalized(*view.scanner_mm - b.points_mm[i]));
+            thin->add(pose.point(b.points_mm[i]), towards,
+                      b.intensity.empty() ? 0.0F : b.intensity[i],
+                      b.colours.empty() ? Colour{} : b.colours[i]);
+          }
+          return {};
+        }
+        pick(b, wanted);
+        ScanStation kept = station;
+        kept.points = 0;
+        if (o_.normals) {
+          kept.fields.normals = true;
+          b.normals.resize(b.size());
+          const RigidTransform back = pose.inverse();
+          oneapi::tbb::parallel_for(std::size_t{0}, b.size(), [&](std::size_t i) {
+            b.normals[i] =
+                back.direction(voxels_->normal(voxels_->find(pose.point(b.points_mm[i]))));
+          });
+        }
+        figures_.written += b.size();
+        return out(kept, b);
+      }));
+  if (figures_.kept == 0)
+    return fail(kCloudEmpty,
+                fmt::format("of {} points none is left: {} mixed, {} isolated, {} off the part; "
+                            "look at the part's box and its unit",
+                            figures_.points, figures_.mixed, figures_.isolated, figures_.off_part));
+  if (!thin) return {};
+  const ScanStation station = thinned_station(stations, intensity, colour);
+  constexpr std::size_t kBatch = 65'536;
+  PointBatch b;
+  for (std::size_t from = 0; from < thin->size(); from += kBatch) {
+    const std::size_t n = std::min(kBatch, thin->size() - from);
+    b.clear();
+    b.begins_station = from == 0;
+    b.points_mm.resize(n);
+    b.normals.resize(n);
+    b.counts.resize(n);
+    b.spread_mm.resize(n);
+    if (intensity) b.intensity.resize(n);
+    if (colour) b.colours.resize(n);
+    oneapi::tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
+      const detail::VoxelSummary s = thin->summary(from + i);
+      b.points_mm[i] = s.mean_mm;
+      b.normals[i] = s.normal;
+      b.counts[i] = s.points;
+      b.spread_mm[i] = static_cast<float>(s.spread_mm);
+      if (intensity) b.intensity[i] = static_cast<float>(s.intensity);
+      if (colour) b.colours[i] = s.colour;
+    });
+    figures_.written += n;
+    MAQUETTE_TRY_VOID(out(station, b));
+  }
+  return {};
+}
+
+Result<void> check(const CleanOptions& o) {
+  struct Limit {
+    const char* what;
+    double value, least, most;
+  };
+  const Limit limits[] = {{"beam_diameter_mm", o.beam_diameter_mm, 0.0, 1e3},
+                          {"beam_divergence_mrad", o.beam_divergence_mrad, 0.0, 100.0},
+                          {"least_jump_mm", o.least_jump_mm, 0.0, 1e6},
+                          {"voxel_mm", o.voxel_mm, 0.0, 1e6},
+                          {"thin_mm", o.thin_mm, 0.0, 1e6}};
+  for (const Limit& l : limits)
+    if (!(l.value >= l.least && l.value <= l.most))
+      return fail(kCleanOptions, fmt::format("cleaning: {} must be between {} and {} but is {}",
+                                             l.what, l.least, l.most, l.value));
+  return {};
+}
+
+}  // namespace
+
+Result<CleanFigures> clean_cloud(const std::filesystem::path& from, const std::filesystem::path& to,
+                                 const CleanOptions& options, const RunContext& run) {
+  MAQUETTE_TRY_VOID(check(options));
+  Cleaner cleaner([&] { return open_cloud(from); }, options, run);
+  MAQUETTE_TRY_VOID(cleaner.judge());
+  MAQUETTE_TRY(const auto writer, create_cloud(to));
+  MAQUETTE_TRY_VOID(
+      cleaner.write([&](const ScanStation& station, const PointBatch& batch) -> Result<void> {
+        if (batch.begins_station) MAQUETTE_TRY_VOID(writer->begin_station(station));
+        return writer->write(batch);
+      }));
+  MAQUETTE_TRY_VOID(writer->finish());
+  run.progress(1.0);
+  return cleaner.figures();
+}
+
+Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options, const RunContext& run) {
+  MAQUETTE_TRY_VOID(check(options));
+  Cleaner cleaner([&] { return detail::reader_of(cloud); }, options, run);
+  MAQUETTE_TRY_VOID(cleaner.judge());
+  Cloud kept;
+  const auto add = [](auto& to, const auto& some) {
+    to.insert(to.end(), some.begin(), some.end());
+  };
+  MAQUETTE_TRY_VOID(
+      cleaner.write([&](const ScanStation& station, const PointBatch& batch) -> Result<void> {
+        if (batch.begins_station) {
+          kept.stations.push_back(station);
+          kept.stations.back().points = 0;
+        }
+        kept.stations.back().points += batch.size();
+        const RigidTransform& pose = station.model_from_station;
+        for (const Vec3& p : batch.points_mm) kept.points_mm.push_back(pose.point(p));
+        for (const Vec3& n : batch.normals) kept.normals.push_back(pose.direction(n));
+        add(kept.intensity, batch.intensity);
+        add(kept.colours, batch.colours);
+        add(kept.grid, batch.grid);
+        add(kept.counts, batch.counts);
+        add(kept.spread_mm, batch.spread_mm);
+        return {};
+      }));
+  kept.station_mm = cloud.station_mm;
+  cloud = std::move(kept);
+  run.progress(1.0);
+  return cleaner.figures();
+}
+
+}  // namespace maquette::scan

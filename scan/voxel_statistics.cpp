@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan/detail/voxel_statistics.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "scan/detail/moments.hpp"
+
+namespace maquette::scan::detail {
+
+Vec3 VoxelStatistics::middle_of(std::uint64_t key) const {
+  const auto at = [](std::int64_t i) { return static_cast<double>(i) + 0.5; };
+  return grid_.origin_mm + grid_.voxel_mm * Vec3{at(VoxelGrid::x_of(key)), at(VoxelGrid::y_of(key)),
+                                                 at(VoxelGrid::z_of(key))};
+}
+
+void VoxelStatistics::add(Vec3 p, Vec3 towards, float intensity, Colour colour) {
+  const std::uint64_t key = grid_.key_of(p);
+  const auto next = static_cast<std::uint32_t>(keys_.size());
+  const std::uint32_t i = map_.insert(key, next);
+  if (i == next) {
+    keys_.push_back(key);
+    cells_.emplace_back();
+  }
+  Cell& c = cells_[i];
+  const Vec3 q = (1.0 / grid_.voxel_mm) * (p - middle_of(key));
+  const std::array<float, 3> at{static_cast<float>(q.x), static_cast<float>(q.y),
+                                static_cast<float>(q.z)};
+  const float share = 1.0F / static_cast<float>(++c.n);
+  std::array<float, 3> before{}, after{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    before[k] = at[k] - c.mean[k];
+    c.mean[k] += share * before[k];
+    after[k] = at[k] - c.mean[k];
+  }
+  std::size_t place = 0;
+  for (std::size_t k = 0; k < 3; ++k)
+    for (std::size_t l = k; l < 3; ++l) c.scatter[place++] += before[k] * after[l];
+  c.towards[0] += static_cast<float>(towards.x);
+  c.towards[1] += static_cast<float>(towards.y);
+  c.towards[2] += static_cast<float>(towards.z);
+  const std::array<float, 4> look{static_cast<float>(colour.red), static_cast<float>(colour.green),
+                                  static_cast<float>(colour.blue), intensity};
+  for (std::size_t k = 0; k < 4; ++k) c.look[k] += share * (look[k] - c.look[k]);
+}
+
+std::uint64_t VoxelStatistics::around(std::size_t voxel, std::uint64_t enough) const {
+  std::uint64_t sum = cells_[voxel].n;
+  const std::uint64_t key = keys_[voxel];
+  for (std::int64_t dx = -1; dx <= 1; ++dx)
+    for (std::int64_t dy = -1; dy <= 1; ++dy)
+      for (std::int64_t dz = -1; dz <= 1; ++dz) {
+        if (sum >= enough) return sum;
+        if (dx == 0 && dy == 0 && dz == 0) continue;
+        const std::uint32_t i = map_.find(VoxelGrid::key(
+            VoxelGrid::x_of(key) + dx, VoxelGrid::y_of(key) + dy, VoxelGrid::z_of(key) + dz));
+        if (i != KeyMap::npos) sum += cells_[i].n;
+      }
+  return sum;
+}
+
+Vec3 VoxelStatistics::normal(std::size_t voxel, double* rough_mm) const {
+  const std::uint64_t key = keys_[voxel];
+  Moments all;  // in voxels
+  for (std::int64_t dx = -1; dx <= 1; ++dx)
+    for (std::int64_t dy = -1; dy <= 1; ++dy)
+      for (std::int64_t dz = -1; dz <= 1; ++dz) {
+        const std::uint32_t i = map_.find(VoxelGrid::key(
+            VoxelGrid::x_of(key) + dx, VoxelGrid::y_of(key) + dy, VoxelGrid::z_of(key) + dz));
+        if (i == KeyMap::npos) continue;
+        const Cell& c = cells_[i];
+        const double n = c.n, x = static_cast<double>(c.mean[0]),
+                     y = static_cast<double>(c.mean[1]), z = static_cast<double>(c.mean[2]);
+        const auto s = [&](std::size_t k) { return static_cast<double>(c.scatter[k]); };
+        const Moments m{n,
+                        {n * x, n * y, n * z},
+                        s(0) + n * x * x,
+                        s(1) + n * x * y,
+                        s(2) + n * x * z,
+                        s(3) + n * y * y,
+                        s(4) + n * y * z,
+                        s(5) + n * z * z};
+        all.add(m, {static_cast<double>(dx), static_cast<double>(dy), static_cast<double>(dz)});
+      }
+  const auto plane = plane_of(all);
+  if (!plane) return {};
+  if (rough_mm != nullptr) *rough_mm = grid_.voxel_mm * plane->rough_mm;
+  const auto& t = cells_[voxel].towards;
+  const Vec3 towards{static_cast<double>(t[0]), static_cast<double>(t[1]),
+                     static_cast<double>(t[2])};
+  const double facing = dot(plane->normal, towards);
+  if (facing == 0.0) return {};  // no scanner is known
+  return facing < 0.0 ? -plane->normal : plane->normal;
+}
+
+VoxelSummary VoxelStatistics::summary(std::size_t voxel) const {
+  const Cell& c = cells_[voxel];
+  VoxelSummary s;
+  s.points = c.n;
+  s.mean_mm = middle_of(keys_[voxel]) + grid_.voxel_mm * Vec3{static_cast<double>(c.mean[0]),
+                                                              static_cast<double>(c.mean[1]),
+                                                              static_cast<double>(c.mean[2])};
+  s.normal = normal(voxel, &s.rough_mm);
+  const double squares = static_cast<double>(c.scatter[0]) + static_cast<double>(c.scatter[3]) +
+                         static_cast<double>(c.scatter[5]);
+  s.spread_mm = grid_.voxel_mm * std::sqrt(std::fmax(0.0, squares) / c.n);
+  s.intensity = static_cast<double>(c.look[3]);
+  const auto whole = [](float v) {
+    return static_cast<std::uint16_t>(std::lround(std::clamp(v, 0.0F, 65'535.0F)));
+  };
+  s.colour = {whole(c.look[0]), whole(c.look[1]), whole(c.look[2])};
+  return s;
+}
+
+}  // namespace maquette::scan::detail

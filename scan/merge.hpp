@@ -25,6 +25,7 @@
 ///          1.05 over 12 pairs of scans of rough ground). The scans' voxels are turned against each
 ///          other, so that pieces lie beside each other in every direction: parallel lattices
 ///          made the errors 3.6 times the stated ones.
+/// Cost     Four scans of 5 M points: 26 s of CPU (tests/bench/scan_merge_bench).
 /// Colour   One gain per scan and channel: robust mean log ratio (Huber 1964) of the colours of
 ///          common pieces, least squares over all pairs, geometric mean 1.
 /// Refuses  scans that overlap with none, poses that the shapes do not determine, iterations that

@@ -122,8 +122,8 @@ struct ScanFigures {
                                           std::span<const TriMesh> stones,
                                           const ScanOptions& options, const RunContext& run = {});
 
-/// The same points into a file, one station more, in constant memory (some 60 MB beside the
-/// surface); with time. The caller finishes the file.
+/// The same points into a file, one station more, in constant memory (49 MiB beside the
+/// surface: tests/bench/scan_sim_bench); with time. The caller finishes the file.
 /// @return also the writer's errors
 [[nodiscard]] Result<ScanFigures> simulate_scan(const heightmap::ModelField& surface,
                                                 std::span<const TriMesh> stones,

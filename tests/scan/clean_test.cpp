@@ -154,8 +154,8 @@ Score score_of(double lines_per_turn, std::ptrdiff_t side, bool with_grid) {
 }
 
 TEST(CleanMixed, FindsWhatFloatsBetweenTwoSurfaces) {
-  for (const Score& s : {score_of(20'000.0, 81, true), score_of(10'000.0, 161, true),
-                         score_of(5'000.0, 241, true)}) {
+  for (const Score& s : {score_of(20'000.0, 121, true), score_of(10'000.0, 201, true),
+                         score_of(5'000.0, 301, true)}) {
     EXPECT_GT(s.floating, 100);
     EXPECT_GT(s.recall(), 0.95);
     EXPECT_GT(s.precision(), 0.68);

@@ -122,7 +122,7 @@ struct ScanFigures {
                                           std::span<const TriMesh> stones,
                                           const ScanOptions& options, const RunContext& run = {});
 
-/// The same points into a file, one station more, in constant memory (49 MiB beside the
+/// The same points into a file, one station more, in constant memory (some 35 to 50 MiB beside the
 /// surface: tests/bench/scan_sim_bench); with time. The caller finishes the file.
 /// @return also the writer's errors
 [[nodiscard]] Result<ScanFigures> simulate_scan(const heightmap::ModelField& surface,

@@ -162,7 +162,13 @@ std::optional<BlockFault> GcodeMachine::one_code(const BlockWords& words, BlockW
                                                code_name('G', code.tenths)));
       return coordinate_system(5400 + static_cast<int>(p), code.column);
     }
-    case 51:  // Fanuc, Haas: look-ahead and smoothing
+    case 51:  // AI contour control, whose tolerance is the machine builder's
+      control_.reset();
+      if (words.has('Q') && words.of('Q') > 0.0) {
+        control_.emplace();
+        control_->stated = false;
+      }
+      return std::nullopt;
     case 80:
       return std::nullopt;
     case 1870:

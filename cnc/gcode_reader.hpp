@@ -14,7 +14,7 @@
 /// G18 G19, G20 G21, G28 G30, G38.2 .. G38.5, G53 (rapids), G54 .. G59.3, G54.1 P, G154 P, G80,
 /// G90 G91, G92 G92.1 G92.2 G92.3, F, T, M0 M1 (with T), M2 M6 M30 M61, M98 M99, O words
 /// (gcode_control.hpp), '%', block delete '/', parameters and expressions (gcode_words.hpp).
-/// Words that are read and change no place: G61 G61.1 G64 G187, which the time depends on; G5.1,
+/// Words that are read and change no place: G5.1 G61 G61.1 G64 G187, which the time depends on;
 /// G8, G40, G43 G43.1 G43.2 G49, G50, G94, G97, G98 G99, G10 of the tool table, M3 .. M9, M19, M48
 /// .. M53, M60, S, N, D, H. Everything else is CNC_GCODE_UNSUPPORTED, never skipped in silence:
 /// cutter radius compensation, canned cycles, G93 G95, splines, rotary and secondary axes, a second
@@ -79,9 +79,10 @@ struct Motion {
   double sweep_rad = 0.0;  ///< arcs: > 0 counter-clockwise (G3), whole turns included
   double feed_mm_min = 0.0;
   std::uint64_t line = 0;
-  int tool = 0;                          ///< number in the tool table, 0 before any is named
-  std::optional<PathControl> control{};  ///< as G61, G61.1, G64 P or G187 E have said
-  bool probe = false;                    ///< ends where the probe touches, at the latest at to_mm
+  int tool = 0;  ///< number in the tool table, 0 before any is named
+  std::optional<PathControl>
+      control{};       ///< as G61, G61.1, G64 P, G187 E, G5.1 Q or cycle 32 have said
+  bool probe = false;  ///< ends where the probe touches, at the latest at to_mm
 };
 
 /// Length of the path, mm. For an arc whose radius changes, that of the mean radius.

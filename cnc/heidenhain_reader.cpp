@@ -205,7 +205,21 @@ std::optional<Fault> HeidenhainReader::cycle() {
     dwell_s_ += seconds;
     return std::nullopt;
   }
-  if (kind == 32.0 || kind == 247.0) return std::nullopt;
+  if (kind == 247.0) return std::nullopt;
+  if (kind == 32.0) {
+    // "32.0 TOLERANCE", "32.1 T0.01", "32.2 HSC-MODE:1 TA0.5"; 32.1 without T switches it off.
+    if (std::lround(10.0 * (cycle - kind)) != 1) return std::nullopt;
+    control_.reset();
+    if (at_end()) return std::nullopt;
+    double tolerance = 0.0;
+    const int t = column();
+    const std::string what = found();
+    if (letters() != "T")
+      return syntax(t, fmt::format("found {}, expected T with the tolerance", what));
+    if (auto fault = number(tolerance)) return fault;
+    if (tolerance > 0.0) control_ = PathControl{PathControl::Mode::blend, tolerance * unit_mm_};
+    return std::nullopt;
+  }
   return unsupported(place, fmt::format("cycle {:.0f}", kind), "cycle 9, 32 or 247");
 }
 
@@ -318,6 +332,7 @@ std::optional<Fault> HeidenhainReader::move(const Block& block, Motion& motion) 
   }
   motion.to_mm = {position_mm_[0], position_mm_[1], position_mm_[2]};
   motion.tool = tool_;
+  motion.control = control_;
   motion.feed_mm_min = feed_mm_min_;
   return std::nullopt;
 }

@@ -7,10 +7,11 @@
 ///
 /// Blocks that act: BEGIN PGM with MM or INCH, TOOL CALL, L, CC, C, CR, CP (the angle in PA or
 /// IPA, a height makes it a helix), F, FMAX, incremental IX IY IZ, M91 and M92, M140 (tool
-/// axis: away to a place that only the machine knows), CYCL DEF 9 (dwell), M2, M30, END PGM.
-/// Read and changing nothing: comments, '*' headings, BLK FORM, TOOL DEF, LBL, CYCL DEF 32 and
-/// 247, R0, S, M0 .. M14 otherwise. All else is CNC_GCODE_UNSUPPORTED: radius compensation,
-/// roundings and tangents, polar lines, Q parameters, label calls, rotary axes, other cycles.
+/// axis: away to a place that only the machine knows), CYCL DEF 9 (dwell), 32 (tolerance T of the
+/// contour, which the time depends on; without T as the machine is set), M2, M30, END PGM. Read and
+/// changing nothing: comments, '*' headings, BLK FORM, TOOL DEF, LBL, CYCL DEF 247, R0, S, M0 ..
+/// M14 otherwise. All else is CNC_GCODE_UNSUPPORTED: radius compensation, roundings and tangents,
+/// polar lines, Q parameters, label calls, rotary axes, other cycles.
 ///
 /// Source: Heidenhain, "TNC 640 User's Manual for Conversational Programming", 892903.
 
@@ -92,6 +93,7 @@ class HeidenhainReader {
   std::optional<ArcPlane> centre_plane_;
   double feed_mm_min_ = 0.0, dwell_s_ = 0.0;
   int tool_ = 0;
+  std::optional<PathControl> control_;
   std::uint64_t tool_changes_ = 0, blocks_ = 0;
 };
 

@@ -59,6 +59,13 @@ struct ProgramWriter::State {
   State(const std::filesystem::path& file, const ProgramOptions& o)
       : options(o), post(*post_by_name(o.post)), path(file), text(post, o.line_numbers) {
     words.name = plain_name(o.name);
+    set_limits(o);
+  }
+
+  void set_limits(const ProgramOptions& o) {
+    options.blending = o.blending;
+    options.safe_z = o.safe_z;
+    options.entry_feed = o.entry_feed;
     // Never more than was allowed.
     words.tolerance =
         shortest(std::max(1e-4, std::floor(o.blending.value() * 1e5) / 1e5), 5, false);
@@ -294,6 +301,12 @@ struct ProgramWriter::State {
     }
   }
 
+  void set_tool(const Tool& next, double rpm) {
+    tool = next;
+    words.tool = next.number;
+    words.rpm = rpm;
+  }
+
   bool started = false;
   bool length_pending = false;
 };
@@ -318,14 +331,49 @@ void ProgramWriter::tool(const Tool& tool, double spindle_rpm) {
   if (s.error) return;
   if (s.started) s.make_room(kToolLines);
   if (s.started) s.tool_end();
-  s.tool = tool;
-  s.words.tool = tool.number;
-  s.words.rpm = spindle_rpm;
+  s.set_tool(tool, spindle_rpm);
   if (s.started)
     s.tool_head(s.post.next_tool);
   else
     s.head();
   s.started = true;
+}
+
+void ProgramWriter::operation(const Tool& tool, double spindle_rpm, const ProgramOptions& options) {
+  State& s = *state_;
+  MAQUETTE_CHECK(std::isfinite(options.safe_z.value()), "safe height {}", options.safe_z.value());
+  if (s.error) return;
+  const auto say = [&] {
+    for (const std::string& comment : options.comments) s.text.comment(comment);
+  };
+  if (!s.started) {
+    s.set_limits(options);
+    s.set_tool(tool, spindle_rpm);
+    s.head();
+    s.started = true;
+    return say();
+  }
+  s.make_room(kToolLines + options.comments.size());
+  if (s.error) return;
+  const bool stays = s.tool.number == tool.number && s.words.rpm == spindle_rpm;
+  // As high as the operation before had to go.
+  if (stays)
+    s.retreat();
+  else
+    s.tool_end();
+  if (stays && s.options.blending.value() > 0.0) s.template_lines(s.post.blend_off);
+  s.set_limits(options);
+  s.set_tool(tool, spindle_rpm);
+  say();
+  if (stays)
+    s.template_lines(options.blending.value() > 0.0 ? s.post.blend : s.post.exact);
+  else
+    s.tool_head(s.post.next_tool);
+  s.text.forget();
+}
+
+ProgramPlace ProgramWriter::place() const {
+  return {state_->files.size() - 1, state_->text.line_count()};
 }
 
 void ProgramWriter::comment(std::string_view text) {

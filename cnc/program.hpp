@@ -29,6 +29,7 @@
 /// Cost: 5 M blocks/s and more, without the disk.
 
 #include <cmath>
+#include <compare>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -76,6 +77,14 @@ struct ProgramReport {
   double cutting_time_min = 0.0;  ///< length over feed
 };
 
+/// A line of one of a program's files, both counted from where the program begins: file from 0,
+/// line from 1.
+struct ProgramPlace {
+  std::size_t file = 0;
+  std::uint64_t line = 0;
+  friend auto operator<=>(const ProgramPlace&, const ProgramPlace&) = default;
+};
+
 class ProgramWriter {
  public:
   /// @return the writer; CNC_UNKNOWN_POST; CNC_PROGRAM_OPTION_OUT_OF_RANGE with option, value
@@ -89,6 +98,12 @@ class ProgramWriter {
   /// The first one is the start of the program.
   /// @pre 1 <= number <= 99999; 0 <= spindle_rpm <= 10^6; 0: it stands still, for a probe
   void tool(const Tool& tool, double spindle_rpm);
+  /// The same for one operation of several: its own blending, safe height, entry feed and comments;
+  /// the rest of `options` is as create() had it. The tool that is in the spindle already, at the
+  /// same speed, stays there. @pre as of tool(); options as create() takes them
+  void operation(const Tool& tool, double spindle_rpm, const ProgramOptions& options);
+  /// The line written last.
+  [[nodiscard]] ProgramPlace place() const;
   void comment(std::string_view text);  ///< @pre a tool
   /// Verbatim blocks of the post's control, such as a probing cycle; they may move but must
   /// leave units, distance mode, plane and offsets as they found them. @pre a tool

@@ -50,6 +50,7 @@ struct PathControl {
   };
   Mode mode = Mode::blend;
   double tolerance_mm = 0.0005;  ///< P; 0: a quarter of the shorter move
+  bool stated = true;            ///< blend: false where the tolerance is assumed (G5.1 Q1)
 };
 
 /// Unbroken: each move starts where the one before ended.

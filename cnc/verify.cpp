@@ -10,10 +10,12 @@
 #include <tbb/parallel_for.h>
 
 #include "cnc/certificate.hpp"
+#include "cnc/cutter_proof.hpp"
 #include "cnc/gcode_reader.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/milling_sim.hpp"
 #include "cnc/motion_store.hpp"
+#include "cnc/stone_clearance.hpp"
 #include "cnc/tool_moves.hpp"
 #include "core/files.hpp"
 
@@ -30,7 +32,7 @@ constexpr double kReadingShare = 0.4;  // of the work, for the progress bar
 /// That a control may leave the path by.
 double blending_mm(const PathControl& control) {
   if (control.mode != PathControl::Mode::blend) return 0.0;
-  return control.tolerance_mm > 0.0 ? control.tolerance_mm : INFINITY;
+  return control.stated && control.tolerance_mm > 0.0 ? control.tolerance_mm : INFINITY;
 }
 
 struct GridPlan {
@@ -116,6 +118,8 @@ class Verifying {
     c_.cell_mm = plan.cell_mm;
     c_.stepover_mm = options.stepover.value();
     used_.assign(cutters_.size(), false);
+    finishing_ = options.finish_tool == 0;
+    if (options.with_stones != nullptr) stones_.emplace(design, *options.with_stones, cutters_);
     const double highest = static_cast<double>(heightmap::height_range(design.z_mm).max);
     top_mm_ = std::isnan(options.stock_top.value()) ? highest + 1.0 : options.stock_top.value();
     if (options.stock != nullptr) {
@@ -157,10 +161,13 @@ class Verifying {
   std::uint16_t last_cutter_ = 0;
   std::optional<MotionTimer> timer_;  // of the last tool
   bool any_deviation_ = false;
+  bool finishing_ = false;  // the finish tool has begun to cut
   MotionStore motions_;
   std::vector<std::size_t> first_motion_;  // of each program
-  std::map<std::uint16_t, std::unique_ptr<PathProof>> proofs_, stone_proofs_;
-  double proven_other_mm_ = 0.0;  // of cutters that are no balls
+  std::map<std::uint16_t, std::unique_ptr<PathProof>> proofs_;
+  std::optional<StoneClearance> stones_;
+  std::map<std::uint16_t, CutterProof> other_proofs_;  // of cutters that are no balls
+  double proven_other_mm_ = 0.0;                       // by the cells that they leave
   std::size_t anything_cut_ = 0;
   Certificate c_;
 };
@@ -227,7 +234,9 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
       const bool rapid = m.kind == Motion::Kind::rapid;
       const double length = length_mm(m);
       (rapid ? c_.rapid_length_mm : c_.cutting_length_mm) += length;
-      if (!rapid && m.control)
+      // What an operation before the finish does within its allowance comes on top of nothing.
+      finishing_ = finishing_ || (!rapid && m.tool == options_.finish_tool);
+      if (!rapid && m.control && finishing_)
         c_.blending_mm = std::fmax(c_.blending_mm.value_or(0.0), blending_mm(*m.control));
       if (timer_) {
         timer_->add(m);
@@ -249,21 +258,18 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
     const auto some = motions.subspan(begin, end - begin);
     used_[cutter] = true;
     last_cutter_ = cutter;
-    if (cutters_[cutter].is_ball()) {
+    if (!cutters_[cutter].is_ball()) {
+      other_proofs_.try_emplace(cutter, design_, cutters_[cutter], options_.gouge_limit.value())
+          .first->second.add(some);
+    } else {
       const BallNose ball{cutters_[cutter].radius_mm};
       auto& proof = proofs_[cutter];
       if (!proof)
         proof = std::make_unique<PathProof>(
             design_, ball, PathProofOptions{.limit_mm = options_.gouge_limit.value()});
       proof->add(some, program);
-      if (options_.with_stones != nullptr) {
-        auto& stones = stone_proofs_[cutter];
-        if (!stones)
-          stones = std::make_unique<PathProof>(*options_.with_stones, ball,
-                                               PathProofOptions{.limit_mm = kStoneDepth_mm});
-        stones->add(some, program);
-      }
     }
+    if (stones_) stones_->add(some, cutter, program);
     begin = end;
   }
   return {};
@@ -326,10 +332,15 @@ Result<void> Verifying::prove_paths() {
         all.places.begin(), all.places.end(),
         [](const PathGouge& a, const PathGouge& b) { return a.depth_mm > b.depth_mm; });
   }
-  for (auto& [cutter, proof] : stone_proofs_)
-    c_.stone_collisions += proof->finish().gouging_motions;
+  if (stones_) {
+    StoneMeetings met = stones_->finish();
+    c_.stone_collisions = met.cutters;
+    c_.stone_holder_collisions = met.holders;
+    c_.first_stone_collisions = std::move(met.first_cutters);
+    c_.first_stone_holder_collisions = std::move(met.first_holders);
+    stones_.reset();
+  }
   proofs_.clear();
-  stone_proofs_.clear();
   if (run_.stopped()) return fail(kCancelled, "verifying was stopped");
   return {};
 }
@@ -361,8 +372,11 @@ ComparisonOptions Verifying::comparison_options() const {
   o.reach_radius_mm = INFINITY;
   for (std::size_t i = 0; i < cutters_.size(); ++i) {
     if (!used_[i]) continue;
-    o.reach_radius_mm = std::fmin(o.reach_radius_mm, cutters_[i].corner_radius_mm);
-    o.border_mm = std::fmax(o.border_mm, cutters_[i].radius_mm);
+    const int number = options_.tools.empty() ? 0 : options_.tools[i].number;
+    if (options_.finish_tool == 0 || options_.finish_tool == number) {
+      o.reach_radius_mm = std::fmin(o.reach_radius_mm, cutters_[i].corner_radius_mm);
+      o.border_mm = std::fmax(o.border_mm, cutters_[i].radius_mm);
+    }
     // What other cutters leave before is looked at when they are done.
     if (cutters_[i].is_ball() || i == last_cutter_) o.cutters.push_back(cutters_[i]);
   }
@@ -459,7 +473,8 @@ void Verifying::sum_up(const MoveEffects& effects) {
   const double cell = plan_.cell_mm, per_unit = MoveEffects::kUnit_mm * cell * cell;
   std::size_t program = 0;
   motions_.for_each(-INFINITY, INFINITY, 0.0, [&](const MotionStore::Stored& stored) {
-    const Motion& m = stored.motion;
+    Motion m = stored.motion;
+    if (!options_.tools.empty()) m.tool = options_.tools[stored.cutter].number;
     const std::size_t i = stored.index;
     while (program + 1 < first_motion_.size() && first_motion_[program + 1] <= i) ++program;
     const double volume = per_unit * static_cast<double>(effects.removed[i]);
@@ -481,11 +496,14 @@ void Verifying::sum_up(const MoveEffects& effects) {
 
 void Verifying::prove_gouge() {
   const double by_cells = std::fmax(c_.cell_gouge_mm + c_.cell_bound_mm, proven_other_mm_);
-  double found = c_.cell_gouge_mm, proven = by_cells;
+  double found = c_.cell_gouge_mm, by_path = 0.0;
+  for (const auto& [cutter, proof] : other_proofs_) by_path = std::fmax(by_path, proof.proven_mm());
+  by_path = std::fmin(by_path, proven_other_mm_);
   if (c_.path) {
     found = std::fmax(found, c_.path->max_gouge_mm);
-    proven = std::fmin(by_cells, std::fmax(c_.path->proven_mm, proven_other_mm_));
+    by_path = std::fmax(by_path, c_.path->proven_mm);
   }
+  const double proven = std::fmin(by_cells, by_path);
   c_.max_gouge_mm = found;
   c_.bound_mm = std::fmax(0.0, proven - found);
 }

@@ -14,8 +14,8 @@
 /// centre, in bands of rows; cell centres are the nodes of the as-milled field.
 /// max_gouge + bound holds for the continuous surface. Balls are proven by their path alone
 /// (path_certificate.hpp), so the cell does not limit what can be certified; other cutters by
-/// what a grid of cells can miss (docs/derivations/verify_bound.md), coarse where the design is
-/// nearly vertical.
+/// theirs, in steps (cutter_proof.hpp), or by what a grid of cells can miss
+/// (docs/derivations/verify_bound.md), whichever is less.
 ///
 /// Full scale, 2 m x 2 m with 0.1 mm cells (4 x 10^8) and 9.5 M blocks of lines: 93 s
 /// of processor time, proof included, 0.8 GB.
@@ -58,9 +58,10 @@ struct VerifyOptions {
   Millimetres stock_top{NAN};  ///< NaN: 1 mm above the highest point of the design
   /// What an earlier operation left, instead of a flat top; beyond it and in its voids stock_top.
   const heightmap::ModelField* stock = nullptr;
-  /// Design with stones standing on it: balls that go deeper into it than kStoneDepth_mm count as
-  /// collisions.
+  /// Design with stones standing on it, which nothing may meet (stone_clearance.hpp).
   const heightmap::ModelField* with_stones = nullptr;
+  /// Whose reach and stepover the excess is compared with, of `tools`; 0: the smallest that cuts.
+  int finish_tool = 0;
   Millimetres gouge_limit{0.005};  ///< deeper gouges of balls are counted and listed
   Millimetres stepover{NAN};       ///< to compare the excess with the scallop it states
   /// Its travel is compared with the tip's, and times are its own; none: length over feed.
@@ -107,7 +108,7 @@ struct Certificate {
   /// cells and what the path can show, where all cutters are balls.
   double bound_mm = 0.0;
   double cell_gouge_mm = 0.0, cell_bound_mm = 0.0;  ///< what the grid of cells alone shows
-  /// In space, how far the control may leave the path while it cuts (G64 P, G187 E; 0: G61). All
+  /// How far the control may leave the path while it cuts, from finish_tool on (G64 P; 0: G61). All
   /// figures here are of the path as written: this comes on top. Infinite if the program does not
   /// bound it, none if it does not say.
   std::optional<double> blending_mm{};
@@ -136,10 +137,12 @@ struct Certificate {
   std::vector<Place> worst_gouges{};  ///< at most 10, deepest first, a radius apart
   /// G0 moves that went more than 1 um into the stock as it was at that moment; they cut too.
   std::uint64_t rapid_collisions = 0;
-  std::uint64_t holder_collisions = 0;  ///< moves whose holder or shank met the stock
-  std::uint64_t stone_collisions = 0;   ///< moves that met a stone
+  std::uint64_t holder_collisions = 0;        ///< moves whose holder or shank met the stock
+  std::uint64_t stone_collisions = 0;         ///< moves whose cutter met a stone
+  std::uint64_t stone_holder_collisions = 0;  ///< moves whose holder or shank did
   /// The first of each kind, at most 10.
-  std::vector<MotionPlace> first_rapid_collisions{}, first_holder_collisions{};
+  std::vector<MotionPlace> first_rapid_collisions{}, first_holder_collisions{},
+      first_stone_collisions{}, first_stone_holder_collisions{};
   EngagementFigures engagement{};
   std::uint64_t blocks = 0, moves = 0;
   double cutting_length_mm = 0.0, rapid_length_mm = 0.0;

@@ -86,7 +86,8 @@ struct BackplotJob {
   /// With it the programs are cut in simulation: engagement is known, and the view has a ground.
   std::optional<fs::path> design;
   std::optional<fs::path> stock;
-  Millimetres ball_diameter{6.0};
+  Millimetres ball_diameter{6.0};  ///< of the one cutter, where there are no tools
+  std::vector<cnc::Tool> tools{};  ///< T words are honoured
 };
 /// What a program looks like, by the ending of `out`: .svg, .png from above, each program of
 /// several beside the others with its name added; .html all of them in three dimensions.

@@ -22,8 +22,11 @@ Result<void> cut_all(const BackplotJob& job, const heightmap::ModelField& design
                      ProgramPictures& pictures, const RunContext& run) {
   cnc::VerifyOptions options;
   options.ball_diameter = job.ball_diameter;
+  options.tools = job.tools;
+  double least = job.tools.empty() ? job.ball_diameter.value() : INFINITY;
+  for (const cnc::Tool& tool : job.tools) least = std::fmin(least, 2.0 * tool.cutter.radius_mm);
   // Engagement is a sum over cells: half a millimetre of a ball of 6 is fine enough to colour by.
-  options.cell = Millimetres{std::min(0.25, job.ball_diameter.value() / 12.0)};
+  options.cell = Millimetres{std::fmin(0.25, least / 12.0)};
   heightmap::ModelField stock;
   if (job.stock) {
     MAQUETTE_TRY(stock, heightmap::read_model_field(*job.stock));

@@ -148,12 +148,25 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   const auto unmet = [&](bool is, const std::string& what) {
     if (is) result.unmet += (result.unmet.empty() ? "" : "; ") + what;
   };
+  const auto first = [&](const std::vector<cnc::MotionPlace>& places) {
+    if (places.empty()) return std::string();
+    const cnc::MotionPlace& p = places.front();
+    return fmt::format(", first at x {:.3f} y {:.3f} z {:.3f} by {}:{}", p.at_mm.x, p.at_mm.y,
+                       p.at_mm.z, job.programs[p.program].string(), p.line);
+  };
   unmet(certificate.rapid_collisions > 0,
-        fmt::format("{} rapid moves touch material", certificate.rapid_collisions));
+        fmt::format("{} rapid moves touch material{}", certificate.rapid_collisions,
+                    first(certificate.first_rapid_collisions)));
   unmet(certificate.holder_collisions > 0,
-        fmt::format("holder or shank meets material in {} moves", certificate.holder_collisions));
+        fmt::format("holder or shank meets material in {} moves{}", certificate.holder_collisions,
+                    first(certificate.first_holder_collisions)));
   unmet(certificate.stone_collisions > 0,
-        fmt::format("the cutter meets stones in {} moves", certificate.stone_collisions));
+        fmt::format("the cutter meets stones in {} moves{}", certificate.stone_collisions,
+                    first(certificate.first_stone_collisions)));
+  unmet(
+      certificate.stone_holder_collisions > 0,
+      fmt::format("holder or shank meets stones in {} moves{}", certificate.stone_holder_collisions,
+                  first(certificate.first_stone_holder_collisions)));
   unmet(!certificate.beyond_travel.empty(),
         fmt::format("the machine cannot travel as far along {}", certificate.beyond_travel));
   result.figures_json = figures.dump();

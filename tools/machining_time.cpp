@@ -32,7 +32,9 @@ std::string machining_time_table(const nlohmann::json& figures) {
     const Sum one{row.value("cutting_min", 0.0), row.value("rapid_min", 0.0),
                   row.value("total_min", 0.0), row.value("length_m", 0.0)};
     const int tool = row.value("tool", 0);
-    text += line(row.value("program", ""), fmt::format("{}", tool), one);
+    const std::string operation = row.value("operation", "");
+    text += line(row.value("program", "") + (operation.empty() ? "" : " " + operation),
+                 fmt::format("{}", tool), one);
     for (Sum* sum : {&all, &tools[tool]}) {
       sum->cutting_min += one.cutting_min;
       sum->rapid_min += one.rapid_min;

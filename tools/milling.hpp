@@ -27,13 +27,18 @@
 
 namespace maquette::tools {
 
+class JoinedProgram;
+
 struct MillJob {
   std::string strategy;
+  std::string name;  ///< of the operation, for a person; unique in a program of several
   std::filesystem::path design;
   /// What an earlier operation left (<program>.stock.tif, as_milled.tif): rapids then stay low
   /// over it, and roughing takes off only what is still there.
   std::optional<std::filesystem::path> stock;
-  std::optional<std::filesystem::path> stones;   ///< seats and outlines are theirs
+  std::optional<std::filesystem::path> stones;  ///< seats and outlines are theirs
+  /// These stand already: a program that meets them, with cutter, shank or holder, is rejected.
+  std::optional<std::filesystem::path> standing_stones;
   std::optional<std::filesystem::path> spheres;  ///< sphere_file.hpp: seats and probing are theirs
 
   cnc::Tool tool;             ///< of a probe: the ball's radius
@@ -70,6 +75,9 @@ struct MillJob {
   double gap_mm = 1.5, bed_mm = 0.2;   ///< seats: around a stone, and under it
   double mark_depth_mm = 0.3;          ///< outlines
 
+  bool leave_stock = true;          ///< <program>.stock.tif is written
+  JoinedProgram* joined = nullptr;  ///< set by mill_operations_job
+
   std::size_t band = 0;                  ///< index, of as many as `max_width` makes
   std::optional<Millimetres> max_width;  ///< of bands; none: the whole surface
 };
@@ -78,6 +86,7 @@ struct Strategy {
   std::string_view name;
   std::string_view does;  ///< for a person, one line
   bool in_bands;          ///< can mill one band beside others that still stand
+  bool cuts;              ///< the part: it may be one of several operations
   int tool;               ///< T, unless another is asked for
   cnc::Cutter cutter;
   double stepover_mm, step_down_mm, allowance_mm;  ///< NaN: not used, or not known
@@ -90,9 +99,11 @@ struct Strategy {
 [[nodiscard]] MillJob default_job(std::string_view strategy);
 
 /// The program, or its parts where it is split. Beside it, where a next operation wants it,
-/// <program>.stock.tif: what this one leaves; of passes <program>.scallop.tif: the predicted height
-/// of ridges. @return errors of the strategy; CNC_BEYOND_TRAVEL, CNC_TOOL_TOO_LONG;
-/// CNC_FEED_OUT_OF_RANGE and CNC_SPINDLE_OUT_OF_RANGE for more than the machine can do
+/// <program>.stock.tif: what this one leaves of `stock` (those that go over
+/// the whole surface: else of a block with its margin); of passes <program>.scallop.tif: the
+/// predicted height of ridges. @return errors of the strategy; CNC_BEYOND_TRAVEL,
+/// CNC_TOOL_TOO_LONG; CNC_FEED_OUT_OF_RANGE and CNC_SPINDLE_OUT_OF_RANGE for more than the machine
+/// can do
 [[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
                                          const RunContext& run);
 
@@ -102,6 +113,25 @@ struct Strategy {
                                                    const std::filesystem::path& spheres,
                                                    double probe_radius_mm,
                                                    const std::filesystem::path& out);
+
+/// What programs of several bands leave together, at the design's nodes, of a model field or of a
+/// block that ends `margin` above the highest point. @return as cnc::stock_after()
+[[nodiscard]] Result<JobResult> stock_job(std::span<const std::filesystem::path> programs,
+                                          std::span<const cnc::Tool> tools,
+                                          const std::filesystem::path& design,
+                                          const std::optional<std::filesystem::path>& stock,
+                                          Millimetres margin, const std::filesystem::path& out,
+                                          const RunContext& run);
+
+/// One program of several operations, with a tool change where the next one has another tool. Each
+/// cuts what the one before has left, and is timed and proven by its own lines of the program.
+/// Post, name, work offset and splitting are those of the first job. Beside the program: what each
+/// operation leaves and the ridges it predicts (<program>.<operation>.stock.tif, .scallop.tif), and
+/// the tools for verify (<program>.tools.toml). @pre at least one job; names and tools as jobs_of()
+/// (operations.hpp) gives them. @return as mill_job()
+[[nodiscard]] Result<JobResult> mill_operations_job(std::span<const MillJob> jobs,
+                                                    const std::filesystem::path& out,
+                                                    const RunContext& run);
 
 /// part.ngc, part_2.ngc, part_3.ngc ... as far as they are there.
 [[nodiscard]] std::vector<std::filesystem::path> parts_of(const std::filesystem::path& program);

@@ -110,6 +110,7 @@ std::string path_scene_json(std::span<const ViewProgram> programs, bool engageme
     }
     scene["programs"].push_back(
         {{"name", program.name},
+         {"operation", program.operation},
          {"cut_mm", program.cut_mm},
          {"time_min", program.time_min},
          {"cell_mm", program.sketch->cell_mm},

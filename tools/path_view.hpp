@@ -3,8 +3,9 @@
 
 /// @file path_view.hpp
 /// Programs in three dimensions for a browser: orbit, zoom and pan with mouse or fingers, colour by
-/// height, feed or engagement, programs, rapids and ground each on or off. One page, no network:
-/// the drawing is done by WebGL 2 in a script of ours (path_view.js), data are inside.
+/// height, feed or engagement, one operation or all, programs, rapids and ground each on or off.
+/// One page, no network: the drawing is done by WebGL 2 in a script of ours (path_view.js), data
+/// are inside.
 ///
 /// Scene (JSON, schema maquette.path_view/1): places as 16-bit shares of the scene's box (2 m: 0.03
 /// mm), feed as mm/min, engagement as 65535 (log10(mm^2) + 4) / 8; all little-endian base64.
@@ -23,6 +24,7 @@ namespace maquette::tools {
 
 struct ViewProgram {
   std::string name;
+  std::string operation;  ///< what the view offers to show alone, where there are several
   double cut_mm = 0.0, time_min = 0.0;
   const cnc::Sketch* sketch = nullptr;
 };

@@ -214,10 +214,23 @@
       row(element('label', {}, 'colour ', choice), element('label', {}, 'heights ', heights),
         check('rapids', false, (on) => { this.rapids = on; this.later(); }), ...ground,
         button('oblique', 'oblique'), button('from above', 'above'), button('front', 'front'));
-      row(...s.programs.map((p) => check(p.name, true, (on) => {
+      const boxes = s.programs.map((p) => check(p.name, true, (on) => {
         p.shown = on;
         this.rescale();
-      })), element('label', {class: 'progress'}, 'progress ', progress));
+      }));
+      const operations = [...new Set(s.programs.map((p) => p.operation))];
+      const which = element('select', {'aria-label': 'operation'});
+      which.append(element('option', {value: ''}, 'all'),
+        ...operations.map((name) => element('option', {value: name}, name)));
+      which.addEventListener('change', () => {
+        s.programs.forEach((p, i) => {
+          p.shown = which.value === '' || p.operation === which.value;
+          boxes[i].querySelector('input').checked = p.shown;
+        });
+        this.rescale();
+      });
+      const choices = operations.length > 1 ? [element('label', {}, 'operation ', which)] : [];
+      row(...choices, ...boxes, element('label', {class: 'progress'}, 'progress ', progress));
     }
 
     // One finger or button turns; two fingers, or shift, or another button, move; wheel and pinch

@@ -28,7 +28,15 @@ struct Program {
   std::string name;
   Box3 cuts;  // and rapids where nothing is cut
   ProgramFigures figures;
-  cnc::Sketch sketch;
+  std::size_t sections = 1;  // of one tool each
+};
+
+/// What one tool does of a program, one after the other.
+struct Section {
+  std::size_t program = 0;
+  int tool = 0;
+  ProgramFigures figures{};
+  cnc::Sketch sketch{};
 };
 
 struct Picture {
@@ -63,10 +71,17 @@ cnc::BackplotOptions window_of(const Box3& cuts) {
   return window;
 }
 
-Result<Box3> size_of(const fs::path& program) {
+/// Its extent, and how many times it goes on with another tool.
+Result<Box3> size_of(const fs::path& program, std::size_t& sections) {
   Box3 cuts, all;
+  int tool = -1;
+  sections = 0;
   const cnc::MotionSink sink = [&](std::span<const Motion> motions) -> Result<void> {
-    for (const Motion& m : motions)
+    for (const Motion& m : motions) {
+      if (m.kind != Motion::Kind::rapid && m.tool != tool) {
+        tool = m.tool;
+        ++sections;
+      }
       for (Box3* box : {&all, m.kind == Motion::Kind::rapid ? nullptr : &cuts}) {
         if (box == nullptr) continue;
         box->add(m.from_mm);
@@ -74,6 +89,7 @@ Result<Box3> size_of(const fs::path& program) {
           cnc::for_each_chord(m, 0.05, [&](Vec3, Vec3 to) { box->add(to); });
         box->add(m.to_mm);
       }
+    }
     return {};
   };
   MAQUETTE_TRY_VOID(cnc::read_gcode(program, sink));
@@ -85,6 +101,7 @@ Result<Box3> size_of(const fs::path& program) {
 struct ProgramPictures::State {
   ProgramPicturesOptions o;
   std::vector<Program> programs;
+  std::vector<Section> sections;
   double longest_mm = 1.0;
   std::optional<Outline> outline;
   std::size_t current = 0;
@@ -96,7 +113,9 @@ struct ProgramPictures::State {
 
   void open_picture(const std::string& title, const Box3& cuts);
   void close_picture();
-  void begin(std::size_t program);
+  void begin(std::size_t program, int tool);
+  void begin_section(int tool);
+  void end_section();
   void end();
 };
 
@@ -117,7 +136,7 @@ Result<ProgramPictures> ProgramPictures::plan(std::span<const fs::path> programs
     program.name = path.stem().string();
     for (int k = 2; !names.insert(program.name).second; ++k)
       program.name = fmt::format("{}_{}", path.stem().string(), k);
-    MAQUETTE_TRY(program.cuts, size_of(path));
+    MAQUETTE_TRY(program.cuts, size_of(path, program.sections));
     if (!program.cuts.empty()) {
       all.add(program.cuts.min);
       all.add(program.cuts.max);
@@ -166,12 +185,23 @@ void ProgramPictures::State::close_picture() {
                                      picture.figures, outline));
 }
 
-void ProgramPictures::State::begin(std::size_t program) {
+void ProgramPictures::State::begin_section(int tool) {
+  sections.push_back({current, tool});
+  std::size_t count = 0;
+  for (const Program& p : programs) count += std::max<std::size_t>(1, p.sections);
+  sketch.emplace(cnc::SketchOptions{.cell_mm = longest_mm / kViewCells,
+                                    .most_points = std::max(kLeastPoints, o.most_points / count),
+                                    .longest_mm = longest_mm / kSegments});
+}
+
+void ProgramPictures::State::end_section() {
+  sections.back().sketch = sketch->finish();
+  sketch.reset();
+}
+
+void ProgramPictures::State::begin(std::size_t program, int tool) {
   current = program;
-  sketch.emplace(
-      cnc::SketchOptions{.cell_mm = longest_mm / kViewCells,
-                         .most_points = std::max(kLeastPoints, o.most_points / programs.size()),
-                         .longest_mm = longest_mm / kSegments});
+  begin_section(tool);
   if (!o.together)
     open_picture(programs[program].name, programs[program].cuts);
   else if (!picture.plot)
@@ -183,8 +213,7 @@ void ProgramPictures::State::begin(std::size_t program) {
 
 void ProgramPictures::State::end() {
   if (!sketch) return;
-  programs[current].sketch = sketch->finish();
-  sketch.reset();
+  end_section();
   if (!o.together) close_picture();
 }
 
@@ -192,10 +221,18 @@ void ProgramPictures::add(const Motion& motion, std::size_t program, double remo
   State& s = *state_;
   if (!s.sketch || s.current != program) {
     s.end();
-    s.begin(program);
+    s.begin(program, motion.tool);
+  } else if (motion.kind != Motion::Kind::rapid && motion.tool != s.sections.back().tool) {
+    // The way to the first cut is the next tool's.
+    if (s.sections.back().figures.cut_mm > 0.0) {
+      s.end_section();
+      s.begin_section(motion.tool);
+    }
+    s.sections.back().tool = motion.tool;
   }
   const double length = length_mm(motion);
-  for (ProgramFigures* f : {&s.picture.figures, &s.programs[program].figures}) {
+  for (ProgramFigures* f :
+       {&s.picture.figures, &s.programs[program].figures, &s.sections.back().figures}) {
     ++f->moves;
     if (motion.kind == Motion::Kind::rapid) {
       f->rapid_mm += length;
@@ -238,8 +275,14 @@ ProgramFigures ProgramPictures::figures() const {
 std::string ProgramPictures::scene_json() const {
   const State& s = *state_;
   std::vector<ViewProgram> programs;
-  for (const Program& p : s.programs)
-    programs.push_back({p.name, p.figures.cut_mm, p.figures.time_min, &p.sketch});
+  for (const Section& part : s.sections) {
+    const Program& p = s.programs[part.program];
+    // "band_01.raster" is the raster pass of a band.
+    const std::string tool = p.sections > 1 ? fmt::format("T{}", part.tool) : "";
+    const std::string operation = tool.empty() ? p.name.substr(p.name.rfind('.') + 1) : tool;
+    programs.push_back({tool.empty() ? p.name : p.name + " " + tool, operation, part.figures.cut_mm,
+                        part.figures.time_min, &part.sketch});
+  }
   return path_scene_json(programs, s.o.engagement, s.o.design);
 }
 

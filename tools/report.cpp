@@ -201,15 +201,15 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
     for (const UnitRecord& r : records) {
       if (!r.name.starts_with(name + ".mill.")) continue;
       const json f = json::parse(r.figures_json);
+      if (!f.contains("blocks")) continue;
       html += fmt::format(
           "<tr><td>{}</td><td class='n'>{}</td><td class='n'>{}</td><td class='n'>{}</td><td "
           "class='n'>{:.2f}</td><td class='n'>{:.1f}</td><td class='n'>{:.5f}</td></tr>",
-          markup_escaped(r.name.substr(name.size() + 6)), number(f["passes"]), number(f["blocks"]),
-          number(f["bytes"]), f.value("path_length_mm", 0.0) / 1000.0,
+          markup_escaped(r.name.substr(name.size() + 6)), number(f.value("passes", json(""))),
+          number(f["blocks"]), number(f["bytes"]), f.value("path_length_mm", 0.0) / 1000.0,
           f.value("cutting_time_min", 0.0), f.value("certified_gouge_mm", 0.0));
     }
-    html += "</table></div>\n" + machining_time(records, name) +
-            paths(here / "rough", folder, "Roughing path") + paths(here, folder, "Finishing path");
+    html += "</table></div>\n" + machining_time(records, name) + paths(here, folder, "Paths");
     html += "<h3>Simulated cut</h3>\n" +
             figure_table(figures_of(name + ".verify"),
                          {{"max_gouge_mm", "deepest gouge, mm"},

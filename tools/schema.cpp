@@ -455,9 +455,12 @@ std::string Schema::template_text() const {
     out += fmt::format("\n# {}\n", a.doc);
     const Schema element = a.element();
     out += fmt::format("# [[{}]]\n", a.name);
-    for (const Key& k : element.keys_)
-      out += fmt::format("# {} = {}  # {} ({})\n", k.name, value_text(k.target), k.doc,
+    for (const Key& k : element.keys_) {
+      const auto* number = std::get_if<double*>(&k.target);
+      const bool unset = number != nullptr && std::isnan(**number);
+      out += fmt::format("# {} = {}  # {} ({})\n", k.name, unset ? "" : value_text(k.target), k.doc,
                          allowed_text(k));
+    }
   }
   return out;
 }

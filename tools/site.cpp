@@ -243,6 +243,15 @@ SiteFile empty_site_file() {
   t.add({"deviation.reach_mm", &s.reach_mm, "farther points are off the part", 0.01, 1000});
 
   t.array(
+      "operation",
+      "What is milled, one after the other; none: rough (if enabled) and raster, as the sections "
+      "above say. Remove the # to have others (docs/operations.md); keys that are not given are "
+      "as those sections and the strategy have them.",
+      [&s] {
+        return operation_schema(s.operations.emplace_back(), {"rough", "semi-finish", "raster",
+                                                              "waterline", "geodesic", "rest"});
+      });
+  t.array(
       "source",
       "Elevation products, coarse to fine; none: the embedded site is generated. Remove the # "
       "to use your own; ${NAME} takes a path from the environment.",
@@ -290,6 +299,14 @@ Result<SiteFile> read_site(const std::filesystem::path& path,
                 fmt::format("{}: {}", path.string(),
                             fmt::join(found, fmt::format("\n{}: ", path.string()))));
   return file;
+}
+
+std::vector<Operation> operations_of(const Site& site) {
+  if (!site.operations.empty()) return {site.operations.begin(), site.operations.end()};
+  std::vector<Operation> operations;
+  if (site.roughing) operations.emplace_back().strategy = "rough";
+  operations.emplace_back().strategy = "raster";
+  return operations;
 }
 
 int work_offset_of(const Site& site, std::size_t band) {

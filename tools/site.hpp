@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/result.hpp"
+#include "tools/operations.hpp"
 #include "tools/schema.hpp"
 
 namespace maquette::tools {
@@ -58,6 +59,7 @@ struct Site {
   double band_max_width_mm = 500.0;
 
   double ball_diameter_mm = 6.0;
+  std::deque<Operation> operations;  ///< none: roughing, if enabled, and raster passes
   bool roughing = true;
   double rough_diameter_mm = 12.0, rough_corner_radius_mm = 1.0, rough_stepover_mm = 6.0;
   double rough_step_down_mm = 5.0, rough_allowance_mm = 0.5, rough_ramp_deg = 3.0;
@@ -116,6 +118,9 @@ struct SiteFile {
 /// than the site, scales descending and distinct, ...).
 [[nodiscard]] Result<SiteFile> read_site(const std::filesystem::path& path,
                                          const std::vector<std::string>& overrides = {});
+
+/// What is milled, in order: the site's operations, or those that its sections describe.
+[[nodiscard]] std::vector<Operation> operations_of(const Site& site);
 
 /// Of a program: 54 to 59, 591 to 593 for G59.1 to G59.3.
 [[nodiscard]] int work_offset_of(const Site& site, std::size_t band);

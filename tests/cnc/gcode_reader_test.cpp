@@ -192,6 +192,23 @@ TEST(GcodeReader, OtherControlsFramesAndSmoothing) {
   EXPECT_THAT(read("G54.1 P1\nG0 X0 Y0 Z0\nX1\nG54.1 P2\nM2\n"), FailsWith(kGcodeUnsupported));
 }
 
+TEST(GcodeReader, AiContourControlBlendsAsTheBuilderSays) {
+  std::vector<Motion> motions;
+  const auto r = read_gcode_text("G21 G90\nG1 X0 Y0 Z0 F100\nX1\nG5.1 Q1\nX2\nG5.1 Q0\nX3\nM2\n",
+                                 "a", [&](std::span<const Motion> some) -> Result<void> {
+                                   motions.insert(motions.end(), some.begin(), some.end());
+                                   return {};
+                                 });
+  ASSERT_THAT(r, Succeeds());
+  const auto& m = motions;
+  ASSERT_GE(m.size(), 3U);
+  EXPECT_FALSE(m[m.size() - 3].control);
+  ASSERT_TRUE(m[m.size() - 2].control);
+  EXPECT_EQ(m[m.size() - 2].control->mode, PathControl::Mode::blend);
+  EXPECT_FALSE(m[m.size() - 2].control->stated);
+  EXPECT_FALSE(m.back().control);
+}
+
 TEST(GcodeReader, EvaluatesExpressions) {
   const std::vector<std::pair<std::string, double>> formulas = {
       {"[1+2*3]", 7},

@@ -77,6 +77,21 @@ TEST(Heidenhain, ReadsLines) {
   EXPECT_TRUE(r->summary.ended);
 }
 
+TEST(Heidenhain, ReadsTheToleranceOfTheContour) {
+  const auto r = read(program(
+      "3 L X+1 Y+0 Z+0 F100\n4 CYCL DEF 32.0 TOLERANCE\n5 CYCL DEF 32.1 T0.02\n6 CYCL DEF 32.2 "
+      "HSC-MODE:1 TA0.5\n7 L X+2\n8 CYCL DEF 32.0 TOLERANCE\n9 CYCL DEF 32.1\n10 L X+3"));
+  ASSERT_THAT(r, Succeeds());
+  const auto& m = r->motions;
+  ASSERT_GE(m.size(), 3U);
+  EXPECT_FALSE(m[m.size() - 3].control);
+  ASSERT_TRUE(m[m.size() - 2].control);
+  EXPECT_EQ(m[m.size() - 2].control->mode, PathControl::Mode::blend);
+  EXPECT_EQ(m[m.size() - 2].control->tolerance_mm, 0.02);
+  EXPECT_TRUE(m[m.size() - 2].control->stated);
+  EXPECT_FALSE(m.back().control) << "as the machine is set again";
+}
+
 TEST(Heidenhain, ReadsInches) {
   const auto r = read("BEGIN PGM A INCH\nL X+1 Y+0 Z+0 FMAX\nL X+2 F10\nEND PGM A INCH\n");
   ASSERT_THAT(r, Succeeds());
@@ -149,6 +164,7 @@ INSTANTIATE_TEST_SUITE_P(
                     BadBlock{"3 CALL LBL 1", kGcodeUnsupported, 4, 3, "CALL"},
                     BadBlock{"3 L X+Q1", kGcodeSyntax, 4, 7, "'Q'"},
                     BadBlock{"3 CYCL DEF 200 DRILLING", kGcodeUnsupported, 4, 12, "cycle 200"},
+                    BadBlock{"3 CYCL DEF 32.1 HSC", kGcodeSyntax, 4, 17, "'H'"},
                     BadBlock{"3 TOOL CALL", kGcodeSyntax, 4, 12, "tool"},
                     BadBlock{"3 TOOL CALL 5 X S100", kGcodeUnsupported, 4, 15, "tool axis X"},
                     BadBlock{"3 L X+1 M97", kGcodeUnsupported, 4, 9, "M97"},

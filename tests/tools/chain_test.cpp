@@ -13,7 +13,9 @@
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
+#include <fstream>
 #include <map>
+#include <set>
 #include <thread>
 
 #include <fmt/format.h>
@@ -99,15 +101,15 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
                              "surface.ply",
                              "surface.certificate.json",
                              "bands/band_01.ply",
-                             "bands/band_03.ngc",
+                             "bands/band_03.raster.ngc",
                              "rough.ngc",
                              "rough.stock.tif",
-                             "bands/band_03.scallop.tif",
+                             "bands/band_03.raster.scallop.tif",
                              "certificate.json",
-                             "backplot/band_01.feed.svg",
-                             "backplot/band_03.engagement.png",
+                             "backplot/band_01.raster.feed.svg",
+                             "backplot/band_03.raster.engagement.png",
                              "backplot/paths.json",
-                             "rough/backplot/rough.engagement.svg",
+                             "backplot/rough.engagement.svg",
                              "as_milled.tif",
                              "export/surface.stl",
                              "export/surface.glb",
@@ -127,8 +129,8 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
 
 TEST_F(Chain, EachBandHasItsWorkOffset) {
   for (const auto& [program, offset] :
-       {std::pair{"rough.ngc", "\nG54\n"}, std::pair{"bands/band_01.ngc", "\nG54\n"},
-        std::pair{"bands/band_03.ngc", "\nG56\n"}})
+       {std::pair{"rough.ngc", "\nG54\n"}, std::pair{"bands/band_01.raster.ngc", "\nG54\n"},
+        std::pair{"bands/band_03.raster.ngc", "\nG56\n"}})
     EXPECT_THAT(slurp(out() / "s1000" / program), testing::HasSubstr(offset)) << program;
 }
 
@@ -300,6 +302,55 @@ TEST_F(Chain, ShardsAndMergeAreTheSame) {
       step(fmt::format("--stage {} --shard {}", stage, shard));
   step("--merge");
   EXPECT_EQ(differing(sharded, out()), "");
+}
+
+/// Four tools in three bands: each operation cuts what the former left, one certificate for all.
+TEST_F(Chain, OperationsOfASite) {
+  const fs::path site = scratch() / "four.toml", four = scratch() / "four";
+  std::ofstream(site) << slurp(fs::path(MAQUETTE_SOURCE) / "assets/sites/default.toml")
+                      << "\n[[operation]]\nstrategy = \"rough\"\n[[operation]]\nstrategy = "
+                         "\"semi-finish\"\ntool = 5\ndiameter_mm = 8.0\n[[operation]]\nstrategy = "
+                         "\"raster\"\nname = \"finish\"\n[[operation]]\nstrategy = \"rest\"\n"
+                         "diameter_mm = 2.0\n";
+  const std::string kStages =
+      "--stage products --stage fuse --stage stones --stage mesh --stage mill --stage verify ";
+  const Outcome o = run_program(scratch().path(), "run " + site.string() + kSmall + kStages +
+                                                      "--set scales=[200] --out " + four.string());
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  for (const char* file :
+       {"rough.ngc", "rough.stock.tif", "bands/band_03.semi-finish.ngc", "semi-finish.stock.tif",
+        "bands/band_02.finish.ngc", "finish.stock.tif", "bands/band_01.rest.ngc"})
+    EXPECT_TRUE(fs::exists(four / "s200" / file)) << file;
+  EXPECT_FALSE(fs::exists(four / "s200/rest.stock.tif")) << "as_milled.tif is that";
+  const json c = json::parse(slurp(four / "s200/certificate.json"));
+  EXPECT_LE(c["max_gouge_mm"].get<double>() + c["bound_mm"].get<double>(), 0.02);
+  EXPECT_EQ(c["rapid_collisions"], 0);
+  std::map<int, int> rows;
+  for (const json& row : c["machining_time"]) ++rows[row["tool"].get<int>()];
+  EXPECT_EQ(rows[2], 1);
+  EXPECT_EQ(rows[5], 3);
+  EXPECT_EQ(rows[1], 3);
+  // The rest of a smaller ball can only take off: against the run without it.
+  const json plain = json::parse(slurp(out() / "s200/certificate.json"));
+  EXPECT_LT(c["mean_excess_mm"].get<double>(), plain["mean_excess_mm"].get<double>());
+  std::set<std::string> operations;
+  const json scene = json::parse(slurp(four / "s200/backplot/paths.json"));
+  for (const json& p : scene["programs"]) operations.insert(p["operation"].get<std::string>());
+  EXPECT_TRUE(operations.contains("rough") && operations.contains("semi-finish") &&
+              operations.contains("finish"));
+  const auto wrong = [&](const std::string& text, const std::string& says) {
+    std::ofstream(scratch() / "wrong.toml") << text;
+    const Outcome refused =
+        run_program(scratch().path(), "run " + (scratch() / "wrong.toml").string() + " --out " +
+                                          (scratch() / "wrong").string());
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.err, testing::HasSubstr(says));
+  };
+  wrong("[[operation]]\nstrategy = \"seats\"\n", "semi-finish");
+  wrong(
+      "[[operation]]\nstrategy = \"raster\"\n[[operation]]\nstrategy = \"semi-finish\"\n"
+      "diameter_mm = 8.0\n",
+      "give each cutter its own number");
 }
 
 TEST_F(Chain, RefusesAFolderThatIsInUse) {

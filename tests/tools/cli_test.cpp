@@ -53,6 +53,34 @@ class CommandLine : public testing::Test {
     EXPECT_TRUE(heightmap::write_model_field(field, scratch / "design.tif"));
     return scratch / "design.tif";
   }
+  /// A bowl of 30 mm x 30 mm with a groove narrower than most balls and a knob with steep sides.
+  fs::path bowl() {
+    heightmap::ModelField field{Grid<float>(61, 61), Millimetres{0.5}, {}, {}};
+    for (std::ptrdiff_t r = 0; r < 61; ++r)
+      for (std::ptrdiff_t c = 0; c < 61; ++c) {
+        const double x = 0.5 * static_cast<double>(c) - 15.0,
+                     y = 0.5 * static_cast<double>(r) - 15.0;
+        double z = 0.02 * (x * x + y * y) - (std::fabs(x) < 1.0 ? 1.5 : 0.0);
+        if (std::hypot(x - 6.0, y) < 3.0) z += 4.0;
+        field.z_mm(r, c) = static_cast<float>(z);
+      }
+    EXPECT_TRUE(heightmap::write_model_field(field, scratch / "bowl.tif"));
+    return scratch / "bowl.tif";
+  }
+  /// Highest and lowest of a minus b, at the nodes of b.
+  static std::pair<double, double> differences(const fs::path& a, const fs::path& b) {
+    const auto fa = heightmap::read_model_field(a), fb = heightmap::read_model_field(b);
+    EXPECT_TRUE(fa && fb) << a << b;
+    double highest = -INFINITY, lowest = INFINITY;
+    for (std::ptrdiff_t r = 0; r < fb->z_mm.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < fb->z_mm.cols(); ++c) {
+        const double d = heightmap::height_at(*fa, fb->x_mm(c), fb->y_mm(r)) -
+                         static_cast<double>(fb->z_mm(r, c));
+        highest = std::max(highest, d);
+        lowest = std::min(lowest, d);
+      }
+    return {highest, lowest};
+  }
   /// Products of a small synthetic site, and a site file that uses them.
   assets::SyntheticProducts products() {
     assets::SyntheticSite site;
@@ -170,17 +198,7 @@ TEST_F(CommandLine, OptionsOutOfRange) {
 
 /// Every strategy is reached, and what it writes is a program that cuts nothing it must not.
 TEST_F(CommandLine, EveryStrategyMills) {
-  // A bowl with a groove narrower than the ball, and a stone beside it.
-  heightmap::ModelField field{Grid<float>(61, 61), Millimetres{0.5}, {}, {}};
-  for (std::ptrdiff_t r = 0; r < 61; ++r)
-    for (std::ptrdiff_t c = 0; c < 61; ++c) {
-      const double x = 0.5 * static_cast<double>(c) - 15.0, y = 0.5 * static_cast<double>(r) - 15.0;
-      double z = 0.02 * (x * x + y * y) - (std::fabs(x) < 1.0 ? 1.5 : 0.0);
-      if (std::hypot(x - 6.0, y) < 3.0) z += 4.0;  // a knob with steep sides
-      field.z_mm(r, c) = static_cast<float>(z);
-    }
-  const fs::path bowl = scratch / "bowl.tif";
-  ASSERT_TRUE(heightmap::write_model_field(field, bowl));
+  const fs::path bowl = this->bowl();
   meshing::PlacedStone stone;
   stone.number = 1;
   stone.scale_mm = 4.0;
@@ -207,7 +225,21 @@ TEST_F(CommandLine, EveryStrategyMills) {
   EXPECT_EQ(mill("raster", semi).value("passes", 0), 61);
   EXPECT_GT(mill("waterline", semi).value("levels", 0), 3);
   EXPECT_GT(mill("geodesic", semi).value("curves", 0), 20);
-  EXPECT_GT(mill("rest").value("area_mm2", 0.0), 20.0);
+  EXPECT_GT(
+      mill("rest", "--stock " + (scratch / "raster.stock.tif").string()).value("area_mm2", 0.0),
+      20.0);
+  // Each leaves less than the one before, and none less than the design.
+  for (const auto& [later, before] :
+       {std::pair{"semi-finish", "rough"}, std::pair{"raster", "semi-finish"},
+        std::pair{"waterline", "semi-finish"}, std::pair{"geodesic", "semi-finish"},
+        std::pair{"rest", "raster"}}) {
+    const fs::path left = scratch / (std::string(later) + ".stock.tif");
+    const auto [more, less] = differences(left, scratch / (std::string(before) + ".stock.tif"));
+    EXPECT_LE(more, 1e-4) << later;
+    EXPECT_LT(less, std::string(later) == "rest" ? -0.3 : -0.15) << later;
+    EXPECT_GE(differences(left, bowl).second, -0.0101) << later;
+  }
+  EXPECT_LT(differences(scratch / "raster.stock.tif", bowl).first, 3.0) << "beside the knob";
   const std::string stones = "--stones " + (scratch / "stones.json").string();
   EXPECT_GT(mill("seats", stones).value("volume_mm3", 0.0), 5.0);
   EXPECT_EQ(mill("outlines", stones + " --mark-depth-mm 0.005").value("passes", 0), 1);
@@ -215,6 +247,118 @@ TEST_F(CommandLine, EveryStrategyMills) {
   const std::string touches = slurp(scratch / "probe.ngc");
   EXPECT_THAT(touches, AllOf(HasSubstr("G38.2"), HasSubstr("G10 L2 P2"), HasSubstr("G55")));
   EXPECT_THAT(touches, Not(HasSubstr("M3\n"))) << "the probe must not turn";
+}
+
+const char* const kFourOperations =
+    "[[operation]]\nstrategy = \"rough\"\ndiameter_mm = 8.0\nstepover_mm = 4.0\nstep_down_mm = "
+    "2.0\n[[operation]]\nstrategy = \"semi-finish\"\ntool = 5\ndiameter_mm = 5.0\n"
+    "[[operation]]\nstrategy = \"raster\"\nname = \"finish\"\n[[operation]]\nstrategy = "
+    "\"rest\"\ndiameter_mm = 2.0\n";
+
+/// One program, four tools: each operation cuts what the one before has left, and all controls are
+/// told the same.
+TEST_F(CommandLine, OneProgramOfSeveralOperations) {
+  const std::string d = bowl().string();
+  const auto operations = file("operations.toml", kFourOperations).string();
+  for (const auto& [post, more] :
+       {std::pair{"linuxcnc", ""}, std::pair{"fanuc", ""}, std::pair{"heidenhain", ""},
+        std::pair{"haas", ""}, std::pair{"grbl", ""}, std::pair{"linuxcnc", " --max-lines 900"}}) {
+    const fs::path folder = scratch / (std::string(post) + (*more == '\0' ? "" : "_split"));
+    fs::create_directories(folder);
+    const auto o = run(fmt::format(
+        "mill {} --json --quiet --operations {} --machine portal_mill_2500 --out {} --post {}{}", d,
+        operations, (folder / "part.ngc").string(), post, more));
+    ASSERT_EQ(o.exit_code, 0) << post << ": " << o.err;
+    const json figures = json::parse(o.out);
+    ASSERT_EQ(figures["operations"].size(), 4U);
+    ASSERT_EQ(figures["machining_time"].size(), 4U);
+    double minutes = 0.0;
+    for (const json& row : figures["machining_time"]) minutes += row["total_min"].get<double>();
+    EXPECT_NEAR(figures["total_time_min"].get<double>(), minutes, 1e-9);
+    for (std::size_t k = 1; k < 4; ++k) {
+      EXPECT_LE(figures["operations"][k]["proven_gouge_mm"].get<double>(), 0.0051) << post << k;
+      EXPECT_GT(figures["machining_time"][k]["length_m"].get<double>(), 0.05) << post << k;
+    }
+    EXPECT_EQ(figures["machining_time"][2]["operation"], "finish");
+    EXPECT_EQ(figures["machining_time"][1]["tool"], 5);
+    std::string programs;
+    for (int k = 1; k < 40; ++k) {
+      const fs::path part = folder / (k == 1 ? "part.ngc" : fmt::format("part_{}.ngc", k));
+      if (fs::exists(part)) programs += part.string() + " ";
+    }
+    EXPECT_EQ(programs.find("part_3") != std::string::npos, *more != '\0') << programs;
+    const auto v = run(fmt::format(
+        "verify {} --json --quiet --design {} --out {} --tools {} --machine portal_mill_2500 "
+        "--max-gouge-mm 0.0055 --cell-mm 0.125",
+        programs, d, (folder / "verify").string(), (folder / "part.tools.toml").string()));
+    EXPECT_EQ(v.exit_code, 0) << post << ": " << v.err;
+    const json c = json::parse(slurp(folder / "verify/certificate.json"));
+    EXPECT_EQ(c["rapid_collisions"], 0) << post;
+    double verified = 0.0;
+    for (const json& row : c["machining_time"]) verified += row["total_min"].get<double>();
+    EXPECT_NEAR(verified, minutes, 1e-3 * minutes) << post;  // dwells
+    // What is left, found twice: at the design's nodes after each operation, in one go here.
+    const auto [more_left, less_left] =
+        differences(folder / "verify/as_milled.tif", folder / "part.rest.stock.tif");
+    EXPECT_LT(more_left, 2e-3) << post;
+    EXPECT_GT(less_left, -2e-3) << post;
+    EXPECT_TRUE(fs::exists(folder / "part.finish.scallop.tif"));
+    for (const auto& e : fs::directory_iterator(folder))
+      EXPECT_NE(e.path().filename().string()[0], '.') << e.path() << " is left";
+  }
+  const std::string text = slurp(scratch / "linuxcnc/part.ngc");
+  std::size_t at = 0;
+  for (const char* change : {"T2 M6", "T5 M6", "T1 M6", "T3 M6", "M30"}) {
+    const std::size_t next = text.find(change, at);
+    ASSERT_NE(next, std::string::npos) << change;
+    EXPECT_EQ(text.find(change, next + 1), std::string::npos) << change << " comes twice";
+    at = next;
+  }
+}
+
+TEST_F(CommandLine, OperationsOfOneToolChangeNothing) {
+  const auto operations = file("operations.toml",
+                               "[[operation]]\nstrategy = \"semi-finish\"\n[[operation]]\nstrategy "
+                               "= \"raster\"\ntolerance_mm = 0.02\n");
+  const auto o = run(fmt::format("mill {} --quiet --operations {} --out {}", design().string(),
+                                 operations.string(), (scratch / "part.ngc").string()));
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const std::string text = slurp(scratch / "part.ngc");
+  EXPECT_EQ(text.find("M6"), text.rfind("M6"));
+  EXPECT_THAT(text, AllOf(HasSubstr("G64 P0.001 Q0"), HasSubstr("G64 P0.002 Q0")));
+}
+
+TEST_F(CommandLine, OperationsSayWhatIsWrong) {
+  const auto d = design().string();
+  const std::string to = " --out " + (scratch / "x.ngc").string();
+  const auto with = [&](const std::string& text, const std::string& more = "") {
+    const auto f = file("operations.toml", text).string();
+    return run("mill " + d + " --operations " + f + to + " " + more);
+  };
+  const std::string raster = "[[operation]]\nstrategy = \"raster\"\n";
+  expect_refused(with(""), HasSubstr("no [[operation]]"));
+  expect_refused(with("[[operation]]\nstrategy = \"probe\"\n"),
+                 AllOf(HasSubstr("operations.toml:2"), HasSubstr("semi-finish")));
+  expect_refused(with("[[operation]]\n"), HasSubstr("strategy"));
+  expect_refused(with(raster + raster),
+                 AllOf(HasSubstr("operation 2 (raster)"), HasSubstr("this name")));
+  expect_refused(with(raster + "name = \"a/b\"\n"), HasSubstr("part of a file's name"));
+  expect_refused(with(raster + "[[operation]]\nstrategy = \"waterline\"\ndiameter_mm = 4.0\n"),
+                 AllOf(HasSubstr("operation 2 (waterline)"), HasSubstr("ball nose 4 mm here"),
+                       HasSubstr("its own number")));
+  expect_refused(with(raster + "corner_radius_mm = 1.0\n"), HasSubstr("milled with a ball"));
+  expect_refused(with(raster + "stepover_mm = -1.0\n"), HasSubstr("operations.toml:3"));
+  expect_refused(with(raster, "--strategy rough"), HasSubstr("--strategy does not go"));
+  expect_refused(with(raster, "--diameter-mm 4"), HasSubstr("--diameter-mm does not go"));
+  const auto tools =
+      file("tools.toml", "[[tool]]\nnumber = 7\nshape = \"flat\"\ndiameter_mm = 6.0\n");
+  expect_refused(with(raster, "--tools " + tools.string()), HasSubstr("it has 7"));
+  expect_refused(with(raster + "tool = 7\n", "--tools " + tools.string()), HasSubstr("no ball"));
+  expect_refused(with(raster + "[[operation]]\nstrategy = \"rest\"\ndiameter_mm = 6.0\n"),
+                 AllOf(HasSubstr("operation rest"), HasSubstr("smaller")));
+  expect_refused(run("mill " + d + " --operations nowhere.toml" + to), HasSubstr("nowhere.toml"));
+  for (const auto& e : fs::directory_iterator(scratch.path()))
+    EXPECT_EQ(e.path().extension(), e.path().stem() == "design" ? ".tif" : ".toml") << "is left";
 }
 
 /// Seats are bored, spheres that lie a little beside their plan are touched, and the touches
@@ -461,10 +605,16 @@ TEST_F(CommandLine, VerifyHonoursToolsHoldersAndStones) {
                       program.string(), d.string(), out.string(), tools.string(),
                       (scratch / "stones.json").string()));
   EXPECT_EQ(o.exit_code, 1) << o.err;
-  EXPECT_THAT(o.err, AllOf(HasSubstr("holder or shank meets"), HasSubstr("meets stones")));
+  EXPECT_THAT(o.err, AllOf(HasSubstr("holder or shank meets material"),
+                           HasSubstr("the cutter meets stones in 1 moves, first at x "),
+                           HasSubstr("holder or shank meets stones in "), HasSubstr("two.ngc:10")));
   const json c = json::parse(slurp(out / "certificate.json"));
   EXPECT_GT(c["holder_collisions"], 0);
   EXPECT_EQ(c["stone_collisions"], 1) << "the pass over it";
+  EXPECT_EQ(c["first_stone_collisions"][0]["line"], 10);
+  // The holder of 20 mm is there as soon as its ball is down beside the stone.
+  EXPECT_GE(c["stone_holder_collisions"], 2);
+  EXPECT_EQ(c["first_stone_holder_collisions"][0]["line"], 9);
   ASSERT_EQ(c["machining_time"].size(), 2U);
   EXPECT_EQ(c["machining_time"][1]["program"], "two.ngc");
   EXPECT_EQ(c["machining_time"][1]["tool"], 2);
@@ -472,6 +622,63 @@ TEST_F(CommandLine, VerifyHonoursToolsHoldersAndStones) {
   EXPECT_NEAR(c["machining_time"][1]["cutting_min"], 23.5 / 300.0, 0.003);
   EXPECT_GT(c["machining_time"][1]["cutting_min"], 23.5 / 300.0);
   EXPECT_GT(c["machining_time"][0]["rapid_min"], 0.0);
+}
+
+/// A flat cutter, a shank and a holder beside a stone that stands: with place and line, or not at
+/// all.
+TEST_F(CommandLine, NothingMayMeetStandingStones) {
+  heightmap::ModelField flat{Grid<float>(81, 81, 0.0F), Millimetres{0.5}, {}, {}};
+  const fs::path d = scratch / "flat.tif";
+  ASSERT_TRUE(heightmap::write_model_field(flat, d));
+  meshing::PlacedStone stone;  // about (20, 20), radius 5 mm at most
+  stone.number = 1;
+  stone.scale_mm = 5.0;
+  stone.model_from_stone.translation_mm = {20.0, 20.0, 0.0};
+  ASSERT_TRUE(meshing::write_stone_plan(std::vector{stone}, scratch / "stones.json"));
+  const std::string stones = (scratch / "stones.json").string();
+  const auto tools = file("tools.toml",
+                          "[[tool]]\nnumber = 1\nshape = \"flat\"\ndiameter_mm = 4.0\n[[tool]]\n"
+                          "number = 2\nshape = \"ball\"\ndiameter_mm = 4.0\nflute_length_mm = "
+                          "2.0\nstick_out_mm = 3.0\n[[tool.holder]]\nheight_mm = 30.0\n"
+                          "lower_diameter_mm = 16.0\nupper_diameter_mm = 16.0\n");
+  const auto verify = [&](const std::string& moves) {
+    const auto program = file("p.ngc", "G21 G90 G64 P0.01\n" + moves + "M2\n");
+    const auto o = run(fmt::format(
+        "verify {} --design {} --json --quiet --out {} --tools {} --stones {} --cell-mm 0.25",
+        program.string(), d.string(), out.string(), tools.string(), stones));
+    return std::pair{o, json::parse(slurp(out / "certificate.json"))};
+  };
+  // T1 goes through the stone in line 5, and beside it in line 8.
+  const auto [hit, c] = verify(
+      "T1 M6\nG0 X5 Y20 Z9\nG1 Z0.5 F500\nX35\nG0 Z9\nG0 X5 Y30\nG1 Z0.5 F500\nX35\nG0 Z9\n");
+  EXPECT_EQ(hit.exit_code, 1);
+  EXPECT_THAT(hit.err,
+              AllOf(HasSubstr("the cutter meets stones in 1 moves"), HasSubstr("p.ngc:5")));
+  EXPECT_EQ(c["stone_collisions"], 1);
+  EXPECT_EQ(c["stone_holder_collisions"], 0);
+  // T2's ball passes 8 mm beside the middle, its holder of radius 8 mm 3 mm above the ground does
+  // not.
+  const auto [near, n] = verify("T2 M6\nG0 X5 Y28 Z29\nG1 Z0 F500\nX35\nG0 Z29\n");
+  EXPECT_EQ(near.exit_code, 1);
+  EXPECT_THAT(near.err, HasSubstr("holder or shank meets stones in 1 moves, first at x 35.000 y "
+                                  "28.000 z 0.000 by"));
+  EXPECT_EQ(n["stone_collisions"], 0);
+  EXPECT_EQ(n["first_stone_holder_collisions"][0]["line"], 5);
+  const auto [clear, k] = verify("T2 M6\nG0 X5 Y34 Z29\nG1 Z0 F500\nX35\nG0 Z29\n");
+  EXPECT_EQ(k["stone_collisions"], 0);
+  EXPECT_EQ(k["stone_holder_collisions"], 0);
+
+  const auto mill = [&](const std::string& more) {
+    return run(fmt::format("mill {} --quiet --out {} {}", d.string(),
+                           (scratch / "part.ngc").string(), more));
+  };
+  const auto rejected = mill("--standing-stones " + stones);
+  EXPECT_EQ(rejected.exit_code, 1);
+  EXPECT_THAT(rejected.err, AllOf(HasSubstr("the cutter meets stones in"), HasSubstr("part.ngc:"),
+                                  HasSubstr("part.ngc.rejected")));
+  EXPECT_FALSE(fs::exists(scratch / "part.ngc"));
+  EXPECT_TRUE(fs::exists(scratch / "part.ngc.rejected"));
+  EXPECT_EQ(mill("").exit_code, 0);
 }
 
 TEST_F(CommandLine, GcodeThatIsCutOff) {

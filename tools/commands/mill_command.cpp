@@ -7,6 +7,7 @@
 #include "cnc/verify.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/milling.hpp"
+#include "tools/operations.hpp"
 #include "tools/tool_table.hpp"
 
 namespace maquette::tools {
@@ -14,7 +15,7 @@ namespace fs = std::filesystem;
 namespace {
 
 struct Options {
-  fs::path design, out = "part.ngc", stock, stones, spheres, tools;
+  fs::path design, out = "part.ngc", stock, stones, spheres, tools, operations, standing_stones;
   std::string strategy = "raster", machine = "unlimited", material;
   // NaN: as the strategy has it
   double diameter_mm = NAN, corner_mm = NAN, stepover_mm = NAN, step_down_mm = NAN,
@@ -69,47 +70,20 @@ Result<cnc::Tool> tool_of_table(const fs::path& file, int number) {
                           number, fmt::join(numbers, ", ")));
 }
 
-Result<MillJob> job_of(const Options& o) {
+/// What all operations have in common, with a strategy's own defaults.
+Result<MillJob> common_job(const Options& o, std::string_view strategy) {
   MillJob job = o.job;
-  const MillJob preset = default_job(o.strategy);
-  job.strategy = o.strategy;
+  const MillJob preset = default_job(strategy);
+  job.strategy = job.name = preset.strategy;
+  job.tool = preset.tool;
+  job.stepover_mm = preset.stepover_mm;
+  job.step_down_mm = preset.step_down_mm;
+  job.allowance_mm = preset.allowance_mm;
   job.design = o.design;
   if (!o.stock.empty()) job.stock = o.stock;
   if (!o.stones.empty()) job.stones = o.stones;
   if (!o.spheres.empty()) job.spheres = o.spheres;
-  job.tool = preset.tool;
-  if (o.tool > 0) job.tool.number = o.tool;
-  if (!o.tools.empty()) {
-    if (!std::isnan(o.diameter_mm) || !std::isnan(o.corner_mm))
-      return fail(kUsage,
-                  "--tools says what the cutter is; --diameter-mm and --corner-mm do not go "
-                  "with it");
-    MAQUETTE_TRY(job.tool, tool_of_table(o.tools, job.tool.number));
-    if (preset.tool.cutter.is_ball() && !job.tool.cutter.is_ball())
-      return fail(kUsage, fmt::format("tool {} ({}) is no ball; {} is milled with one",
-                                      job.tool.number, job.tool.name, o.strategy));
-  }
-  cnc::Cutter& cutter = job.tool.cutter;
-  const bool ball = cutter.is_ball();
-  if (!std::isnan(o.diameter_mm)) cutter.radius_mm = 0.5 * o.diameter_mm;
-  if (ball) cutter.corner_radius_mm = cutter.radius_mm;
-  if (!std::isnan(o.corner_mm)) {
-    if (ball)
-      return fail(kUsage, fmt::format("--corner-mm: {} is milled with a ball; only roughing takes "
-                                      "another cutter",
-                                      o.strategy));
-    cutter.corner_radius_mm = o.corner_mm;
-  }
-  if (!(cutter.radius_mm > 0.0))
-    return fail(cnc::kToolNotPositive,
-                fmt::format("the cutter's diameter is {} mm; it must be greater than 0",
-                            2.0 * cutter.radius_mm));
-  const auto pick = [](double given, double otherwise) {
-    return std::isnan(given) ? otherwise : given;
-  };
-  job.stepover_mm = pick(o.stepover_mm, preset.stepover_mm);
-  job.step_down_mm = pick(o.step_down_mm, preset.step_down_mm);
-  job.allowance_mm = pick(o.allowance_mm, preset.allowance_mm);
+  if (!o.standing_stones.empty()) job.standing_stones = o.standing_stones;
   job.tolerance = Millimetres{o.tolerance_mm};
   job.direction = degrees(o.direction_deg);
   job.zigzag = !o.one_way;
@@ -132,6 +106,61 @@ Result<MillJob> job_of(const Options& o) {
   return job;
 }
 
+Result<MillJob> job_of(const Options& o) {
+  MAQUETTE_TRY(MillJob job, common_job(o, o.strategy));
+  const bool ball = job.tool.cutter.is_ball();
+  if (o.tool > 0) job.tool.number = o.tool;
+  if (!o.tools.empty()) {
+    if (!std::isnan(o.diameter_mm) || !std::isnan(o.corner_mm))
+      return fail(kUsage,
+                  "--tools says what the cutter is; --diameter-mm and --corner-mm do not go "
+                  "with it");
+    MAQUETTE_TRY(job.tool, tool_of_table(o.tools, job.tool.number));
+    if (ball && !job.tool.cutter.is_ball())
+      return fail(kUsage, fmt::format("tool {} ({}) is no ball; {} is milled with one",
+                                      job.tool.number, job.tool.name, o.strategy));
+  }
+  cnc::Cutter& cutter = job.tool.cutter;
+  if (!std::isnan(o.diameter_mm)) cutter.radius_mm = 0.5 * o.diameter_mm;
+  if (ball) cutter.corner_radius_mm = cutter.radius_mm;
+  if (!std::isnan(o.corner_mm)) {
+    if (ball)
+      return fail(kUsage, fmt::format("--corner-mm: {} is milled with a ball; only roughing takes "
+                                      "another cutter",
+                                      o.strategy));
+    cutter.corner_radius_mm = o.corner_mm;
+  }
+  if (!(cutter.radius_mm > 0.0))
+    return fail(cnc::kToolNotPositive,
+                fmt::format("the cutter's diameter is {} mm; it must be greater than 0",
+                            2.0 * cutter.radius_mm));
+  const auto pick = [](double& value, double given) {
+    if (!std::isnan(given)) value = given;
+  };
+  pick(job.stepover_mm, o.stepover_mm);
+  pick(job.step_down_mm, o.step_down_mm);
+  pick(job.allowance_mm, o.allowance_mm);
+  return job;
+}
+
+/// One job an operation of the file; what differs between them is said there alone.
+Result<std::vector<MillJob>> operations_of(const Options& o, const CLI::App& app) {
+  for (const char* option : {"--strategy", "--diameter-mm", "--corner-mm", "--tool",
+                             "--stepover-mm", "--step-down-mm", "--allowance-mm"})
+    if (app.count(option) > 0)
+      return fail(kUsage, fmt::format("{} does not go with --operations: say it in {}", option,
+                                      o.operations.string()));
+  MAQUETTE_TRY(const auto operations, read_operations(o.operations));
+  std::vector<cnc::Tool> table;
+  if (!o.tools.empty()) {
+    MAQUETTE_TRY(table, read_tool_table(o.tools));
+  }
+  MAQUETTE_TRY(const MillJob checked, common_job(o, operations.front().strategy));
+  return jobs_of(
+      operations, [&](std::string_view strategy) { return *common_job(o, strategy); }, table,
+      o.operations.string());
+}
+
 }  // namespace
 
 Command add_mill(CLI::App& root, const CommonOptions&) {
@@ -143,13 +172,16 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
       "<out>.rejected.\n"
       "Example: maquette mill design.tif --out part.ngc --stepover-mm 0.5\n"
       "Example: maquette mill design.tif --strategy rough --diameter-mm 12 --out rough.ngc\n"
-      "Example: maquette mill design.tif --strategy seats --stones stones.json --out seats.ngc");
+      "Example: maquette mill design.tif --strategy seats --stones stones.json --out seats.ngc\n"
+      "Example: maquette mill design.tif --operations operations.toml --out part.ngc");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "program; parts of a split one are numbered")
       ->capture_default_str();
   app->add_option("--strategy", o->strategy, table())
       ->capture_default_str()
       ->check(CLI::IsMember(names()));
+  app->add_option("--operations", o->operations,
+                  "instead: several in one program with tool changes (.toml, docs/operations.md)");
   app->add_option("--diameter-mm", o->diameter_mm, "of the cutter" + default_diameters());
   app->add_option("--corner-mm", o->corner_mm, "rough: the cutter's corner radius; 0: flat");
   app->add_option("--tool", o->tool, "T word (default: one for each kind of cutter)");
@@ -168,6 +200,9 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--stock", o->stock,
                   "model field (.tif): what an earlier operation left, such as <rough>.stock.tif");
   app->add_option("--stones", o->stones, "seats, outlines: stones.json of `maquette stones`");
+  app->add_option("--standing-stones", o->standing_stones,
+                  "stones.json: they stand already; a program whose cutter, shank or holder meets "
+                  "them is rejected");
   app->add_option("--spheres", o->spheres,
                   "sphere-seats, probe-spheres: reference spheres (.toml, docs/spheres.md)");
   app->add_option("--direction-deg", o->direction_deg, "of the passes, counter-clockwise from +x")
@@ -220,7 +255,13 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
       ->capture_default_str();
   app->add_option("--max-bytes", job.program.max_bytes, "the same in bytes")->capture_default_str();
   app->add_option("--name", job.program.name, "in the program's header")->capture_default_str();
-  return {app, [o](Console& console) -> Result<int> {
+  return {app, [o, app](Console& console) -> Result<int> {
+            if (!o->operations.empty()) {
+              MAQUETTE_TRY(const auto jobs, operations_of(*o, *app));
+              return finish(console, "mill", [&](const RunContext& run) {
+                return mill_operations_job(jobs, o->out, run);
+              });
+            }
             MAQUETTE_TRY(const MillJob whole, job_of(*o));
             return finish(console, "mill",
                           [&](const RunContext& run) { return mill_job(whole, o->out, run); });

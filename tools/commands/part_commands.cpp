@@ -82,7 +82,7 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
 Command add_backplot(CLI::App& root, const CommonOptions&) {
   struct Options {
     std::vector<fs::path> programs;
-    fs::path out = "backplot.svg", design, stock;
+    fs::path out = "backplot.svg", design, stock, tools;
     std::string colour = "feed";
     double ball_mm = 6.0;
   };
@@ -100,9 +100,15 @@ Command add_backplot(CLI::App& root, const CommonOptions&) {
   app->add_option("--design", o->design,
                   "model field (.tif): cut in simulation, for engagement and the ground of .html");
   app->add_option("--stock", o->stock, "model field (.tif): what an earlier operation left");
-  app->add_option("--ball-diameter-mm", o->ball_mm, "")->capture_default_str();
-  return {app, [o](Console& console) {
+  app->add_option("--ball-diameter-mm", o->ball_mm, "of the one cutter, where there is no --tools")
+      ->capture_default_str();
+  app->add_option("--tools", o->tools,
+                  "tool table (.toml, see docs/tool_table.md): each move is cut with its own tool");
+  return {app, [o](Console& console) -> Result<int> {
             BackplotJob job;
+            if (!o->tools.empty()) {
+              MAQUETTE_TRY(job.tools, read_tool_table(o->tools));
+            }
             job.programs = o->programs;
             job.design = given(o->design);
             job.stock = given(o->stock);

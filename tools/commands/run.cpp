@@ -15,6 +15,7 @@
 #include "tools/jobs.hpp"
 #include "tools/machining_time.hpp"
 #include "tools/milling.hpp"
+#include "tools/operations.hpp"
 #include "tools/report.hpp"
 
 namespace maquette::tools {
@@ -28,7 +29,7 @@ struct RunOptions {
 };
 
 /// One operation of the site, with the defaults of its strategy where no key says otherwise.
-MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
+MillJob mill_of(const Site& site, std::string_view strategy) {
   MillJob job = default_job(strategy);
   job.machine = *cnc::find_machine(site.machine);
   job.tolerance = Millimetres{site.tolerance_mm};
@@ -45,7 +46,6 @@ MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
   job.material = *cnc::find_material(site.material);
   job.clearance = Millimetres{site.clearance_mm};
   job.program.post = site.post;
-  job.program.name = fmt::format("{} 1:{:g}", site.name, scale);
   job.program.max_lines = static_cast<std::uint64_t>(site.max_lines);
   job.program.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
   job.stock_margin = Millimetres{site.stock_margin_mm};
@@ -57,11 +57,34 @@ MillJob mill_of(const Site& site, double scale, const std::string& strategy) {
     job.allowance_mm = site.rough_allowance_mm;
     job.ramp_deg = site.rough_ramp_deg;
     job.cell_mm = site.rough_cell_mm;
-  } else {
+  } else if (strategy != "rest") {
     job.tool.cutter = cnc::Cutter::ball(0.5 * site.ball_diameter_mm);
-    job.stepover_mm = site.stepover_mm;
+    if (strategy == "raster" || strategy == "geodesic") job.stepover_mm = site.stepover_mm;
   }
   return job;
+}
+
+Result<std::vector<MillJob>> mill_jobs(const Site& site, const std::string& file) {
+  return jobs_of(
+      operations_of(site), [&](std::string_view strategy) { return mill_of(site, strategy); }, {},
+      file);
+}
+
+/// Of the operations the one whose ridges stay: the last with passes over the whole surface.
+const MillJob* finishing(std::span<const MillJob> jobs) {
+  const MillJob* last = nullptr;
+  for (const MillJob& job : jobs)
+    if (job.strategy == "raster" || job.strategy == "geodesic") last = &job;
+  return last;
+}
+
+/// The first part of a split program stands for all of them.
+std::vector<fs::path> all_parts(std::span<const fs::path> programs, bool split) {
+  std::vector<fs::path> all;
+  for (const fs::path& program : programs)
+    for (fs::path& part : split ? parts_of(program) : std::vector{program})
+      all.push_back(std::move(part));
+  return all;
 }
 
 /// As many bands as split_into_bands makes of a square surface of this size.
@@ -75,7 +98,7 @@ std::size_t band_count(const Site& site) {
 std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                    const std::vector<SiteSource>& sources,
                                    const std::vector<fs::path>& source_files,
-                                   const fs::path& folder) {
+                                   const std::vector<MillJob>& operations, const fs::path& folder) {
   const Site& site = *file.site;
   const std::string name = scale_folder(scale);
   const fs::path here = folder / name;
@@ -108,39 +131,10 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   const Millimetres width{site.band_max_width_mm};
   const std::size_t bands = band_count(site);
   const std::string extension(cnc::post_by_name(site.post)->extension);
-  Stage band_stage{name + ".bands", {}}, rough_stage{name + ".rough", {}},
-      mill_stage{name + ".mill", {}};
-  // The block is roughed as a whole: a band's neighbour would stand in the way of its entries.
-  const fs::path rough_program = here / ("rough." + extension), stock = here / "rough.stock.tif";
-  if (site.roughing)
-    rough_stage.units.push_back({name + ".rough",
-                                 {design},
-                                 values({"name", "rough.", "mill.", "machine.", "stock."}),
-                                 [=, &site](const RunContext& run) {
-                                   MillJob mill = mill_of(site, scale, "rough");
-                                   mill.design = design;
-                                   mill.program.name += " rough";
-                                   mill.program.work_offset = work_offset_of(site, 0);
-                                   return mill_job(mill, rough_program, run);
-                                 }});
-  std::vector<fs::path> programs;
+  Stage band_stage{name + ".bands", {}};
   for (std::size_t b = 0; b < bands; ++b) {
-    const std::string band = fmt::format("band_{:02}", b + 1);
-    const fs::path solid = here / "bands" / (band + ".ply");
-    const fs::path program = here / "bands" / fmt::format("{}.{}", band, extension);
-    programs.push_back(program);
-    const auto job = [=, &site] {
-      std::error_code ec;
-      fs::create_directories(program.parent_path(), ec);
-      MillJob mill = mill_of(site, scale, "raster");
-      mill.design = design;
-      mill.max_width = width;
-      mill.band = b;
-      mill.program.work_offset = work_offset_of(site, b);
-      mill.program.name += " " + band;
-      return mill;
-    };
-    band_stage.units.push_back({fmt::format("{}.bands.{}", name, band),
+    const fs::path solid = here / "bands" / fmt::format("band_{:02}.ply", b + 1);
+    band_stage.units.push_back({fmt::format("{}.bands.band_{:02}", name, b + 1),
                                 {design},
                                 values({"bands.", "stock."}),
                                 [=, &site](const RunContext& run) {
@@ -149,69 +143,96 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                   return band_job(design, width, b,
                                                   Millimetres{site.base_thickness_mm}, solid, run);
                                 }});
-    std::vector<fs::path> inputs{design};
-    if (site.roughing) inputs.push_back(stock);
-    mill_stage.units.push_back(
-        {fmt::format("{}.mill.{}", name, band), std::move(inputs),
-         values({"name", "bands.", "cutter.", "mill.", "machine.", "stock."}),
-         [=, &site](const RunContext& run) {
-           MillJob mill = job();
-           if (site.roughing) mill.stock = stock;
-           return mill_job(mill, program, run);
-         }});
   }
   stages.push_back(std::move(band_stage));
-  if (site.roughing) stages.push_back(std::move(rough_stage));
-  stages.push_back(std::move(mill_stage));
 
-  // The first part of a split program stands for all of them.
-  const auto cut_all = [&site](VerifyJob job, const fs::path& out) {
-    const bool split = site.max_lines > 0 || site.max_bytes > 0;
-    return [=](const RunContext& run) {
-      VerifyJob whole = job;
-      if (split) {
-        whole.programs.clear();
-        whole.bands.clear();
-        for (std::size_t i = 0; i < job.programs.size(); ++i)
-          for (fs::path& part : parts_of(job.programs[i])) {
-            whole.programs.push_back(std::move(part));
-            whole.bands.push_back(i < job.bands.size() ? job.bands[i] : "");
-          }
-      }
-      return verify_job(whole, out, run);
-    };
-  };
+  // Operation by operation: bands side by side where a strategy can, else the whole surface, for
+  // which a band's neighbour would stand in the way. Each starts from what the one before leaves.
+  const auto parameters =
+      values({"name", "bands.", "cutter.", "rough.", "mill.", "machine.", "stock.", "operation"});
+  const bool split = site.max_lines > 0 || site.max_bytes > 0;
+  const std::vector<cnc::Tool> tools = tools_of(operations);
+  const MillJob* finish = finishing(operations);
   VerifyJob cut;
+  std::vector<fs::path> finish_programs;
+  std::optional<fs::path> stock;
+  for (const MillJob& operation : operations) {
+    const bool last = &operation == &operations.back();
+    Stage stage{fmt::format("{}.mill.{}", name, operation.name), {}};
+    std::vector<fs::path> inputs{design}, programs;
+    if (stock) inputs.push_back(*stock);
+    const bool whole = !strategy_of(operation.strategy).in_bands;
+    for (std::size_t b = 0; b < (whole ? 1 : bands); ++b) {
+      const std::string band = whole ? "" : fmt::format("band_{:02}", b + 1);
+      programs.push_back(whole ? here / fmt::format("{}.{}", operation.name, extension)
+                               : here / "bands" /
+                                     fmt::format("{}.{}.{}", band, operation.name, extension));
+      cut.bands.push_back(band);
+      stage.units.push_back(
+          {whole ? stage.name : fmt::format("{}.{}", stage.name, band), inputs, parameters,
+           [=, &site, program = programs.back()](const RunContext& run) {
+             std::error_code ec;
+             fs::create_directories(program.parent_path(), ec);
+             MillJob mill = operation;
+             mill.design = design;
+             mill.stock = stock;
+             mill.leave_stock = whole && !last;
+             if (!whole) {
+               mill.max_width = width;
+               mill.band = b;
+             }
+             mill.program.work_offset = work_offset_of(site, b);
+             mill.program.name = fmt::format("{} 1:{:g} {}{}{}", site.name, scale, band,
+                                             whole ? "" : " ", operation.name);
+             return mill_job(mill, program, run);
+           }});
+    }
+    stages.push_back(std::move(stage));
+    cut.programs.insert(cut.programs.end(), programs.begin(), programs.end());
+    if (&operation == finish) finish_programs = programs;
+    if (last) break;
+    const fs::path left = here / (operation.name + ".stock.tif");
+    if (!whole) {
+      std::vector<fs::path> before = programs;
+      before.insert(before.end(), inputs.begin(), inputs.end());
+      stages.push_back({fmt::format("{}.mill.{}.stock", name, operation.name),
+                        {{fmt::format("{}.mill.{}.stock", name, operation.name), before, parameters,
+                          [=, &site](const RunContext& run) {
+                            return stock_job(all_parts(programs, split), tools, design, stock,
+                                             Millimetres{site.stock_margin_mm}, left, run);
+                          }}}});
+    }
+    stock = left;
+  }
+
+  // All of them in their order, each with its tool.
   cut.design = design;
   cut.options.machine = *cnc::find_machine(site.machine);
-  const fs::path roughed = here / "rough" / "as_milled.tif";
-  if (site.roughing) {
-    // Tenths are left on: nodes of the design are fine enough.
-    VerifyJob rough = cut;
-    rough.programs = {rough_program};
-    rough.options.cell = Millimetres{std::min(site.spacing_mm, 0.25 * site.rough_cell_mm)};
-    const MillJob planned = mill_of(site, scale, "rough");
-    rough.options.tools = {planned.tool};
-    rough.stock_margin = planned.stock_margin;
-    stages.push_back(single("verify_rough", {design, rough_program},
-                            {"rough.", "machine.", "stock."},
-                            cut_all(rough, roughed.parent_path())));
-    cut.stock = roughed;
-  }
-  cut.programs = programs;
-  for (std::size_t b = 0; b < bands; ++b) cut.bands.push_back(fmt::format("band_{:02}", b + 1));
+  cut.options.tools = tools;
+  cut.options.finish_tool = finish == nullptr ? 0 : finish->tool.number;
+  cut.stock_margin = Millimetres{site.stock_margin_mm};
   cut.base_thickness = Millimetres{site.base_thickness_mm};
   cut.stones = stones;
   cut.mesh = mesh;
-  cut.options.ball_diameter = Millimetres{site.ball_diameter_mm};
   cut.options.cell = Millimetres{site.verify_cell_mm};
-  cut.options.stepover = Millimetres{site.stepover_mm};
+  cut.options.stepover = Millimetres{finish == nullptr ? NAN : finish->stepover_mm};
   cut.max_gouge = Millimetres{site.max_gouge_mm};
   std::vector<fs::path> verify_inputs{design, stones, mesh};
-  if (site.roughing) verify_inputs.push_back(roughed);
-  verify_inputs.insert(verify_inputs.end(), programs.begin(), programs.end());
-  stages.push_back(single("verify", verify_inputs,
-                          {"cutter.", "verify.", "mill.stepover", "machine."}, cut_all(cut, here)));
+  verify_inputs.insert(verify_inputs.end(), cut.programs.begin(), cut.programs.end());
+  stages.push_back(
+      single("verify", verify_inputs,
+             {"cutter.", "rough.", "verify.", "mill.stepover", "machine.", "stock.", "operation"},
+             [=](const RunContext& run) {
+               VerifyJob job = cut;
+               job.programs.clear();
+               job.bands.clear();
+               for (std::size_t i = 0; i < cut.programs.size(); ++i)
+                 for (fs::path& part : all_parts({&cut.programs[i], 1}, split)) {
+                   job.programs.push_back(std::move(part));
+                   job.bands.push_back(cut.bands[i]);
+                 }
+               return verify_job(job, here, run);
+             }));
 
   Stage export_stage{name + ".export", {}};
   for (const std::string& format : site.export_formats)
@@ -259,33 +280,39 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   }
   stages.push_back(std::move(scan_stage));
 
+  const double finish_ball_mm = finish == nullptr ? 0.0 : 2.0 * finish->tool.cutter.radius_mm;
   std::vector<fs::path> deviate_inputs{surface, as_milled};
   deviate_inputs.insert(deviate_inputs.end(), scans.begin(), scans.end());
-  stages.push_back(single("deviate", deviate_inputs, {"deviation.", "scanner.", "cutter."},
-                          [=, &site](const RunContext& run) -> Result<JobResult> {
-                            MAQUETTE_TRY(auto files, case_job(site, here, programs, scans));
-                            MAQUETTE_TRY(auto result, deviate_job(here / "case.toml", here, run));
-                            result.outputs.insert(result.outputs.end(), files.outputs.begin(),
-                                                  files.outputs.end());
-                            return result;
-                          }));
+  stages.push_back(single(
+      "deviate", deviate_inputs, {"deviation.", "scanner.", "cutter.", "operation"},
+      [=, &site](const RunContext& run) -> Result<JobResult> {
+        Site of_case = site;
+        if (finish_ball_mm > 0.0) of_case.ball_diameter_mm = finish_ball_mm;
+        MAQUETTE_TRY(auto files, case_job(of_case, here, finish_programs, scans));
+        MAQUETTE_TRY(auto result, deviate_job(here / "case.toml", here, run));
+        result.outputs.insert(result.outputs.end(), files.outputs.begin(), files.outputs.end());
+        return result;
+      }));
   return stages;
 }
 
 std::string summary_table(std::span<const UnitRecord> records) {
+  std::size_t width = 24;
+  for (const UnitRecord& r : records) width = std::max(width, r.name.size());
   std::string text =
-      fmt::format("{:<24} {:>9} {:>9} {:>10}  {}\n", "unit", "wall", "CPU", "memory", "");
+      fmt::format("{:<{}} {:>9} {:>9} {:>10}\n", "unit", width, "wall", "CPU", "memory");
   for (const UnitRecord& r : records)
-    text += fmt::format("{:<24} {:>9} {:>9} {:>10}  {}{}\n", r.name, human_seconds(r.wall_s),
+    text += fmt::format("{:<{}} {:>9} {:>9} {:>10}  {}{}\n", r.name, width, human_seconds(r.wall_s),
                         human_seconds(r.cpu_s), human_bytes(r.peak_mib * 1048576.0), r.note,
                         r.reused ? " (was up to date)" : "");
   return text;
 }
 
-/// "mill" or "s200.mill" or "mill.band_01"
+/// "mill" or "s200.mill" or "rough"
 bool selected(const std::string& stage, const std::vector<std::string>& wanted) {
   return wanted.empty() || std::any_of(wanted.begin(), wanted.end(), [&](const std::string& w) {
-           return stage == w || stage.ends_with("." + w);
+           const std::string within = "." + stage + ".";
+           return within.find("." + w + ".") != std::string::npos;
          });
 }
 
@@ -326,8 +353,9 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
       source_files.insert(source_files.end(), files.begin(), files.end());
     }
   }
+  MAQUETTE_TRY(const auto operations, mill_jobs(site, options.site.string()));
   for (const double scale : site.scales)
-    for (Stage& s : stages_of_scale(file, scale, sources, source_files, folder))
+    for (Stage& s : stages_of_scale(file, scale, sources, source_files, operations, folder))
       stages.push_back(std::move(s));
 
   if (!options.stages.empty() && std::none_of(stages.begin(), stages.end(), [&](const Stage& s) {

@@ -5,7 +5,6 @@
 #include "cnc/geodesic_passes.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/semi_finish.hpp"
-#include "cnc/verify.hpp"
 #include "cnc/waterline.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/milling/mill_program.hpp"
@@ -75,24 +74,6 @@ Result<void> write_scallop(const cnc::ScallopMap& map, const fs::path& out, JobR
   return heightmap::write_model_field(map.predicted_mm, result.outputs.back());
 }
 
-/// What the program leaves at the nodes of the design, as stock of the next operation.
-Result<void> write_stock(const MillJob& job, const Piece& piece, const fs::path& out,
-                         JobResult& result, const RunContext& run) {
-  // Of the whole surface: what stands beside a band counts for the rapids of the next operation.
-  MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
-  cnc::VerifyOptions options;
-  options.tools = {job.tool};
-  options.cell = Millimetres{std::min(design.spacing.value(), 0.5 * job.tool.cutter.radius_mm)};
-  if (piece.stock) options.stock = &*piece.stock;
-  options.stock_top = Millimetres{piece.top_mm + job.stock_margin.value()};
-  std::vector<fs::path> programs;
-  for (const fs::path& file : result.outputs)
-    if (file.extension() != ".tif") programs.push_back(file);
-  MAQUETTE_TRY(const auto cut, cnc::verify(programs, design, options, run));
-  result.outputs.push_back(beside(out, "stock"));
-  return heightmap::write_model_field(cut.as_milled, result.outputs.back());
-}
-
 }  // namespace
 
 Result<JobResult> raster_job(const MillJob& job, const fs::path& out, const RunContext& run) {
@@ -138,11 +119,8 @@ Result<JobResult> semi_finish_job(const MillJob& job, const fs::path& out, const
   const double raised = std::ceil(job.allowance_mm * 1000.0 - 1e-6) / 1000.0;  // to what is written
   json figures = figures_of(report, job);
   figures["allowance_mm"] = job.allowance_mm;
-  MAQUETTE_TRY(auto result,
-               program.finish(Proof{piece.design, radius + raised, shares.gouge_mm, raised},
-                              std::move(figures), run));
-  MAQUETTE_TRY_VOID(write_stock(job, piece, out, result, run));
-  return result;
+  return program.finish(Proof{piece.design, radius + raised, shares.gouge_mm, raised},
+                        std::move(figures), run);
 }
 
 Result<JobResult> geodesic_job(const MillJob& job, const fs::path& out, const RunContext& run) {

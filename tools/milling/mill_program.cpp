@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "tools/milling/mill_program.hpp"
+#include "tools/milling/joined_program.hpp"
 
 #include <algorithm>
 
@@ -8,19 +8,18 @@
 
 #include "cnc/gcode_reader.hpp"
 #include "cnc/mill.hpp"
-#include "cnc/motion_time.hpp"
-#include "cnc/path_certificate.hpp"
+#include "cnc/posts.hpp"
+#include "cnc/stone_clearance.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/bands.hpp"
+#include "meshing/stones.hpp"
 #include "tools/tool_table.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
 using nlohmann::json;
-namespace {
 
-/// Moves the parts beside `out`, as they are called or with `ending` behind it.
 Result<std::vector<fs::path>> put_in_place(const std::vector<fs::path>& parts, const fs::path& out,
                                            const std::string& ending) {
   std::vector<fs::path> placed;
@@ -34,53 +33,6 @@ Result<std::vector<fs::path>> put_in_place(const std::vector<fs::path>& parts, c
   return placed;
 }
 
-/// What reading the program back says.
-struct ReadBack {
-  cnc::MotionTime time;
-  std::optional<cnc::PathCertificate> proof;
-};
-
-Result<ReadBack> read_back(const std::vector<fs::path>& parts, const std::optional<Proof>& proof,
-                           const cnc::Machine& machine, const cnc::PathControl& control,
-                           const RunContext& run) {
-  cnc::MotionTimer timer(machine, control);
-  std::optional<cnc::PathProof> path;
-  if (proof)
-    path.emplace(proof->surface, cnc::BallNose{proof->ball_radius_mm},
-                 cnc::PathProofOptions{.limit_mm = proof->limit_mm});
-  Box3 box;
-  std::vector<cnc::Motion> lowered;
-  for (const fs::path& part : parts) {
-    MAQUETTE_TRY_VOID(cnc::read_gcode(
-        part,
-        [&](std::span<const cnc::Motion> motions) -> Result<void> {
-          for (const cnc::Motion& m : motions) {
-            timer.add(m);
-            box.add(m.from_mm);
-            box.add(m.to_mm);
-          }
-          if (!path) return {};
-          if (proof->lowered_mm == 0.0) {
-            path->add(motions);
-            return {};
-          }
-          lowered.assign(motions.begin(), motions.end());
-          for (cnc::Motion& m : lowered)
-            for (Vec3* p : {&m.from_mm, &m.to_mm, &m.centre_mm}) p->z -= proof->lowered_mm;
-          path->add(lowered);
-          return {};
-        },
-        run));
-    timer.rest();
-  }
-  // Retreats and entries of the parts too; the bulges of arcs were looked at with the path.
-  MAQUETTE_TRY_VOID(cnc::check_travel(machine, box));
-  ReadBack back;
-  back.time = timer.time();
-  if (path) back.proof = path->finish();
-  return back;
-}
-
 json places_of(const cnc::PathCertificate& proof) {
   json places = json::array();
   for (std::size_t i = 0; i < std::min<std::size_t>(proof.places.size(), 10); ++i)
@@ -91,7 +43,66 @@ json places_of(const cnc::PathCertificate& proof) {
   return places;
 }
 
-}  // namespace
+cnc::PathControl control_of(const std::string& post, Millimetres blending) {
+  cnc::PathControl control;
+  // Grbl and Fanuc are not told how far: as any program that does not say.
+  if (cnc::post_by_name(post)->blend.find("{tolerance}") == std::string_view::npos) return control;
+  control.mode =
+      blending.value() > 0.0 ? cnc::PathControl::Mode::blend : cnc::PathControl::Mode::exact_path;
+  control.tolerance_mm = blending.value();
+  return control;
+}
+
+Result<std::string> meets_stones(const MillJob& job, std::span<const fs::path> parts,
+                                 std::span<const cnc::Tool> tools, const RunContext& run) {
+  if (!job.standing_stones) return std::string();
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
+  MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.standing_stones));
+  const heightmap::ModelField with_stones = meshing::with_stones(design, plan);
+  std::vector<cnc::Cutter> cutters;
+  for (const cnc::Tool& tool : tools) cutters.push_back(tool.cutter);
+  cnc::StoneClearance clearance(design, with_stones, cutters);
+  for (std::size_t file = 0; file < parts.size(); ++file)
+    MAQUETTE_TRY_VOID(cnc::read_gcode(
+        parts[file],
+        [&](std::span<const cnc::Motion> motions) -> Result<void> {
+          for (std::size_t end = 0, begin = 0; begin < motions.size(); begin = end) {
+            const int number = motions[begin].tool;
+            while (end < motions.size() && motions[end].tool == number) ++end;
+            std::size_t cutter = 0;
+            while (cutter + 1 < tools.size() && tools[cutter].number != number) ++cutter;
+            clearance.add(motions.subspan(begin, end - begin), static_cast<std::uint16_t>(cutter),
+                          file);
+          }
+          return {};
+        },
+        run));
+  const cnc::StoneMeetings met = clearance.finish();
+  std::string text;
+  const auto say = [&](const char* what, std::uint64_t count,
+                       const std::vector<cnc::MotionPlace>& places) {
+    if (count == 0) return;
+    const cnc::MotionPlace& p = places.front();
+    text += fmt::format(
+        "{}{} meets stones in {} moves, first at x {:.3f} y {:.3f} z {:.3f} by "
+        "{}:{}",
+        text.empty() ? "" : "; ", what, count, p.at_mm.x, p.at_mm.y, p.at_mm.z,
+        parts[p.program].filename().string(), p.line);
+  };
+  say("the cutter", met.cutters, met.first_cutters);
+  say("holder or shank", met.holders, met.first_holders);
+  return text;
+}
+
+void warn_of_blocks(double highest_blocks_per_s, double waiting_s, const cnc::Machine& machine,
+                    const fs::path& program, const RunContext& run) {
+  if (highest_blocks_per_s <= machine.blocks_per_s) return;
+  run.warn(fmt::format(
+      "{}: {:.0f} blocks a second at its densest, {} reads {:.0f}: it will wait {:.1f} min in all; "
+      "lower the feed or raise the tolerance",
+      program.string(), highest_blocks_per_s, machine.name, machine.blocks_per_s,
+      waiting_s / 60.0));
+}
 
 Result<Waiting> Waiting::beside(const fs::path& out) {
   Waiting waiting;
@@ -131,6 +142,7 @@ Result<MillProgram> MillProgram::begin(const MillJob& job, const Piece& piece, c
     MAQUETTE_TRY(rpm, cnc::spindle_rpm(job.machine, *job.material, tool, piece.deepest_mm));
   }
   writer.tool(tool, rpm);
+  if (job.joined != nullptr) job.joined->begin(job, tool, rpm, options);
   return MillProgram(job, piece, out, std::move(waiting), std::move(writer), blending.value(), rpm);
 }
 
@@ -177,60 +189,25 @@ Result<void> MillProgram::add(const cnc::Toolpath& piece) {
   MAQUETTE_TRY_VOID(set_feeds(path));
   figures_.add(path);
   MAQUETTE_TRY_VOID(cnc::check_travel(job_.machine, figures_.extent_mm()));
+  if (job_.joined != nullptr) MAQUETTE_TRY_VOID(job_.joined->add(path));
   return writer_.add(path);
 }
 
 Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json figures,
                                       const RunContext& run) {
   MAQUETTE_TRY(const cnc::ProgramReport written, writer_.commit());
-  cnc::PathControl control;
-  control.mode =
-      blending_mm_ > 0.0 ? cnc::PathControl::Mode::blend : cnc::PathControl::Mode::exact_path;
-  control.tolerance_mm = blending_mm_;
-  MAQUETTE_TRY(const ReadBack back, read_back(written.files, proof, job_.machine, control, run));
-  const double proven_mm = back.proof ? back.proof->proven_mm : 0.0;
-  const bool rejected = proof && proven_mm > proof->limit_mm;
   JobResult result;
-  MAQUETTE_TRY(result.outputs, put_in_place(written.files, out_, rejected ? ".rejected" : ""));
-  if (rejected)
-    result.unmet = fmt::format(
-        "{}: may cut {:.4f} mm below what it must leave, more than the {:.4f} mm that its "
-        "tolerance "
-        "allows; kept as {} for inspection",
-        out_.string(), proven_mm, proof->limit_mm, result.outputs.front().string());
-  if (back.time.highest_blocks_per_s > job_.machine.blocks_per_s)
-    run.warn(fmt::format(
-        "{}: {:.0f} blocks a second at its densest, {} reads {:.0f}: it will wait {:.1f} min in "
-        "all; lower the feed or raise the tolerance",
-        out_.string(), back.time.highest_blocks_per_s, job_.machine.name, job_.machine.blocks_per_s,
-        back.time.waiting_s / 60.0));
-  const cnc::MotionTime& t = back.time;
-  figures.update(
-      {{"strategy", job_.strategy},
-       {"tool", job_.tool.number},
-       {"blocks", written.blocks},
-       {"bytes", written.bytes},
-       {"lines", figures_.lines},
-       {"arcs", figures_.arcs},
-       {"path_length_mm", figures_.cutting_length_mm},
-       {"rapid_length_mm", figures_.rapid_length_mm},
-       {"machining_time",
-        json::array({{{"program", out_.filename().string()},
-                      {"tool", job_.tool.number},
-                      {"band", job_.max_width ? fmt::format("band_{:02}", job_.band + 1) : ""},
-                      {"cutting_min", t.cutting_s / 60.0},
-                      {"rapid_min", t.rapid_s / 60.0},
-                      {"waiting_min", t.waiting_s / 60.0},
-                      {"total_min", t.total_s() / 60.0},
-                      {"length_m", t.cutting_mm / 1000.0},
-                      {"highest_blocks_per_s", t.highest_blocks_per_s}}})},
-       {"cutting_time_min", t.cutting_s / 60.0},
-       {"total_time_min", t.total_s() / 60.0},
-       {"shortest_move_mm",
-        std::isfinite(figures_.shortest_cut_mm) ? figures_.shortest_cut_mm : 0.0},
-       {"highest_block_rate_per_s", t.highest_blocks_per_s},
-       {"machine_blocks_per_s", job_.machine.blocks_per_s}});
-  figures["spindle_rpm"] = spindle_rpm_;
+  figures.update({{"strategy", job_.strategy},
+                  {"tool", job_.tool.number},
+                  {"blocks", written.blocks},
+                  {"bytes", written.bytes},
+                  {"lines", figures_.lines},
+                  {"arcs", figures_.arcs},
+                  {"path_length_mm", figures_.cutting_length_mm},
+                  {"rapid_length_mm", figures_.rapid_length_mm},
+                  {"shortest_move_mm",
+                   std::isfinite(figures_.shortest_cut_mm) ? figures_.shortest_cut_mm : 0.0},
+                  {"spindle_rpm", spindle_rpm_}});
   if (feeds_.moves > 0)
     figures["feeds"] = {{"material", job_.material->name},
                         {"lowest_mm_min", feeds_.lowest_mm_min},
@@ -242,15 +219,50 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
   if (figures_.lines + figures_.arcs > 0)
     figures.update({{"lowest_tip_mm", cnc::mm_of_ticks(figures_.lowest_cut)},
                     {"highest_tip_mm", cnc::mm_of_ticks(figures_.highest_cut)}});
-  if (back.proof)
+  if (job_.joined != nullptr) {  // timed and proven there, as the machine will read it
+    job_.joined->end(proof);
+    MAQUETTE_TRY(result.outputs, put_in_place(written.files, out_, ""));
+    result.figures_json = figures.dump();
+    return result;
+  }
+  Section section{job_.name,
+                  job_.tool.number,
+                  control_of(job_.program.post, Millimetres{blending_mm_}),
+                  blending_mm_,
+                  {},
+                  {}};
+  if (proof) section.proof.emplace(*proof);
+  MAQUETTE_TRY(const auto back, read_back(written.files, {&section, 1}, job_.machine, run));
+  const cnc::MotionTime& t = back.front().time;
+  const double proven_mm = back.front().proven_mm();
+  MAQUETTE_TRY(result.unmet, meets_stones(job_, written.files, {&job_.tool, 1}, run));
+  if (proof && proven_mm > proof->limit_mm)
+    result.unmet = fmt::format(
+        "{}: may cut {:.4f} mm below what it must leave, more than the {:.4f} mm that its "
+        "tolerance allows{}{}",
+        out_.string(), proven_mm, proof->limit_mm, result.unmet.empty() ? "" : "; ", result.unmet);
+  MAQUETTE_TRY(result.outputs,
+               put_in_place(written.files, out_, result.unmet.empty() ? "" : ".rejected"));
+  if (!result.unmet.empty())
+    result.unmet += fmt::format("; kept as {} for inspection", result.outputs.front().string());
+  warn_of_blocks(t.highest_blocks_per_s, t.waiting_s, job_.machine, out_, run);
+  figures.update(
+      {{"machining_time",
+        json::array({time_row(out_.filename().string(), section,
+                              job_.max_width ? fmt::format("band_{:02}", job_.band + 1) : "", t)})},
+       {"cutting_time_min", t.cutting_s / 60.0},
+       {"total_time_min", t.total_s() / 60.0},
+       {"highest_block_rate_per_s", t.highest_blocks_per_s},
+       {"machine_blocks_per_s", job_.machine.blocks_per_s}});
+  if (proof)
     figures.update({{"proven_gouge_mm", proven_mm},
                     {"blending_mm", blending_mm_},
                     {"proven_with_blending_mm", proven_mm + blending_mm_},
-                    {"gouges", places_of(*back.proof)}});
+                    {"gouges", places_of(*back.front().proof)}});
   result.figures_json = figures.dump();
   result.note = fmt::format("{} blocks, {:.1f} m, {:.1f} min", written.blocks,
                             figures_.cutting_length_mm / 1000.0, t.total_s() / 60.0);
-  if (back.proof)
+  if (proof)
     result.note += fmt::format(", gouge proven below {:.1f} um, {:.1f} um with blending",
                                1e3 * proven_mm, 1e3 * (proven_mm + blending_mm_));
   return result;

@@ -7,6 +7,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "cnc/path_certificate.hpp"
 #include "cnc/path_figures.hpp"
 #include "cnc/program.hpp"
 #include "cnc/stock_depth.hpp"
@@ -54,6 +55,27 @@ struct Piece {
 };
 /// @param margin_mm  beside the band
 [[nodiscard]] Result<Piece> piece_of(const MillJob& job, double margin_mm);
+
+/// Moves the parts beside `out`, as they are called or with `ending` behind it.
+[[nodiscard]] Result<std::vector<std::filesystem::path>> put_in_place(
+    const std::vector<std::filesystem::path>& parts, const std::filesystem::path& out,
+    const std::string& ending);
+
+/// At most ten.
+[[nodiscard]] nlohmann::json places_of(const cnc::PathCertificate& proof);
+
+/// What a program of that blending tells the control.
+[[nodiscard]] cnc::PathControl control_of(const std::string& post, Millimetres blending);
+
+/// Why a program is rejected: it meets stones that stand, with the first place and line. Empty
+/// where it does not, or none stand. @param parts  of the program, in the folder it waits in
+[[nodiscard]] Result<std::string> meets_stones(const MillJob& job,
+                                               std::span<const std::filesystem::path> parts,
+                                               std::span<const cnc::Tool> tools,
+                                               const RunContext& run);
+
+void warn_of_blocks(double highest_blocks_per_s, double waiting_s, const cnc::Machine& machine,
+                    const std::filesystem::path& program, const RunContext& run);
 
 /// Feeds and spindle as asked for, or as they are where nothing is asked for; they are within what
 /// the machine can do. Feeds of moves are set when the program is written.

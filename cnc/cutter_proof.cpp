@@ -53,8 +53,7 @@ double CutterProof::bound(Vec3 from, Vec3 to, int level) const {
 void CutterProof::add(std::span<const Motion> motions) {
   std::vector<Piece> open;
   for (const Motion& m : motions)
-    for_each_chord(m, kChord_mm,
-                   [&](Vec3 from, Vec3 to) { part({from, to}, half_mm(0), open); });
+    for_each_chord(m, kChord_mm, [&](Vec3 from, Vec3 to) { part({from, to}, half_mm(0), open); });
   for (int level = 0; level < kLevels && !open.empty(); ++level) {
     static_cast<void>(at_level(level));
     std::vector<double> bounds(open.size());

@@ -9,7 +9,7 @@ namespace maquette::cnc {
 namespace {
 
 constexpr std::size_t kListed = 10;
-constexpr double kStands_mm = 1e-3;    // higher than the design by this: a stone
+constexpr double kStands_mm = 1e-3;   // higher than the design by this: a stone
 constexpr float kNoStone_mm = -1e6F;  // below anything a tool could reach
 
 /// Heights of stones as far as they must not be met; nothing where none stands.
@@ -80,7 +80,8 @@ StoneMeetings StoneClearance::finish() {
     for (const PathGouge& g : places)
       if (found_.first_cutters.size() < kListed)
         found_.first_cutters.push_back(
-            {g.program, g.line,
+            {g.program,
+             g.line,
              {g.x_mm, g.y_mm, heightmap::height_at(with_stones_, g.x_mm, g.y_mm)}});
   }
   balls_.clear();

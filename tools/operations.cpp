@@ -34,15 +34,13 @@ Result<void> set_cutter(MillJob& job, const Operation& o, std::span<const cnc::T
       return fail(kConfigInvalid,
                   "the tool table says what the cutter is; diameter_mm and corner_radius_mm do not "
                   "go with it");
-    const auto* found = std::find_if(table.data(), table.data() + table.size(), [&](const auto& t) {
-      return t.number == job.tool.number;
-    });
+    const auto* found = std::find_if(table.data(), table.data() + table.size(),
+                                     [&](const auto& t) { return t.number == job.tool.number; });
     if (found == table.data() + table.size()) {
       std::vector<int> numbers;
       for (const cnc::Tool& t : table) numbers.push_back(t.number);
-      return fail(cnc::kToolNotInTable,
-                  fmt::format("tool {} is not in the tool table; it has {}", job.tool.number,
-                              fmt::join(numbers, ", ")));
+      return fail(cnc::kToolNotInTable, fmt::format("tool {} is not in the tool table; it has {}",
+                                                    job.tool.number, fmt::join(numbers, ", ")));
     }
     job.tool = *found;
     if (ball && !cutter.is_ball())
@@ -56,7 +54,8 @@ Result<void> set_cutter(MillJob& job, const Operation& o, std::span<const cnc::T
   }
   if (!std::isnan(o.corner_radius_mm)) {
     if (ball)
-      return fail(kConfigInvalid, fmt::format("corner_radius_mm: {} is milled with a ball", job.strategy));
+      return fail(kConfigInvalid,
+                  fmt::format("corner_radius_mm: {} is milled with a ball", job.strategy));
     cutter.corner_radius_mm = o.corner_radius_mm;
   }
   if (cutter.corner_radius_mm > cutter.radius_mm)
@@ -114,8 +113,10 @@ Schema operation_schema(Operation& o, std::vector<std::string> strategies) {
   t.add({"scallop_limit_mm", &o.scallop_limit_mm, "constant scallop of at most this", 1e-4, 10});
   t.add({"tolerance_mm", &o.tolerance_mm, "of the written path, all causes together", 1e-4, 1});
   t.add({"least_slope_deg", &o.least_slope_deg, "waterline: where it is steeper", 0, 90});
-  t.add({"ball_before_mm", &o.ball_before_mm, "rest: diameter of the ball whose rest it takes; the "
-         "last finishing operation's unless given", 0.01, 500});
+  t.add({"ball_before_mm", &o.ball_before_mm,
+         "rest: diameter of the ball whose rest it takes; the "
+         "last finishing operation's unless given",
+         0.01, 500});
   t.add({"ramp_deg", &o.ramp_deg, "rough: steepest way down in material", 0.5, 45});
   t.add({"cell_mm", &o.cell_mm, "rough: grid it is planned on", 0.05, 20});
   t.add({"feed_mm_per_min", &o.feed_mm_per_min, "instead of the material's", 0.01, 100000});
@@ -129,9 +130,8 @@ Result<std::vector<Operation>> read_operations(const std::filesystem::path& file
   Schema t;
   std::string schema = "maquette.operations/1";
   t.add({"schema", &schema, "version of this file's keys", -kInf, kInf, {"maquette.operations/1"}});
-  t.array("operation", "", [&] {
-    return operation_schema(operations.emplace_back(), cutting_strategies());
-  });
+  t.array("operation", "",
+          [&] { return operation_schema(operations.emplace_back(), cutting_strategies()); });
   MAQUETTE_TRY_VOID(t.read(file));
   if (operations.empty())
     return fail(kConfigInvalid, fmt::format("{}: no [[operation]] is there", file.string()));
@@ -147,7 +147,8 @@ Result<std::vector<MillJob>> jobs_of(std::span<const Operation> operations,
   for (const Operation& o : operations) {
     MillJob job = with_values(defaults(o.strategy), o);
     const auto wrong = [&](ErrorCode code, const std::string& what) {
-      return fail(code, fmt::format("{}: operation {} ({}): {}", file, jobs.size() + 1, job.name, what));
+      return fail(code,
+                  fmt::format("{}: operation {} ({}): {}", file, jobs.size() + 1, job.name, what));
     };
     if (auto cutter = set_cutter(job, o, table); !cutter)
       return wrong(cutter.error().code, cutter.error().message);
@@ -158,13 +159,15 @@ Result<std::vector<MillJob>> jobs_of(std::span<const Operation> operations,
       job.ball_before_diameter_mm = 2.0 * finish->tool.cutter.radius_mm;
     for (const MillJob& other : jobs) {
       if (other.name == job.name)
-        return wrong(kConfigInvalid, "another operation has this name; give it one of its own with name");
-      if (other.tool.number == job.tool.number && !same_cutter(other.tool.cutter, job.tool.cutter))
         return wrong(kConfigInvalid,
-                     fmt::format("tool {} is a {} here and a {} in operation '{}'; give each cutter "
-                                 "its own number with tool",
-                                 job.tool.number, shape_name(job.tool.cutter),
-                                 shape_name(other.tool.cutter), other.name));
+                     "another operation has this name; give it one of its own with name");
+      if (other.tool.number == job.tool.number && !same_cutter(other.tool.cutter, job.tool.cutter))
+        return wrong(
+            kConfigInvalid,
+            fmt::format("tool {} is a {} here and a {} in operation '{}'; give each cutter "
+                        "its own number with tool",
+                        job.tool.number, shape_name(job.tool.cutter), shape_name(other.tool.cutter),
+                        other.name));
     }
     jobs.push_back(std::move(job));
     if (leaves_what_a_ball_leaves(jobs.back())) finish = &jobs.back();

@@ -46,10 +46,9 @@ struct Operation {
 /// @return one job an operation, its `name` filled in. TOOLS_CONFIG_INVALID, beginning with `file`:
 ///         a name twice, one number for two cutters, a tool that is no ball where one is needed, a
 ///         cutter without size; CNC_TOOL_NOT_IN_TABLE
-[[nodiscard]] Result<std::vector<MillJob>> jobs_of(std::span<const Operation> operations,
-                                                   const std::function<MillJob(std::string_view)>& defaults,
-                                                   std::span<const cnc::Tool> table,
-                                                   const std::string& file);
+[[nodiscard]] Result<std::vector<MillJob>> jobs_of(
+    std::span<const Operation> operations, const std::function<MillJob(std::string_view)>& defaults,
+    std::span<const cnc::Tool> table, const std::string& file);
 
 /// Each tool once, in the order of the jobs.
 [[nodiscard]] std::vector<cnc::Tool> tools_of(std::span<const MillJob> jobs);

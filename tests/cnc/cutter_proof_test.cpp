@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Claims of cutter_proof.hpp and how they are attacked:
-//   bound of the gouge .......... flat ground: closed form; random terrain, lines, ramps, helices: an
+//   bound of the gouge .......... flat ground: closed form; random terrain, lines, ramps, helices:
+//   an
 //                                 exact drop of the cutter every 10 um finds nothing deeper
 //   not far above it ............ by two kFinestHalf_mm times the slope
 //   not above the limit where the cutter keeps its distance: beside a wall of one cell
@@ -58,8 +59,7 @@ TEST(CutterProof, MeasuresFlatGround) {
 
 TEST(CutterProof, PassesBesideAWall) {
   // Rises by 20 mm from x = 10 to x = 10.5; cells show nothing of what is between them.
-  const ModelField wall =
-      field_of(41, 0.5, [](double x, double) { return x > 10.2 ? 20.0 : 0.0; });
+  const ModelField wall = field_of(41, 0.5, [](double x, double) { return x > 10.2 ? 20.0 : 0.0; });
   const Cutter cutter = Cutter::bull(4.0, 1.0);
   EXPECT_LE(proven(wall, cutter, {line({5.9, 3.0, 0.01}, {5.9, 17.0, 0.01})}), 0.005);
   EXPECT_LE(proven(wall, cutter, {line({5.9, 3.0, 9.0}, {5.9, 17.0, 0.01})}), 0.005);

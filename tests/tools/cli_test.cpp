@@ -639,7 +639,7 @@ TEST_F(CommandLine, NothingMayMeetStandingStones) {
   const auto tools = file("tools.toml",
                           "[[tool]]\nnumber = 1\nshape = \"flat\"\ndiameter_mm = 4.0\n[[tool]]\n"
                           "number = 2\nshape = \"ball\"\ndiameter_mm = 4.0\nflute_length_mm = "
-                          "2.0\nstick_out_mm = 3.0\n[[tool.holder]]\nheight_mm = 30.0\n"
+                          "0.6\nstick_out_mm = 0.8\n[[tool.holder]]\nheight_mm = 30.0\n"
                           "lower_diameter_mm = 16.0\nupper_diameter_mm = 16.0\n");
   const auto verify = [&](const std::string& moves) {
     const auto program = file("p.ngc", "G21 G90 G64 P0.01\n" + moves + "M2\n");
@@ -658,11 +658,12 @@ TEST_F(CommandLine, NothingMayMeetStandingStones) {
   EXPECT_EQ(c["stone_holder_collisions"], 0);
   // T2's ball passes 8 mm beside the middle, its holder of radius 8 mm 3 mm above the ground does
   // not.
-  const auto [near, n] = verify("T2 M6\nG0 X5 Y28 Z29\nG1 Z0 F500\nX35\nG0 Z29\n");
+  const auto [near, n] = verify("T2 M6\nG0 X5 Y27 Z29\nG1 Z0 F500\nX35\nG0 Z29\n");
   EXPECT_EQ(near.exit_code, 1);
   EXPECT_THAT(near.err, HasSubstr("holder or shank meets stones in 1 moves, first at x 35.000 y "
-                                  "28.000 z 0.000 by"));
+                                  "27.000 z 0.000 by"));
   EXPECT_EQ(n["stone_collisions"], 0);
+  ASSERT_EQ(n["first_stone_holder_collisions"].size(), 1U);
   EXPECT_EQ(n["first_stone_holder_collisions"][0]["line"], 5);
   const auto [clear, k] = verify("T2 M6\nG0 X5 Y34 Z29\nG1 Z0 F500\nX35\nG0 Z29\n");
   EXPECT_EQ(k["stone_collisions"], 0);

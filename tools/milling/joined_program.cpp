@@ -156,22 +156,22 @@ Result<JobResult> JoinedProgram::finish(const MillJob& first, json operations,
   if (!result.unmet.empty())
     result.unmet += fmt::format("; kept as {} for inspection", result.outputs.front().string());
   warn_of_blocks(most_blocks, waiting_s, first.machine, out_, run);
-  result.figures_json = json{{"strategy", "operations"},
-                             {"operations", std::move(operations)},
-                             {"blocks", written.blocks},
-                             {"bytes", written.bytes},
-                             {"path_length_mm", written.cutting_length_mm},
-                             {"rapid_length_mm", written.rapid_length_mm},
-                             {"machining_time", std::move(times)},
-                             {"total_time_min", total_min},
-                             {"highest_block_rate_per_s", most_blocks},
-                             {"machine_blocks_per_s", first.machine.blocks_per_s},
-                             {"proven_gouge_mm", worst_mm}}
-                            .dump();
+  result.figures_json = json{
+      {"strategy", "operations"},
+      {"operations", std::move(operations)},
+      {"blocks", written.blocks},
+      {"bytes", written.bytes},
+      {"path_length_mm", written.cutting_length_mm},
+      {"rapid_length_mm", written.rapid_length_mm},
+      {"machining_time", std::move(times)},
+      {"total_time_min", total_min},
+      {"highest_block_rate_per_s", most_blocks},
+      {"machine_blocks_per_s", first.machine.blocks_per_s},
+      {"proven_gouge_mm",
+       worst_mm}}.dump();
   result.note = fmt::format("{} operations, {} blocks, {:.1f} m, {:.1f} min", sections_.size(),
                             written.blocks, written.cutting_length_mm / 1000.0, total_min);
-  if (worst_mm > 0.0)
-    result.note += fmt::format(", gouge proven below {:.1f} um", 1e3 * worst_mm);
+  if (worst_mm > 0.0) result.note += fmt::format(", gouge proven below {:.1f} um", 1e3 * worst_mm);
   return result;
 }
 

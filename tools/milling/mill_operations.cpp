@@ -20,8 +20,9 @@ Result<JobResult> mill_operations_job(std::span<const MillJob> jobs, const fs::p
   MAQUETTE_CHECK(!jobs.empty(), "no operations");
   MAQUETTE_TRY(auto joined, JoinedProgram::create(jobs.front(), out));
   // What operations leave, and programs of theirs that nobody needs, until all is done.
-  MAQUETTE_TRY(const Waiting waiting,
-               Waiting::beside(out.parent_path() / fmt::format("{}-operations", out.stem().string())));
+  MAQUETTE_TRY(
+      const Waiting waiting,
+      Waiting::beside(out.parent_path() / fmt::format("{}-operations", out.stem().string())));
   json figures = json::array();
   std::vector<fs::path> beside_it;
   std::optional<fs::path> stock = jobs.front().stock;

@@ -36,51 +36,6 @@ constexpr double kSimulationFloor_mm = 0.0025;
 /// What a linear signature may be wrong by, as a share of what all causes together move.
 constexpr double kLinearError = 0.08;
 
-std::vector<Column> nuisances_of(const Measurements& m) {
-  std::vector<Column> all;
-  const double half = m.scene.half_mm();
-  for (std::uint32_t s = 0; s < m.set_ups.size(); ++s) {
-    const Vec3 c = m.set_ups[s].centre_mm;
-    for (int k = 0; k < 6; ++k)
-      all.push_back(detail::column(fmt::format("pose{}_{}", s, k), {"", 1.0, INFINITY},
-                                   [=](const Observation& o) {
-                                     if (o.set_up != s) return 0.0;
-                                     if (k < 3)
-                                       return k == 0 ? o.along.x : k == 1 ? o.along.y : o.along.z;
-                                     const Vec3 turn = (1.0 / half) * cross(o.place - c, o.along);
-                                     return k == 3 ? turn.x : k == 4 ? turn.y : turn.z;
-                                   }));
-  }
-  if (m.scene.has_path)
-    all.push_back(detail::column(
-        "milled_minus_design", {"", 1.0, INFINITY},
-        [](const Observation& o) { return o.on_surface ? o.milled_minus_design_mm : 0.0; }));
-  return all;
-}
-
-std::vector<Candidate> candidates_of(const Scene& scene, Diagnosis& d) {
-  std::vector<Candidate> all;
-  const bool any_station =
-      std::any_of(scene.has_station.begin(), scene.has_station.end(), [](bool b) { return b; });
-  for (const Effect& e : library()) {
-    if (!e.forms) continue;
-    if ((e.needs == Needs::path && !scene.has_path) ||
-        (e.needs == Needs::station && !any_station)) {
-      d.untestable.push_back(e.name);
-      continue;
-    }
-    all.push_back({&e, e.forms(scene)});
-  }
-  return all;
-}
-
-std::vector<Column> all_columns(const std::vector<Candidate>& candidates) {
-  std::vector<Column> columns;
-  for (const Candidate& c : candidates)
-    for (const Form& f : c.forms) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
-  return columns;
-}
-
 /// Plain sum of squares over some sets, every point alike.
 double squares(const Bank& bank, const std::vector<int>& model, const Eigen::VectorXd& b,
                const std::vector<int>& sets, double* count) {
@@ -199,7 +154,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
   d.notes = m.notes;
   Scene scene = m.scene;
   const Layout layout = detail::lay_out(scene.box, seed);
-  const auto nuisances = nuisances_of(m);
+  const auto nuisances = detail::nuisances_of(m);
   // Waves along the passes are looked for in what the nuisances leave.
   if (scene.has_path) {
     const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
@@ -212,8 +167,10 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
       scene.steps[static_cast<std::size_t>(axis)] =
           detail::sharpest_steps(m.observations, r, layout, axis);
   }
-  detail::Search search{m.observations, nuisances, layout, candidates_of(scene, d)};
-  Bank bank = detail::sum_up(m.observations, nuisances, all_columns(search.candidates), layout);
+  detail::Search search{m.observations, nuisances, layout,
+                        detail::candidates_of(scene, d.untestable)};
+  Bank bank =
+      detail::sum_up(m.observations, nuisances, detail::all_columns(search.candidates), layout);
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.3);
 
@@ -232,9 +189,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
   }
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
-  // Tests that could be made: as many as there are causes in the largest model, in each round.
-  const double level = kFamilyLevel / 20.0;
-  auto confirmed = detail::confirm(bank, members, level, d.rejected);
+  auto confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected);
 
   // What remains, and whether the causes stand without the odd places.
   const auto empty = detail::columns_of(bank, {});

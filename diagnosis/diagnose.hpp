@@ -36,6 +36,9 @@ namespace maquette::diagnosis {
 
 /// Level of all claims of a case together.
 inline constexpr double kFamilyLevel = 0.01;
+/// Of one claim: as many tests can be made as there are causes in the largest model, in each of its
+/// rounds.
+inline constexpr double kClaimLevel = kFamilyLevel / 20.0;
 
 struct Estimate {
   std::string name;

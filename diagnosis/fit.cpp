@@ -159,10 +159,11 @@ Fit fit(const Bank& bank, const std::vector<int>& model, const std::vector<int>&
   return best;
 }
 
-Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& f, int column) {
+Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& f, int column,
+              const std::vector<int>& sets) {
   std::vector<int> wide = model;
   wide.push_back(column);
-  const Small s = pick(bank, wide, {kChoose, kConfirm, kReport});
+  const Small s = pick(bank, wide, sets);
   const Index p = static_cast<Index>(wide.size());
   MatrixXd a = MatrixXd::Zero(p + 1, p + 1);
   for (std::size_t g = 0; g < kGroups; ++g) a += s.gram[g] / f.variance[g];
@@ -175,6 +176,24 @@ Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& f, int
                             a(p - 1, p - 1) - b.absorbed.dot(a.col(p - 1).head(p - 1)));
   b.estimate = (a(p, p - 1) - b.absorbed.dot(a.col(p).head(p - 1))) / b.information;
   return b;
+}
+
+double rms_beside_nuisances(const Bank& bank, int column) {
+  std::vector<int> at(static_cast<std::size_t>(bank.nuisances));
+  std::iota(at.begin(), at.end(), 0);
+  at.push_back(column);
+  const auto p = static_cast<Index>(bank.nuisances);
+  MatrixXd a = MatrixXd::Zero(p + 1, p + 1);
+  double points = 0.0;
+  for (const SetSums& s : bank.sets) {
+    for (const MatrixXd& g : s.gram) a += g(at, at);
+    for (const TopSums& top : s.top)
+      if (!top.weight.empty())
+        a += top.points() / static_cast<double>(top.weight.size()) * top.gram[0](at, at);
+    points += s.top[0].points();
+  }
+  const VectorXd taken = solve(a.topLeftCorner(p, p), a.col(p).head(p), nullptr);
+  return std::sqrt(std::fmax(0.0, a(p, p) - taken.dot(a.col(p).head(p))) / std::fmax(1.0, points));
 }
 
 double objective_held(const Bank& bank, const std::vector<int>& model, const VectorXd& coefficients,

@@ -13,7 +13,6 @@ namespace {
 
 constexpr double kLeastPattern_mm = 0.03;  // what careful registration leaves is below this
 constexpr double kLeastPose_mm = 0.002;    // no pose is believed to be better
-constexpr double kLevel = kFamilyLevel / 20.0;
 
 /// Two-sided tail of Student's t, by the integral's leading term; too large by at most a few per
 /// cent beyond t = 4, which is the safe side.
@@ -124,7 +123,8 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
     c.separate_by = e->separate_by;
     return c;
   };
-  if (!found.empty() && std::abs(found[0].size.value) > kLeastPattern_mm && found[0].p < kLevel) {
+  if (!found.empty() && std::abs(found[0].size.value) > kLeastPattern_mm &&
+      found[0].p < kClaimLevel) {
     const Found& best = found[0];
     Cause c = named(patterns[best.pattern].effect);
     c.parameters = {{patterns[best.pattern].parameter, best.size.value, best.size.sigma}};
@@ -195,7 +195,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[worst]) / static_cast<double>(n - 1));
   const double p_value =
       static_cast<double>(n) * f_tail_six(squares[worst] / others, 3 * (static_cast<int>(n) - 1));
-  if (p_value < kLevel && std::sqrt(squares[worst]) > 2.0 * kLeastPattern_mm) {
+  if (p_value < kClaimLevel && std::sqrt(squares[worst]) > 2.0 * kLeastPattern_mm) {
     Cause c = named("scanner.registration");
     const PoseEstimate& p = d.poses[worst];
     c.parameters = {{"shift_x_mm", p.shift_mm.x, p.shift_sigma_mm.x},

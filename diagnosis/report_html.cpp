@@ -166,7 +166,21 @@ std::string to_html(const Diagnosis& d) {
         "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f}</td><td>{:.0f}, {:.0f}, {:.0f}</td></tr>",
         markup_escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, p.turn_urad.x,
         p.turn_urad.y, p.turn_urad.z);
-  s += "</table><h2>Ruled out</h2><table>";
+  s += "</table>";
+  if (!d.ranking.empty()) {
+    const double best = std::fmax(1.0, d.ranking.front().gain);
+    s += "<h2>Ranking</h2><p>What each cause gains alone on the blocks for choosing, in -2 log "
+         "likelihood less the price of its parameters; below 0 it is not worth them.</p><table>";
+    for (std::size_t i = 0; i < std::min<std::size_t>(10, d.ranking.size()); ++i) {
+      const Ranked& r = d.ranking[i];
+      s += fmt::format(
+          "<tr><td>{}</td><td>{}</td><td>{:.0f}</td><td><svg width=\"200\" height=\"12\"><rect "
+          "width=\"{:.1f}\" height=\"12\" fill=\"#2166ac\"/></svg></td></tr>",
+          r.effect, markup_escaped(r.law), r.gain, 200.0 * std::clamp(r.gain / best, 0.0, 1.0));
+    }
+    s += "</table>";
+  }
+  s += "<h2>Ruled out</h2><table>";
   for (const Rejected& r : d.rejected)
     s += fmt::format("<tr><td>{}</td><td>{}</td></tr>", r.effect, markup_escaped(r.why));
   s += "</table>";

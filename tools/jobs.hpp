@@ -145,6 +145,10 @@ struct ScanJob {
                                              std::uint64_t seed, bool require_cause,
                                              const RunContext& run);
 
+/// detectability.json.
+[[nodiscard]] Result<JobResult> detectability_job(const fs::path& case_file, const fs::path& folder,
+                                                  std::uint64_t seed, const RunContext& run);
+
 /// compare.json and difference.png.
 [[nodiscard]] Result<JobResult> compare_job(const fs::path& real, const fs::path& rendered,
                                             const fs::path& folder, const RunContext& run);

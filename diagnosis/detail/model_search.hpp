@@ -35,6 +35,13 @@ inline constexpr double kPricePerCause = 10.0;
 /// leaves of second order is not to be named after a small one.
 inline constexpr double kPriceOfGain = 0.02;
 
+/// Six directions of each set-up's pose, and the difference between cut and designed surface.
+[[nodiscard]] std::vector<Column> nuisances_of(const Measurements& measurements);
+/// All causes with a form that these data can test. @param untestable  the names of the others
+[[nodiscard]] std::vector<Candidate> candidates_of(const Scene& scene,
+                                                   std::vector<std::string>& untestable);
+[[nodiscard]] std::vector<Column> all_columns(const std::vector<Candidate>& candidates);
+
 struct Search {
   const std::vector<Observation>& observations;
   const std::vector<Column>& nuisances;

@@ -133,14 +133,17 @@ struct Fit {
 /// @param model  indices of columns
 [[nodiscard]] Fit fit(const Bank& bank, const std::vector<int>& model,
                       const std::vector<int>& sets);
-/// A column beside a fitted model, all sets, at the fit's noise.
+/// A column beside a fitted model, at the fit's noise.
 struct Beside {
   Eigen::VectorXd absorbed;  ///< what of one unit the model's columns take
   double information = 0.0;  ///< on its coefficient, 1 / variance
   double estimate = 0.0;
 };
 [[nodiscard]] Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& fit,
-                            int column);
+                            int column,
+                            const std::vector<int>& sets = {kChoose, kConfirm, kReport});
+/// rms of what one unit of a column moves, less what the nuisances take of it, all points alike.
+[[nodiscard]] double rms_beside_nuisances(const Bank& bank, int column);
 
 /// -2 log likelihood of sets with coefficients held except the nuisances (the first ones), noise
 /// profiled.

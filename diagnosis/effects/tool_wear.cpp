@@ -3,6 +3,7 @@
 // The ball loses w over the program, evenly with the cut length, fast at first, or late. What is
 // worn from all sides leaves the surface higher by w along the normal; after wear the tip is still
 // where the control thinks it is if lengths are measured again: w (1 - n_z). 10 to 100 um.
+#include "diagnosis/detail/ball.hpp"
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -22,7 +23,8 @@ void add_tool_wear(std::vector<Effect>& all) {
   e.separate_by = "cut the first strip again with a new cutter";
   e.correction = "change the cutter earlier";
   e.needs = Needs::path;
-  e.forms = [](const Scene&) {
+  e.forms = [](const Scene& scene) {
+    const double radius = scene.ball_radius_mm;
     struct Law {
       const char* name;
       double power;
@@ -30,18 +32,19 @@ void add_tool_wear(std::vector<Effect>& all) {
     std::vector<Form> forms;
     for (const Law law : {Law{"even", 1.0}, Law{"fast at first", 0.5}, Law{"late", 2.0}})
       for (const bool tip_held : {true, false})
-        forms.push_back({fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
-                         {column(fmt::format("wear{}{}", law.power, tip_held),
-                                 {"radius_loss_mm", 1.0, 1.0}, [=](const Observation& o) {
-                                   if (!o.on_surface) return 0.0;
-                                   return recut_mm(o,
-                                                   [=](const CutState& s, Vec3 n) {
-                                                     return kSize_mm *
-                                                            std::pow(s.cut_share, law.power) *
-                                                            (1.0 / n.z - (tip_held ? 1.0 : 0.0));
-                                                   }) /
-                                          kSize_mm;
-                                 })}});
+        forms.push_back(
+            {fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
+             {column(fmt::format("wear{}{}", law.power, tip_held), {"radius_loss_mm", 1.0, 1.0},
+                     [=](const Observation& o) {
+                       if (!o.on_surface) return 0.0;
+                       return recut_mm(
+                                  o,
+                                  [=](const CutState& s, Vec3 n) {
+                                    const double loss = kSize_mm * std::pow(s.cut_share, law.power);
+                                    return ball_rise(radius, n, -loss) + (tip_held ? 0.0 : loss);
+                                  }) /
+                              kSize_mm;
+                     })}});
     return forms;
   };
   all.push_back(std::move(e));

@@ -111,7 +111,12 @@ TEST(Library, MovesMaterialAsItsPhysicsSays) {
   EXPECT_NEAR(value("machine.scale_x", 0, o), n.x * (121.0 - 80.0) / 80.0, 1e-12);
   EXPECT_NEAR(value("machine.squareness_xz", 0, o), n.x * (9.0 - 10.0) / 80.0, 1e-12);
   EXPECT_NEAR(value("machine.backlash_x", 0, o), -n.x, 1e-6) << "moving up x, the table trails";
-  EXPECT_NEAR(value("tool.radius_error", 0, o), n.z - 1.0, 1e-12);
+  // A ball of 3.02 mm in the place of one of 3 mm, its tip held, by its circle.
+  const double rho2 = 9.0 * (1.0 - n.z * n.z);
+  EXPECT_NEAR(value("tool.radius_error", 0, o),
+              (3.02 - std::sqrt(3.02 * 3.02 - rho2) - 3.0 + std::sqrt(9.0 - rho2)) / 0.02 * n.z,
+              1e-9);
+  EXPECT_NEAR(value("tool.radius_error", 0, o), n.z - 1.0, 1e-3) << "to first order";
   EXPECT_NEAR(value("coating.thickness", 0, o), 1.0, 1e-12);
   EXPECT_NEAR(value("scanner.range_bias", 0, o), dot(n, o.beam), 1e-12);
   EXPECT_LT(value("scanner.incidence_bias", 0, o), 0.0) << "too long a range is below the surface";
@@ -128,8 +133,8 @@ TEST(Library, MovesMaterialAsItsPhysicsSays) {
 TEST(Library, CoatAndRadiusDifferByAShiftOnly) {
   // The look-alikes that need a pad without coat: their sum is n_z, a registration.
   const Observation o = place();
-  EXPECT_NEAR(value("coating.thickness", 0, o) + value("tool.radius_error", 0, o), o.normal.z,
-              1e-12);
+  EXPECT_NEAR(value("coating.thickness", 0, o) + value("tool.radius_error", 0, o), o.normal.z, 1e-3)
+      << "to first order";
 }
 
 TEST(Library, BlursASphereByItsCurvature) {

@@ -18,6 +18,7 @@
 
 #include "core/random.hpp"
 #include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
 
 namespace maquette::diagnosis {
@@ -242,6 +243,28 @@ TEST(Inference, IsConsistentWithWhatItFound) {
   ASSERT_TRUE(again.has_value());
   EXPECT_EQ(again->verdict, "consistent") << to_json(*again).substr(0, 600);
   EXPECT_EQ(take_off({{"machine.gremlins", "", {}, {}}}, m).error().code, kUnknownCause);
+}
+
+TEST(Inference, SaysHowSmallACauseCouldBe) {
+  const auto smallest = [](double white) {
+    const auto d = detectability(part(71, {white, 0.0, 20.0, 0.02}, nothing), 1);
+    EXPECT_TRUE(d.has_value());
+    for (const Detectable& e : d->effects)
+      if (e.effect == "machine.scale_x") return e.smallest;
+    return 0.0;
+  };
+  const double usual = smallest(0.05), quiet = smallest(0.025);
+  EXPECT_NEAR(quiet / usual, 0.5, 0.05);  // in proportion to white noise
+  // Half of that size is not to be chosen with 90 %, one and a half times is found.
+  const auto found = [&](double size) {
+    const auto d = diagnose(
+        part(72, {},
+             [size](const Observation& o) { return 1e-6 * size * o.normal.x * (o.tip.x - 80.0); }),
+        1);
+    return d && d->causes.size() == 1U && names(d->causes[0], "machine.scale_x");
+  };
+  EXPECT_TRUE(found(1.5 * usual));
+  EXPECT_FALSE(found(0.3 * usual));
 }
 
 TEST(Inference, SameSeedSameAnswer) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// diagnose
+// diagnose detectability
 
 #include <CLI/CLI.hpp>
 
@@ -26,6 +26,25 @@ Command add_diagnose(CLI::App& root, const CommonOptions& common) {
             const auto seed = static_cast<std::uint64_t>(common.seed < 0 ? 1 : common.seed);
             return finish(console, "diagnose", [&](const RunContext& run) {
               return diagnose_job(o->case_file, o->out, seed, o->require_cause, run);
+            });
+          }};
+}
+
+Command add_detectability(CLI::App& root, const CommonOptions& common) {
+  struct Options {
+    fs::path case_file, out = "detectability";
+  };
+  auto o = std::make_shared<Options>();
+  auto* app =
+      root.add_subcommand("detectability",
+                          "How small each cause could be and still be found: detectability.json.\n"
+                          "Example: maquette detectability case.toml --out detectability");
+  app->add_option("case", o->case_file, "case file")->required();
+  app->add_option("--out", o->out, "folder")->capture_default_str();
+  return {app, [o, &common](Console& console) {
+            const auto seed = static_cast<std::uint64_t>(common.seed < 0 ? 1 : common.seed);
+            return finish(console, "detectability", [&](const RunContext& run) {
+              return detectability_job(o->case_file, o->out, seed, run);
             });
           }};
 }

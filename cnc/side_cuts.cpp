@@ -12,25 +12,25 @@
 namespace maquette::cnc {
 namespace {
 
-constexpr double kKeptBack_mm = 0.0005;   // of the limit, for what is rounded
-constexpr double kRounding_mm = 0.001;    // of the end of a cut across
+constexpr double kKeptBack_mm = 0.0005;      // of the limit, for what is rounded
+constexpr double kRounding_mm = 0.001;       // of the end of a cut across
 constexpr double kNearlyReached_mm = 0.015;  // worth looking beside
 constexpr int kLooks = 3;                    // that often, each half as far
-constexpr double kLookStep_mm = 0.05;     // along rows and cuts across
-constexpr double kCloser_mm = 0.2;        // a row is written closer this far either way
-constexpr double kSwept_mm = 0.6;         // a cut across clears nothing farther along than this
-constexpr double kShortestCut_mm = 0.01;  // the row is as good
-constexpr std::int64_t kFromEnd = 100;    // places: rows begin and end on themselves
-constexpr int kBlockers = 3;              // nodes around a point that are looked at first
+constexpr double kLookStep_mm = 0.05;        // along rows and cuts across
+constexpr double kCloser_mm = 0.2;           // a row is written closer this far either way
+constexpr double kSwept_mm = 0.6;            // a cut across clears nothing farther along than this
+constexpr double kShortestCut_mm = 0.01;     // the row is as good
+constexpr std::int64_t kFromEnd = 100;       // places: rows begin and end on themselves
+constexpr int kBlockers = 3;                 // nodes around a point that are looked at first
 
 }  // namespace
 
 /// A point of the design, and where the ball touches it; along and across the rows.
 struct SideCutFinder::Open {
-  double u, v;          // of the ball
-  double pu, pv, pz;    // of the point
-  double allowed;       // height that may stay
-  double over;          // what stays above that now
+  double u, v;        // of the ball
+  double pu, pv, pz;  // of the point
+  double allowed;     // height that may stay
+  double over;        // what stays above that now
 
   /// Height over the point of a ball's lower side.
   [[nodiscard]] double left_by(double at_u, double at_v, double tip, double R) const {
@@ -79,8 +79,8 @@ SideCutFinder::SideCutFinder(const heightmap::ModelField& design, BallNose tool,
       ey_(kTick_mm * static_cast<double>(frame.dy) / step_mm_),
       x0_(mm_of_ticks(frame.x0)),
       y0_(mm_of_ticks(frame.y0)),
-      per_spacing_(std::max(1, static_cast<int>(std::ceil(
-                                   design.spacing.value() / kContactsApart_mm - 1e-9)))),
+      per_spacing_(std::max(
+          1, static_cast<int>(std::ceil(design.spacing.value() / kContactsApart_mm - 1e-9)))),
       cutters_(DropCutter(design, Cutter::ball(R_))) {
   MAQUETTE_CHECK(frame.along_an_axis(), "rows along {}, {}", frame.dx, frame.dy);
 }
@@ -123,8 +123,7 @@ double SideCutFinder::rise(const Open& p, const Facet& f, DropCutter& cutter) co
 }
 
 /// Whether the ball reaches the point or one beside it, which then takes its place.
-bool SideCutFinder::reached(const Facet& f, double s, double t, DropCutter& cutter,
-                            Open& p) const {
+bool SideCutFinder::reached(const Facet& f, double s, double t, DropCutter& cutter, Open& p) const {
   const double x = x0_ + p.u * ex_ - p.v * ey_, y = y0_ + p.u * ey_ + p.v * ex_;
   if (blocked(f.row, f.col, x, y, p.pz + f.up + kNearlyReached_mm)) return false;
   double least = rise(p, f, cutter);
@@ -133,7 +132,8 @@ bool SideCutFinder::reached(const Facet& f, double s, double t, DropCutter& cutt
   for (int look = 0; look < kLooks && least > kReachTolerance_mm; ++look, step *= 0.5) {
     const double from_s = s, from_t = t;
     for (const auto& [ds, dt] : {std::pair{step, 0.0}, {-step, 0.0}, {0.0, step}, {0.0, -step}}) {
-      const double to_s = std::clamp(from_s + ds, 0.0, 1.0), to_t = std::clamp(from_t + dt, 0.0, 1.0);
+      const double to_s = std::clamp(from_s + ds, 0.0, 1.0),
+                   to_t = std::clamp(from_t + dt, 0.0, 1.0);
       if (f.lower ? to_s < to_t : to_t < to_s) continue;
       const Open q = touch(f, to_s, to_t);
       const double up = rise(q, f, cutter);
@@ -189,8 +189,8 @@ void SideCutFinder::open_points(const Gap& gap, DropCutter& cutter, std::vector<
       const double inside = stated_scallop_mm({R_}, stepover_mm_, steepest(r, c));
       // A point between cells belongs to the least steep of them.
       double around = inside;
-      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - 1); i <= std::min(z.rows() - 2, r + 1);
-           ++i)
+      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - 1);
+           i <= std::min(z.rows() - 2, r + 1); ++i)
         for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, c - 1);
              j <= std::min(z.cols() - 2, c + 1); ++j)
           around = std::min(around, stated_scallop_mm({R_}, stepover_mm_, steepest(i, j)));
@@ -233,7 +233,9 @@ void SideCutFinder::find(const RowHeights& a, const RowHeights& b, RowCare& for_
   DropCutter& cutter = cutters_.local();
   std::vector<Open> open;
   open_points(gap, cutter, open);
-  const auto place_of = [this](double u) { return static_cast<std::int64_t>(std::llround(u / step_mm_)); };
+  const auto place_of = [this](double u) {
+    return static_cast<std::int64_t>(std::llround(u / step_mm_));
+  };
   // What the rows clear when they are written closer.
   const std::int64_t around = std::llround(kCloser_mm / step_mm_);
   std::erase_if(open, [&](const Open& p) {

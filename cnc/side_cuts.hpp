@@ -12,9 +12,9 @@
 /// there, as they are written, the lower counts, of places along them up to kLookAlong_mm either
 /// way. Where that is more than the stated scallop (scallop.hpp) and the limit, and the exact
 /// cutter location says that the ball need not rise by more than kReachTolerance_mm to touch, there
-/// or somewhere up to half the points' distance away, the point is open. Open points that the exact rows would clear make the row be written closer
-/// around; of the others the highest gets a cut across from the nearer row to its own place, until
-/// none is open.
+/// or somewhere up to half the points' distance away, the point is open. Open points that the exact
+/// rows would clear make the row be written closer around; of the others the highest gets a cut
+/// across from the nearer row to its own place, until none is open.
 ///
 /// Accuracy. Of the points looked at, none stays open (but by rounding, kept back from the limit);
 /// between them the surface bends by what a ball of radius R may: with points d apart, less than

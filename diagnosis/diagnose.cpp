@@ -36,24 +36,48 @@ constexpr double kSimulationFloor_mm = 0.0025;
 /// What a linear signature may be wrong by, as a share of what all causes together move.
 constexpr double kLinearError = 0.08;
 
-/// Plain sum of squares over some sets, every point alike.
-double squares(const Bank& bank, const std::vector<int>& model, const Eigen::VectorXd& b,
-               const std::vector<int>& sets, double* count) {
+/// Plain sums of products over some sets, every point alike, the residual last.
+Eigen::MatrixXd plain_sums(const Bank& bank, const std::vector<int>& model,
+                           const std::vector<int>& sets) {
   std::vector<int> at = model;
   at.push_back(bank.y());
-  Eigen::VectorXd v(b.size() + 1);
-  v << -b, 1.0;
-  double sum = 0.0;
+  const auto n = static_cast<Eigen::Index>(at.size());
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
   for (const int set : sets) {
     const auto& s = bank.sets[static_cast<std::size_t>(set)];
-    for (const auto& g : s.gram) sum += v.dot(g(at, at) * v);
+    for (const auto& g : s.gram) sum += g(at, at);
     for (const auto& top : s.top)
       if (!top.weight.empty())
-        sum +=
-            top.points() / static_cast<double>(top.weight.size()) * v.dot(top.gram[0](at, at) * v);
-    if (count != nullptr) *count += s.top[0].points();
+        sum += top.points() / static_cast<double>(top.weight.size()) * top.gram[0](at, at);
   }
-  return std::fmax(0.0, sum);
+  return sum;
+}
+
+/// Coefficients with the causes held and the nuisances (the first ones) fitted by plain least
+/// squares. A fit with a long process leaves poses to the process: its own nuisances may be off by
+/// a constant, which is no misfit of the model.
+Eigen::VectorXd levelled(const Bank& bank, const std::vector<int>& model, Eigen::VectorXd b,
+                         const std::vector<int>& sets) {
+  const Eigen::MatrixXd sum = plain_sums(bank, model, sets);
+  const Eigen::Index p = bank.nuisances, causes = b.size() - p;
+  const Eigen::VectorXd right =
+      sum.col(b.size()).head(p) - sum.block(0, p, p, causes) * b.tail(causes);
+  const Eigen::VectorXd d = sum.diagonal().head(p).cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  Eigen::MatrixXd scaled = d.asDiagonal() * sum.topLeftCorner(p, p) * d.asDiagonal();
+  scaled.diagonal().array() += 1e-10;
+  b.head(p) = d.asDiagonal() * scaled.ldlt().solve(d.asDiagonal() * right);
+  return b;
+}
+
+/// Plain sum of squares over some sets, the nuisances levelled on them.
+double squares(const Bank& bank, const std::vector<int>& model, const Eigen::VectorXd& b,
+               const std::vector<int>& sets, double* count) {
+  const Eigen::VectorXd level = levelled(bank, model, b, sets);
+  Eigen::VectorXd v(b.size() + 1);
+  v << -level, 1.0;
+  if (count != nullptr)
+    for (const int set : sets) *count += bank.sets[static_cast<std::size_t>(set)].top[0].points();
+  return std::fmax(0.0, v.dot(plain_sums(bank, model, sets) * v));
 }
 
 std::vector<Member> members_of(const std::vector<Confirmed>& confirmed) {
@@ -79,11 +103,12 @@ std::vector<double> residuals_of(const std::vector<Observation>& all,
                                  const std::vector<Member>& members, const Bank& bank,
                                  const Fit& f) {
   const auto model = detail::columns_of(bank, members);
+  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, kAll);
   std::vector<double> r(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) {
     double v = all[i].residual_mm;
     for (std::size_t k = 0; k < model.size(); ++k)
-      v -= f.coefficients(static_cast<Eigen::Index>(k)) *
+      v -= b(static_cast<Eigen::Index>(k)) *
            bank.columns[static_cast<std::size_t>(model[k])].value(all[i]);
     r[i] = v;
   }

@@ -2,7 +2,8 @@
 
 // What is claimed in cnc/side_cuts.hpp, and how it is attacked:
 //
-//   holds the limit ............ rough ground along both axes, one way and zig-zag: the program, read
+//   holds the limit ............ rough ground along both axes, one way and zig-zag: the program,
+//   read
 //                                back and cut in simulation, with verify's own search for what the
 //                                ball reaches, at all nodes of a grid that is not the finder's
 //   is needed .................. the same without it stands well above

@@ -42,12 +42,12 @@ Foot foot_on(const ModelField& f, double per_mm, Vec3 p) {
           std::fmin(1.0, 4.0 * n_z)};
 }
 
-/// psi(e) / e, psi(e) and psi'(e).
+/// psi(e) / e, psi(e) and psi'(e), e in standard deviations of its own.
 struct Influence {
   double w, psi, slope;
 };
 Influence influence(const Loss& loss, const Foot& foot) {
-  const double e = foot.e_mm, limit = loss.limit_mm * foot.reach, u = e / limit;
+  const double e = foot.e_mm / foot.sigma, limit = loss.limit_mm * foot.reach, u = e / limit;
   if (loss.kind == Loss::Kind::tukey) {
     const double rest = 1.0 - u * u;
     if (!(rest > 0.0)) return {0.0, 0.0, 0.0};
@@ -57,7 +57,9 @@ Influence influence(const Loss& loss, const Foot& foot) {
   return {1.0 / std::abs(u), std::copysign(limit, e), 0.0};
 }
 
-void columns_of(Vec3 p, Vec3 n, const Frame& frame, double per_arm, double* j) {
+/// Derivatives of e / sigma.
+void columns_of(Vec3 p, const Foot& foot, const Frame& frame, double per_arm, double* j) {
+  const Vec3 n = (1.0 / foot.sigma) * foot.normal;
   const Vec3 arm = per_arm * (p - frame.centre_mm), turn = cross(arm, n);
   j[0] = n.x, j[1] = n.y, j[2] = n.z;
   j[3] = turn.x, j[4] = turn.y, j[5] = turn.z;
@@ -178,7 +180,7 @@ double robust_scale(const Met& met) {
   std::vector<double> e;
   e.reserve(met.feet.size());
   for (const Foot& f : met.feet)
-    if (!std::isnan(f.e_mm)) e.push_back(std::abs(f.e_mm));
+    if (!std::isnan(f.e_mm)) e.push_back(std::abs(f.e_mm) / f.sigma);
   if (e.empty()) return NAN;
   const auto middle = e.begin() + static_cast<std::ptrdiff_t>(e.size() / 2);
   std::nth_element(e.begin(), middle, e.end());
@@ -210,7 +212,7 @@ void add_point(RawSums& s, const Foot& foot, Vec3 p, const Frame& frame, double 
   const auto [w, psi, slope] = influence(loss, foot);
   if (w == 0.0) return;
   double j[7];
-  columns_of(p, foot.normal, frame, per_arm, j);
+  columns_of(p, foot, frame, per_arm, j);
   const double psi2 = psi * psi;
   std::size_t k = 0;
   for (int a = 0; a < 7; ++a)
@@ -290,7 +292,7 @@ BlockMeat block_meat(std::span<const Vec3> cloud, const Pose& pose, const Surfac
       if (psi == 0.0) continue;
       double j[7];
       const Vec3 p = met.points_mm[i];
-      columns_of(p, foot.normal, frame, per_arm, j);
+      columns_of(p, foot, frame, per_arm, j);
       const auto c = static_cast<std::size_t>(std::clamp((p.x - box.min.x) * per_x, 0.0, n - 1.0));
       const auto r = static_cast<std::size_t>(std::clamp((p.y - box.min.y) * per_y, 0.0, n - 1.0));
       std::int64_t* at = &score[(r * side + c) * 7];

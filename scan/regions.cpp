@@ -2,6 +2,7 @@
 #include "scan/regions.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <numeric>
 
@@ -11,6 +12,7 @@
 
 #include "core/files.hpp"
 #include "core/median.hpp"
+#include "scan/detail/dxf_regions.hpp"
 #include "scan/statistics.hpp"
 
 namespace maquette::scan {
@@ -51,6 +53,10 @@ bool Region::holds(double x, double y) const {
 }
 
 Result<std::vector<Region>> read_regions(const std::filesystem::path& path) {
+  std::string ending = path.extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (ending == ".dxf") return detail::read_dxf_regions(path);
   MAQUETTE_TRY(const std::string text, read_file(path));
   const json root = json::parse(text, nullptr, false);
   const std::string file = path.string();
@@ -251,10 +257,17 @@ Dependence depend_on(std::string name, std::span<const float> values,
   for (std::size_t i = 0; i < values.size(); ++i)
     if (!std::isnan(values[i]) && !std::isnan(deviation[i]))
       pairs.emplace_back(values[i], deviation[i]);
-  std::sort(pairs.begin(), pairs.end());
-  for (std::size_t k = 0; k < bins; ++k) {
-    const std::size_t first = k * pairs.size() / bins, end = (k + 1) * pairs.size() / bins;
-    if (end <= first) continue;
+  // By value alone: sorted by deviation too, bins of one value would differ by it.
+  const auto by_value = [](const auto& a, const auto& b) { return a.first < b.first; };
+  std::stable_sort(pairs.begin(), pairs.end(), by_value);
+  for (std::size_t k = 0, first = 0; k < bins && first < pairs.size(); ++k) {
+    std::size_t end = std::max(first + 1, (k + 1) * pairs.size() / bins);
+    // What has one value is in one bin.
+    end =
+        static_cast<std::size_t>(std::upper_bound(pairs.begin() + static_cast<std::ptrdiff_t>(end),
+                                                  pairs.end(), pairs[end - 1], by_value) -
+                                 pairs.begin());
+    if ((k + 1) * pairs.size() / bins <= first) continue;
     std::vector<float> d;
     for (std::size_t i = first; i < end; ++i) d.push_back(pairs[i].second);
     const DeviationStatistics s = summarize(d);
@@ -263,6 +276,7 @@ Dependence depend_on(std::string name, std::span<const float> values,
     result.mean_mm.push_back(s.mean_mm);
     result.nmad_mm.push_back(s.nmad_mm);
     result.points.push_back(end - first);
+    first = end;
   }
   return result;
 }

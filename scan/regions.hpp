@@ -32,7 +32,12 @@ struct Region {
 
 /// GeoJSON (RFC 7946, but in model millimetres): a FeatureCollection of Polygon and MultiPolygon
 /// with properties `name`, `lower_mm`, `upper_mm`.
-/// @return SCAN_REGION_FORMAT with the path of the element; CORE_FILE_*
+/// Or DXF (by its ending), drawn in millimetres of the model: each closed polyline, circle,
+/// ellipse, spline or hatch is a region (curves as chords of a degree), named by the text that
+/// stands in it, "NAME" or "NAME LOWER UPPER", else by its layer. Open curves, points and solids
+/// are passed over.
+/// @return SCAN_REGION_FORMAT with the path of the element, or if a drawing's unit ($INSUNITS) is
+///   not mm or it has no closed curve; CORE_FILE_*
 [[nodiscard]] Result<std::vector<Region>> read_regions(const std::filesystem::path& path);
 /// Strips along x, as the part is milled: bands of at most this width.
 [[nodiscard]] std::vector<Region> band_regions(const heightmap::ModelField& design,
@@ -68,7 +73,7 @@ struct Texture {
 };
 [[nodiscard]] Texture texture_of(const Grid<float>& deviation_mm, double spacing_mm);
 
-/// Deviations by something else: bins of equal counts.
+/// Deviations by something else: bins of equal counts, but never is one value in two bins.
 struct Dependence {
   std::string on;
   std::vector<double> from, to, mean_mm, nmad_mm;

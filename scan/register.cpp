@@ -17,6 +17,7 @@
 #include <Eigen/Dense>
 
 #include "core/check.hpp"
+#include "scan/detail/noise_model.hpp"
 #include "scan/detail/registration_steps.hpp"
 
 namespace maquette::scan {
@@ -30,6 +31,8 @@ using heightmap::ModelField;
 constexpr std::size_t kSample = 30'000;
 constexpr std::size_t kFewer = 5'000;  // to find the way down the pyramid
 constexpr std::size_t kPlaces = 20;
+// Weights that differ by less gain less than 4 % of the pose's standard deviation.
+constexpr double kWorthWeights = 1.5;
 
 struct Candidate {
   Pose pose;
@@ -148,12 +151,27 @@ Result<Registration> register_scan(const Cloud& cloud, const ModelField& design,
   run.progress(0.5);
 
   const detail::SmoothFieldSurface smooth(design);
+  // Seen from a known place, points count by their own noise.
+  std::optional<detail::NoiseModel> noise;
+  if (cloud.station_mm)
+    noise.emplace(detail::meet(some, place.pose, *level.surface),
+                  place.pose.point(*cloud.station_mm));
+  const bool weighted = noise && noise->spread() > kWorthWeights;
+  std::optional<detail::WeightedSurface> own, own_smooth;
+  detail::Level finest = level;
+  if (weighted) {
+    own.emplace(*level.surface, *noise);
+    own_smooth.emplace(smooth, *noise);
+    finest.surface = &*own;
+  }
+  const detail::Surface& shape =
+      weighted ? static_cast<const detail::Surface&>(*own_smooth) : smooth;
   MAQUETTE_TRY(const detail::Rest rest,
-               detail::come_to_rest(cloud.points_mm, some, place.pose, level, smooth,
+               detail::come_to_rest(cloud.points_mm, some, place.pose, finest, shape,
                                     place.fit.frame, options, run));
   const Fit fit = detail::fit_of(some, rest.pose, *level.surface);
   if (!fit.good(least)) return poor_fit(fit, least, options.anywhere);
-  detail::state(result, cloud.points_mm, some, rest, *level.surface, place.fit.frame);
+  detail::state(result, cloud.points_mm, some, rest, *finest.surface, place.fit.frame);
   result.noise_mm = fit.noise_mm;
   result.overlap = fit.overlap;
   result.likeness = fit.likeness;

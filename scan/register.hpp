@@ -15,6 +15,9 @@
 ///          residuals: what is farther has no weight at all, so overlap is trimmed by the
 ///          noise that the data show. On height fields the plane is that of the triangle
 ///          above or below the point; a pyramid of the design widens the capture.
+/// Weights  Where the scanner's place is known, each residual counts by its own standard deviation,
+///          as range and incidence make it (generalised ICP with the noise that the residuals show:
+///          detail/noise_model.hpp), if that differs by more than half over the scan.
 /// Coarse   From nothing: the cloud's plane of least scatter gives up and down, then heights
 ///          over that plane are correlated with the design's at every shift and azimuth
 ///          (masked normalised correlation by FFT: Padfield 2012,

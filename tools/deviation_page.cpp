@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
-#include "core/markup.hpp"
 #include "tools/deviation_view_text.hpp"
+#include "tools/document.hpp"
 #include "tools/pictures.hpp"
 #include "tools/report.hpp"
 
@@ -20,57 +20,47 @@ using nlohmann::json;
 namespace {
 
 constexpr std::ptrdiff_t kViewNodes = 420;  // a side, at most
+constexpr std::size_t kMostRows = 40;       // of a table; summary.json has all
 
-std::string cell(const json& v) {
-  if (v.is_null()) return "<td class='n'>&ndash;</td>";
-  if (v.is_number_float()) return fmt::format("<td class='n'>{:.4g}</td>", v.get<double>());
-  if (v.is_number()) return fmt::format("<td class='n'>{}</td>", v.dump());
-  if (v.is_string()) return fmt::format("<td>{}</td>", markup_escaped(v.get<std::string>()));
+Table::Cell cell(const json& v) {
+  if (v.is_null()) return {"\u2013", true};
+  if (v.is_number_float()) return {fmt::format("{:.4g}", v.get<double>()), true};
+  if (v.is_number()) return {v.dump(), true};
+  if (v.is_string()) return {v.get<std::string>(), false};
   if (v.is_array()) {
     std::string text;
     for (const json& e : v)
-      text += (text.empty() ? "" : ", ") + (e.is_string() ? markup_escaped(e.get<std::string>())
+      text += (text.empty() ? "" : ", ") + (e.is_string() ? e.get<std::string>()
                                             : e.is_number_float()
                                                 ? fmt::format("{:.4g}", e.get<double>())
                                                 : e.dump());
-    return fmt::format("<td>{}</td>", text.empty() ? "nothing" : text);
+    return {text.empty() ? "nothing" : text, false};
   }
-  return fmt::format("<td>{}</td>", markup_escaped(v.dump()));
+  return {v.dump(), false};
 }
 
 using Columns = std::vector<std::pair<const char*, const char*>>;  // key, heading
 
-std::string table(const json& rows, const Columns& columns, std::size_t most = 40) {
-  std::string html = "<table><tr>";
-  for (const auto& [key, heading] : columns) html += fmt::format("<th>{}</th>", heading);
-  html += "</tr>";
-  std::size_t shown = 0;
+void add_table(Document& doc, const json& rows, const Columns& columns) {
+  Table table;
+  for (const auto& [key, heading] : columns) table.head.emplace_back(heading);
   for (const json& row : rows) {
-    if (shown++ == most) break;
-    html += "<tr>";
-    for (const auto& [key, heading] : columns) html += cell(row.contains(key) ? row[key] : json());
-    html += "</tr>";
+    if (table.rows.size() == kMostRows) break;
+    auto& to = table.rows.emplace_back();
+    for (const auto& [key, heading] : columns)
+      to.push_back(cell(row.contains(key) ? row[key] : json()));
   }
-  html += "</table>\n";
-  if (rows.size() > most)
-    html += fmt::format("<p>{} more are in summary.json.</p>\n", rows.size() - most);
-  return html;
+  doc.emplace_back(std::move(table));
+  if (rows.size() > kMostRows)
+    doc.emplace_back(
+        Paragraph{fmt::format("{} more are in summary.json.", rows.size() - kMostRows)});
 }
 
-std::string figures(const json& from, const Columns& rows) {
-  std::string html = "<table>";
+void add_figures(Document& doc, const json& from, const Columns& rows) {
+  Table table;
   for (const auto& [key, heading] : rows)
-    if (from.contains(key)) html += fmt::format("<tr><td>{}</td>{}</tr>", heading, cell(from[key]));
-  return html + "</table>\n";
-}
-
-std::string picture(const fs::path& png, const std::string& caption, int width) {
-  const auto data = read_file(png);
-  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", markup_escaped(png.string()));
-  return fmt::format(
-      "<figure><img width='{}' alt='{}' src='data:image/png;base64,{}'><figcaption>{}</figcaption>"
-      "</figure>\n",
-      width, markup_escaped(caption), base64(*data), markup_escaped(caption));
+    if (from.contains(key)) table.rows.push_back({{heading, false}, cell(from[key])});
+  doc.emplace_back(std::move(table));
 }
 
 /// 16 bit steps, -32768 for a void.
@@ -119,7 +109,7 @@ std::string view_data(const scan::Deviation& deviation, const heightmap::ModelFi
 
 std::string view(const scan::Deviation& deviation, const heightmap::ModelField& design,
                  double limit_mm) {
-  return "<h2>On the part</h2>\n<div><canvas id='part' style='width:100%;height:560px;"
+  return "<div><canvas id='part' style='width:100%;height:560px;"
          "touch-action:none;cursor:grab'></canvas>\n"
          "<p class='value'>Drag to turn, with shift to move, wheel to come nearer, click for a "
          "value.</p>\n"
@@ -135,148 +125,222 @@ std::string view(const scan::Deviation& deviation, const heightmap::ModelField& 
          view_data(deviation, design, limit_mm) + ");\n</script>\n";
 }
 
+void add_findings(Document& doc, const json& s) {
+  doc.emplace_back(Heading{2, "What is significant"});
+  if (s["findings"].empty()) {
+    doc.emplace_back(Paragraph{"Nothing: no patch stands out of noise and registration."});
+  } else {
+    doc.emplace_back(
+        Paragraph{"Heights are steps against the surroundings; \u00b1 is one standard deviation. "
+                  "Most certain first."});
+    add_table(doc, s["findings"],
+              {{"x_mm", "x, mm"},
+               {"y_mm", "y, mm"},
+               {"height_mm", "height, mm"},
+               {"sigma_height_mm", "\u00b1"},
+               {"diameter_mm", "diameter, mm"},
+               {"sigma_diameter_mm", "\u00b1"},
+               {"length_mm", "length, mm"},
+               {"width_mm", "width, mm"},
+               {"volume_mm3", "volume, mm\u00b3"},
+               {"certainty", "sigmas"}});
+  }
+  if (!s["objects"].empty()) {
+    doc.emplace_back(Heading{2, "Objects that are in no plan"});
+    add_table(doc, s["objects"],
+              {{"x_mm", "x, mm"},
+               {"y_mm", "y, mm"},
+               {"height_mm", "height, mm"},
+               {"sigma_height_mm", "\u00b1"},
+               {"length_mm", "length, mm"},
+               {"width_mm", "width, mm"},
+               {"volume_mm3", "volume, mm\u00b3"},
+               {"points", "points"},
+               {"resembles", "resembles missing stone"}});
+  }
+  if (!s["stones"].empty()) {
+    doc.emplace_back(Heading{2, "Stones"});
+    add_table(doc, s["stones"],
+              {{"number", "stone"},
+               {"state", "state"},
+               {"carries", "in its place"},
+               {"shift_mm", "shift x, y, z, mm"},
+               {"sigma_shift_mm", "\u00b1"},
+               {"turn_deg", "turn, \u00b0"},
+               {"sigma_turn_deg", "\u00b1"},
+               {"points", "points"}});
+  }
+  if (!s["regions"].empty()) {
+    doc.emplace_back(Heading{2, "Regions"});
+    doc.emplace_back(
+        Paragraph{"Decided with the expanded uncertainty as guard band (ISO 14253-1)."});
+    add_table(doc, s["regions"],
+              {{"name", "region"},
+               {"points", "points"},
+               {"mean_mm", "mean, mm"},
+               {"sigma_mean_mm", "\u00b1"},
+               {"rms_mm", "RMS, mm"},
+               {"nmad_mm", "NMAD, mm"},
+               {"p05_mm", "5 %, mm"},
+               {"p95_mm", "95 %, mm"},
+               {"within", "in tolerance"},
+               {"verdict", "verdict"},
+               {"worst_mm", "worst, mm"}});
+  }
+}
+
+void add_registration(Document& doc, const json& s) {
+  doc.emplace_back(Heading{2, "Registration"});
+  add_table(doc, s["registrations"],
+            {{"points", "scan"},
+             {"iterations", "iterations"},
+             {"rms_before_mm", "RMS before, mm"},
+             {"rms_after_mm", "RMS after, mm"},
+             {"noise_mm", "noise, mm"},
+             {"overlap", "overlap"},
+             {"likeness", "relief shown"},
+             {"scale", "scale"},
+             {"sigma_translation_mm", "pose \u00b1, mm"},
+             {"sigma_rotation_rad", "rad"},
+             {"effective_points", "independent points"},
+             {"free_directions", "not determined"}});
+  if (!s["spheres"].empty()) {
+    doc.emplace_back(Paragraph{"Reference spheres found in the clouds and matched to datums:"});
+    add_table(doc, s["spheres"],
+              {{"points", "scan"},
+               {"found", "spheres found"},
+               {"matched", "matched"},
+               {"missing", "not found"},
+               {"rms_mm", "RMS off, mm"},
+               {"sigma_translation_mm", "pose \u00b1, mm"},
+               {"sigma_rotation_rad", "rad"}});
+  }
+  if (!s["datums"].empty()) {
+    doc.emplace_back(Paragraph{
+        "The comparison uses the registration on datums. Beside it, what a best fit would "
+        "have taken away:"});
+    add_table(doc, s["datums"],
+              {{"points", "scan"},
+               {"absorbed_mean_mm", "absorbed, mean, mm"},
+               {"absorbed_sigma_mm", "\u00b1"},
+               {"absorbed_min_mm", "least, mm"},
+               {"absorbed_max_mm", "most, mm"},
+               {"sigma_translation_mm", "pose on datums \u00b1, mm"},
+               {"free_directions", "not determined"}});
+    for (const json& d : s["datums"])
+      add_table(doc, d["fits"],
+                {{"name", "datum"},
+                 {"points", "points"},
+                 {"mean_mm", "residual, mm"},
+                 {"noise_mm", "noise, mm"}});
+  } else {
+    doc.emplace_back(Paragraph{
+        "Each scan was brought onto the part by best fit before this comparison. A best fit "
+        "absorbs "
+        "what looks like a shift or a tilt of the whole part, an even coat of paint for example: "
+        "such a deviation does not appear here. Datums in the case file show it."});
+  }
+}
+
+void add_corrections(Document& doc, const json& c) {
+  doc.emplace_back(Heading{2, "Where the part and the axes are"});
+  doc.emplace_back(
+      Paragraph{"In the frame of the datums, against the plan. corrections.toml has the "
+                "same for a scene of render."});
+  add_figures(doc, c,
+              {{"translation_mm", "part moved by x, y, z, mm"},
+               {"sigma_translation_mm", "\u00b1 of its middle, mm"},
+               {"rotation_deg", "turned about x, y, z, \u00b0"},
+               {"sigma_rotation_deg", "\u00b1, \u00b0"}});
+  if (!c["axes"].empty())
+    add_table(doc, c["axes"],
+              {{"name", "axis"},
+               {"origin_mm", "at position 0, mm"},
+               {"direction", "direction"},
+               {"sigma_direction_deg", "\u00b1, \u00b0"},
+               {"scale", "scale"},
+               {"sigma_scale", "\u00b1"},
+               {"straightness_mm", "off straight, mm"}});
+}
+
+Document document_of(const scan::Deviation& deviation, const heightmap::ModelField& design,
+                     const json& s, double limit_mm, const fs::path& map_png,
+                     const fs::path& significant_png) {
+  const bool expected = s.contains("expected");
+  Document doc;
+  add_figures(doc, s, {kDeviationFigures.begin(), kDeviationFigures.end()});
+  doc.emplace_back(Heading{2, "Deviation"});
+  doc.emplace_back(Picture{map_png, "measured minus design along the normal; grey: not measured"});
+  doc.emplace_back(Picture{significant_png,
+                           fmt::format("{}, where it is more than noise (1 % false discoveries); "
+                                       "white: not significant",
+                                       expected ? "measured minus expected" : "the same")});
+  doc.emplace_back(SignedLegend{limit_mm, "mm"});
+  if (expected) {
+    doc.emplace_back(Heading{2, "Beside what was expected"});
+    doc.emplace_back(Paragraph{
+        "The design with what the program leaves on it and the coat that was declared. Poses were "
+        "found on this surface, and what is significant is a deviation from it."});
+    add_figures(doc, s["expected"],
+                {{"as_milled", "simulated cut"},
+                 {"coating_mm", "coat, mm"},
+                 {"known_mean_mm", "expected deviation from the design, mean, mm"},
+                 {"known_max_mm", "highest, mm"},
+                 {"mean_mm", "measured minus expected, mean, mm"},
+                 {"rms_mm", "RMS, mm"},
+                 {"nmad_mm", "NMAD, mm"},
+                 {"p05_mm", "5th percentile, mm"},
+                 {"p95_mm", "95th percentile, mm"}});
+  }
+  doc.emplace_back(Interactive{"<h2>On the part</h2>\n" + view(deviation, design, limit_mm)});
+  add_findings(doc, s);
+  add_registration(doc, s);
+  if (s.contains("corrections")) add_corrections(doc, s["corrections"]);
+  doc.emplace_back(Heading{2, "Uncertainty"});
+  doc.emplace_back(Paragraph{"Of the mean of a cell, by the GUM."});
+  add_table(doc, s["budget"]["contributions"],
+            {{"source", "source"}, {"u_mm", "u, mm"}, {"evaluation", "evaluated from"}});
+  add_figures(doc, s["budget"],
+              {{"combined_mm", "combined, mm"}, {"expanded_mm", "expanded, k = 2, mm"}});
+  doc.emplace_back(Heading{2, "Texture of what is left"});
+  doc.emplace_back(Paragraph{"ISO 25178-2, after a form of second degree."});
+  add_figures(doc, s["texture"],
+              {{"sa_mm", "Sa, mm"},
+               {"sq_mm", "Sq, mm"},
+               {"sz_mm", "Sz, mm"},
+               {"ssk", "Ssk"},
+               {"sku", "Sku"},
+               {"sdr", "Sdr"},
+               {"form_mm", "form taken off, mm"}});
+  if (!s["dependences"].empty()) doc.emplace_back(Heading{2, "What deviations go with"});
+  for (const json& d : s["dependences"]) {
+    doc.emplace_back(Heading{3, "By " + d["on"].get<std::string>()});
+    add_table(doc, d["bins"],
+              {{"from", "from"},
+               {"to", "to"},
+               {"mean_mm", "mean, mm"},
+               {"nmad_mm", "NMAD, mm"},
+               {"points", "points"}});
+  }
+  doc.emplace_back(Heading{2, "Distribution"});
+  doc.emplace_back(Histogram{deviation.histogram, deviation.histogram_limit_mm,
+                             deviation.statistics.mean_mm, deviation.statistics.sigma_mm, "mm"});
+  doc.emplace_back(Paragraph{"Line: normal distribution of the same mean and standard deviation."});
+  return doc;
+}
+
 }  // namespace
 
-Result<void> write_deviation_page(const scan::Deviation& deviation,
-                                  const heightmap::ModelField& design,
-                                  const std::string& summary_json, double limit_mm,
-                                  const fs::path& map_png, const fs::path& significant_png,
-                                  const fs::path& out) {
-  const json s = json::parse(summary_json);
-  std::string html = figures(s, {kDeviationFigures.begin(), kDeviationFigures.end()});
-  html += "<h2>Deviation</h2>\n" +
-          picture(map_png, "measured minus design along the normal; grey: not measured", 520) +
-          picture(significant_png,
-                  s.contains("expected")
-                      ? "measured minus expected, where it is more than noise (1 % false "
-                        "discoveries); white: not significant"
-                      : "the same where it is more than noise (1 % false discoveries); white: not "
-                        "significant",
-                  520) +
-          signed_legend_svg(limit_mm, "mm");
-  if (s.contains("expected"))
-    html +=
-        "<h2>Beside what was expected</h2>\n<p>The design with what the program leaves on it and "
-        "the coat that was declared. Poses were found on this surface, and what is significant is "
-        "a deviation from it.</p>\n" +
-        figures(s["expected"], {{"as_milled", "simulated cut"},
-                                {"coating_mm", "coat, mm"},
-                                {"known_mean_mm", "expected deviation from the design, mean, mm"},
-                                {"known_max_mm", "highest, mm"},
-                                {"mean_mm", "measured minus expected, mean, mm"},
-                                {"rms_mm", "RMS, mm"},
-                                {"nmad_mm", "NMAD, mm"},
-                                {"p05_mm", "5th percentile, mm"},
-                                {"p95_mm", "95th percentile, mm"}});
-  html += view(deviation, design, limit_mm);
-  html += "<h2>What is significant</h2>\n";
-  html +=
-      s["findings"].empty()
-          ? "<p>Nothing: no patch stands out of noise and registration.</p>\n"
-          : "<p>Heights are steps against the surroundings; &plusmn; is one standard deviation. "
-            "Most certain first.</p>\n" +
-                table(s["findings"], {{"x_mm", "x, mm"},
-                                      {"y_mm", "y, mm"},
-                                      {"height_mm", "height, mm"},
-                                      {"sigma_height_mm", "&plusmn;"},
-                                      {"diameter_mm", "diameter, mm"},
-                                      {"sigma_diameter_mm", "&plusmn;"},
-                                      {"length_mm", "length, mm"},
-                                      {"width_mm", "width, mm"},
-                                      {"volume_mm3", "volume, mm&sup3;"},
-                                      {"certainty", "sigmas"}});
-  if (!s["stones"].empty())
-    html += "<h2>Stones</h2>\n" + table(s["stones"], {{"number", "stone"},
-                                                      {"state", "state"},
-                                                      {"carries", "in its place"},
-                                                      {"shift_mm", "shift x, y, z, mm"},
-                                                      {"sigma_shift_mm", "&plusmn;"},
-                                                      {"turn_deg", "turn, &deg;"},
-                                                      {"sigma_turn_deg", "&plusmn;"},
-                                                      {"points", "points"}});
-  if (!s["regions"].empty())
-    html +=
-        "<h2>Regions</h2>\n<p>Decided with the expanded uncertainty as guard band (ISO "
-        "14253-1).</p>\n" +
-        table(s["regions"], {{"name", "region"},
-                             {"points", "points"},
-                             {"mean_mm", "mean, mm"},
-                             {"sigma_mean_mm", "&plusmn;"},
-                             {"rms_mm", "RMS, mm"},
-                             {"nmad_mm", "NMAD, mm"},
-                             {"p05_mm", "5 %, mm"},
-                             {"p95_mm", "95 %, mm"},
-                             {"within", "in tolerance"},
-                             {"verdict", "verdict"},
-                             {"worst_mm", "worst, mm"}});
-  html += "<h2>Registration</h2>\n" +
-          table(s["registrations"], {{"points", "scan"},
-                                     {"iterations", "iterations"},
-                                     {"rms_before_mm", "RMS before, mm"},
-                                     {"rms_after_mm", "RMS after, mm"},
-                                     {"noise_mm", "noise, mm"},
-                                     {"overlap", "overlap"},
-                                     {"likeness", "relief shown"},
-                                     {"sigma_translation_mm", "pose &plusmn;, mm"},
-                                     {"sigma_rotation_rad", "rad"},
-                                     {"effective_points", "independent points"},
-                                     {"free_directions", "not determined"}});
-  if (s.contains("spheres") && !s["spheres"].empty())
-    html += "<p>Reference spheres found in the clouds, and matched to datums:</p>\n" +
-            table(s["spheres"], {{"points", "scan"},
-                                 {"found", "spheres found"},
-                                 {"matched", "matched"},
-                                 {"missing", "not found"},
-                                 {"rms_mm", "RMS off, mm"},
-                                 {"sigma_translation_mm", "pose &plusmn;, mm"},
-                                 {"sigma_rotation_rad", "rad"}});
-  if (s.contains("datums") && !s["datums"].empty()) {
-    html +=
-        "<p>The comparison uses the registration on datums. Beside it, what a best fit would "
-        "have taken away:</p>\n" +
-        table(s["datums"], {{"points", "scan"},
-                            {"absorbed_mean_mm", "absorbed, mean, mm"},
-                            {"absorbed_sigma_mm", "&plusmn;"},
-                            {"absorbed_min_mm", "least, mm"},
-                            {"absorbed_max_mm", "most, mm"},
-                            {"sigma_translation_mm", "pose on datums &plusmn;, mm"},
-                            {"free_directions", "not determined"}});
-    for (const json& d : s["datums"])
-      html += table(d["fits"], {{"name", "datum"},
-                                {"points", "points"},
-                                {"mean_mm", "residual, mm"},
-                                {"noise_mm", "noise, mm"}});
-  } else {
-    html +=
-        "<p>Each scan was brought onto the design by best fit before this comparison. A best fit "
-        "absorbs what looks like a shift or a tilt of the whole part, an even coat of paint for "
-        "example: such a deviation does not appear here. Datums in the case file show it.</p>\n";
-  }
-  html += "<h2>Uncertainty</h2>\n<p>Of the mean of a cell, by the GUM.</p>\n" +
-          table(s["budget"]["contributions"],
-                {{"source", "source"}, {"u_mm", "u, mm"}, {"evaluation", "evaluated from"}}) +
-          figures(s["budget"],
-                  {{"combined_mm", "combined, mm"}, {"expanded_mm", "expanded, k = 2, mm"}});
-  html += "<h2>Texture of what is left</h2>\n<p>ISO 25178-2, after a form of second degree.</p>\n" +
-          figures(s["texture"], {{"sa_mm", "Sa, mm"},
-                                 {"sq_mm", "Sq, mm"},
-                                 {"sz_mm", "Sz, mm"},
-                                 {"ssk", "Ssk"},
-                                 {"sku", "Sku"},
-                                 {"sdr", "Sdr"},
-                                 {"form_mm", "form taken off, mm"}});
-  for (const json& d : s["dependences"])
-    html += fmt::format("<h3>By {}</h3>\n", markup_escaped(d["on"].get<std::string>())) +
-            table(d["bins"], {{"from", "from"},
-                              {"to", "to"},
-                              {"mean_mm", "mean, mm"},
-                              {"nmad_mm", "NMAD, mm"},
-                              {"points", "points"}});
-  html += "<h2>Distribution</h2>\n" +
-          histogram_svg(deviation.histogram, deviation.histogram_limit_mm,
-                        deviation.statistics.mean_mm, deviation.statistics.sigma_mm, "mm") +
-          "<p>Line: normal distribution of the same mean and standard deviation.</p>\n";
-  return write_file(out, page("Scan against design", html));
+Result<void> write_deviation_report(const scan::Deviation& deviation,
+                                    const heightmap::ModelField& design,
+                                    const std::string& summary_json, double limit_mm,
+                                    const fs::path& map_png, const fs::path& significant_png,
+                                    const fs::path& html, const fs::path& pdf) {
+  constexpr const char* kTitle = "Scan against design";
+  const Document doc =
+      document_of(deviation, design, json::parse(summary_json), limit_mm, map_png, significant_png);
+  MAQUETTE_TRY_VOID(write_file(html, page(kTitle, to_html(doc))));
+  return write_pdf(doc, kTitle, pdf);
 }
 
 }  // namespace maquette::tools

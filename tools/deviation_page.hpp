@@ -2,8 +2,9 @@
 #pragma once
 
 /// @file deviation_page.hpp
-/// The page that workshop and customer read: what was made, where it differs, by how much, how
-/// sure. One file, no network; the part can be turned with the deviation on it (WebGL).
+/// What workshop and customer read and sign: what was made, where it differs, by how much, how
+/// sure. As a page (one file, no network; the part can be turned with the deviation on it, WebGL)
+/// and as a PDF.
 
 #include <array>
 #include <filesystem>
@@ -32,14 +33,16 @@ inline constexpr std::array<std::pair<const char*, const char*>, 13> kDeviationF
      {"min_mm", "lowest, mm"},
      {"max_mm", "highest, mm"}}};
 
+/// report.html and report.pdf: the same blocks, but for the view that only a browser can turn.
 /// @param summary_json  what deviate_job writes to summary.json
 /// @param limit_mm      deviation of full colour
 /// @param map_png, significant_png  deviation, and the same where it is significant
-[[nodiscard]] Result<void> write_deviation_page(const scan::Deviation& deviation,
-                                                const heightmap::ModelField& design,
-                                                const std::string& summary_json, double limit_mm,
-                                                const std::filesystem::path& map_png,
-                                                const std::filesystem::path& significant_png,
-                                                const std::filesystem::path& out);
+[[nodiscard]] Result<void> write_deviation_report(const scan::Deviation& deviation,
+                                                  const heightmap::ModelField& design,
+                                                  const std::string& summary_json, double limit_mm,
+                                                  const std::filesystem::path& map_png,
+                                                  const std::filesystem::path& significant_png,
+                                                  const std::filesystem::path& html,
+                                                  const std::filesystem::path& pdf);
 
 }  // namespace maquette::tools

@@ -99,6 +99,24 @@ json stones_json(const std::vector<scan::StoneFinding>& stones) {
   return rows;
 }
 
+json objects_json(const std::vector<scan::ExtraObject>& objects) {
+  json rows = json::array();
+  for (const scan::ExtraObject& o : objects) {
+    json row = {{"x_mm", o.centre_mm.x},
+                {"y_mm", o.centre_mm.y},
+                {"z_mm", o.centre_mm.z},
+                {"height_mm", o.height_mm},
+                {"sigma_height_mm", o.sigma_height_mm},
+                {"length_mm", o.length_mm},
+                {"width_mm", o.width_mm},
+                {"volume_mm3", o.volume_mm3},
+                {"points", o.points}};
+    if (o.resembles != 0) row["resembles"] = o.resembles;
+    rows.push_back(row);
+  }
+  return rows;
+}
+
 json regions_json(const std::vector<scan::RegionResult>& regions) {
   json rows = json::array();
   for (const scan::RegionResult& r : regions)

@@ -10,6 +10,7 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "scan/datums.hpp"
+#include "scan/find_objects.hpp"
 #include "scan/find_spheres.hpp"
 #include "scan/find_stones.hpp"
 #include "scan/regions.hpp"
@@ -24,6 +25,7 @@ namespace maquette::tools {
                                         const std::string& name);
 [[nodiscard]] nlohmann::json findings_json(const scan::Significance& s);
 [[nodiscard]] nlohmann::json stones_json(const std::vector<scan::StoneFinding>& stones);
+[[nodiscard]] nlohmann::json objects_json(const std::vector<scan::ExtraObject>& objects);
 [[nodiscard]] nlohmann::json regions_json(const std::vector<scan::RegionResult>& regions);
 [[nodiscard]] nlohmann::json dependence_json(const scan::Dependence& d);
 [[nodiscard]] nlohmann::json budget_json(const scan::Budget& budget);

@@ -10,6 +10,7 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
+#include "tools/corrections_file.hpp"
 #include "tools/jobs.hpp"
 
 namespace maquette::tools {
@@ -86,7 +87,11 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
                              const RunContext& run) {
   MAQUETTE_TRY(const auto scene, read_scene(scene_path));
   const Scene& s = *scene;
-  MAQUETTE_TRY(const TriMesh mesh, load_solid(s.surface, run));
+  MAQUETTE_TRY(TriMesh mesh, load_solid(s.surface, run));
+  if (!s.corrections.empty()) {
+    MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
+    for (Vec3& v : mesh.vertices_mm) v = corrections.actual_from_planned.point(v);
+  }
   camera::SceneObject object;
   object.mesh = &mesh;
   object.material = {reflectance_by_name(s.reflectance), s.albedo, s.lunar_lambert_l};

@@ -19,13 +19,16 @@
 #include "scan/clean.hpp"
 #include "scan/deviate.hpp"
 #include "scan/expected_surface.hpp"
+#include "scan/find_objects.hpp"
 #include "scan/find_spheres.hpp"
 #include "scan/register_mesh.hpp"
 #include "scan/statistics.hpp"
 #include "scan/upper_envelope.hpp"
+#include "tools/corrections_file.hpp"
 #include "tools/deviation_page.hpp"
 #include "tools/deviation_rows.hpp"
 #include "tools/jobs.hpp"
+#include "tools/path_under.hpp"
 #include "tools/pictures.hpp"
 #include "tools/scene_file.hpp"
 
@@ -52,9 +55,10 @@ std::vector<scan::Datum> datums_of(const Case& input) {
 
 /// What the part should be: as designed, and as it must come out when nothing goes wrong.
 struct Nominal {
-  ModelField design;                   ///< with stones
-  std::optional<ModelField> ground;    ///< without
-  std::optional<ModelField> expected;  ///< with what the program leaves and the coat
+  ModelField design;                             ///< with stones
+  std::optional<ModelField> ground;              ///< without
+  std::vector<meshing::PlacedStone> stone_plan;  ///< only beside a ground
+  std::optional<ModelField> expected;            ///< with what the program leaves and the coat
   std::optional<TriMesh> mesh;  ///< the design as triangles; `design` is then its upper envelope
   std::unique_ptr<scan::MeshDistance> to_mesh;
   [[nodiscard]] const ModelField& to_meet() const { return expected ? *expected : design; }
@@ -91,6 +95,9 @@ Result<void> read_nominal(Nominal& n, const Case& input, const RunContext& run) 
       return fail(kConfigInvalid,
                   fmt::format("{}: ground must have the nodes of the design, {} x {}",
                               input.ground.string(), n.design.z_mm.cols(), n.design.z_mm.rows()));
+    if (!input.stones.empty()) {
+      MAQUETTE_TRY(n.stone_plan, meshing::read_stone_plan(input.stones));
+    }
   }
   if (input.as_milled.empty() && input.coating_thickness_mm == 0.0) return {};
   std::optional<ModelField> as_milled;
@@ -108,6 +115,12 @@ struct Measured {
   scan::Cloud cloud;
   std::vector<float> range_mm, incidence_deg, slope_deg;
   std::vector<scan::ScanPose> scans;
+  /// Where the part really is in the frame of the datums, by each scan.
+  struct Where {
+    RigidTransform actual_from_planned;
+    double sigma_translation_mm, sigma_rotation_rad, points;
+  };
+  std::vector<Where> part;
   std::size_t at_rim = 0;  ///< left out: part of their beam passed the rim
   json registrations = json::array(), datums = json::array(), spheres = json::array();
 };
@@ -212,6 +225,10 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
     all.datums.push_back(
         datum_row(*on, scan::absorbed_by(*best, on->registration, nominal.design), name));
     used = on->registration;
+    all.part.push_back({used.model_from_scan * best->model_from_scan.inverse(),
+                        std::hypot(used.sigma_translation_mm, best->sigma_translation_mm),
+                        std::hypot(used.sigma_rotation_rad, best->sigma_rotation_rad),
+                        static_cast<double>(cloud.points_mm.size())});
   }
   std::optional<Vec3> station;
   if (cloud.station_mm) station = used.model_from_scan.point(*cloud.station_mm);
@@ -273,6 +290,53 @@ json expected_json(const scan::DeviationStatistics& s, const Nominal& nominal, c
           {"p95_mm", s.p95_mm}};
 }
 
+/// The scans' mean by points, turned about the part's middle: rotations are small.
+Corrections corrections_of(const Measured& all, const ModelField& design) {
+  Corrections c;
+  double points = 0.0;
+  for (const auto& w : all.part) points += w.points;
+  const Vec3 middle{0.5 * (design.x0.value() + design.x_mm(design.z_mm.cols() - 1)),
+                    0.5 * (design.y0.value() + design.y_mm(design.z_mm.rows() - 1)),
+                    all.scans.front().registration.centre_mm.z};
+  Vec3 shift, turn;
+  double of_shift = 0.0, of_turn = 0.0;
+  for (const auto& w : all.part) {
+    const double share = w.points / points;
+    const Quaternion q = w.actual_from_planned.rotation;
+    shift += share * (w.actual_from_planned.point(middle) - middle);
+    turn += (q.w < 0.0 ? -2.0 : 2.0) * share * Vec3{q.x, q.y, q.z};
+    of_shift += share * share * w.sigma_translation_mm * w.sigma_translation_mm;
+    of_turn += share * share * w.sigma_rotation_rad * w.sigma_rotation_rad;
+  }
+  const double angle = norm(turn);
+  Quaternion rotation;
+  if (angle > 0.0) rotation = rotation_about((1.0 / angle) * turn, angle);
+  c.actual_from_planned = {rotation, middle + shift - rotate(rotation, middle)};
+  c.sigma_translation_mm = std::sqrt(of_shift);
+  c.sigma_rotation_rad = std::sqrt(of_turn);
+  return c;
+}
+
+json corrections_json(const Corrections& c) {
+  const RigidTransform& t = c.actual_from_planned;
+  json axes = json::array();
+  for (const AxisCorrection& a : c.axes)
+    axes.push_back({{"name", a.name},
+                    {"origin_mm", {a.fit.origin_mm.x, a.fit.origin_mm.y, a.fit.origin_mm.z}},
+                    {"direction", {a.fit.direction.x, a.fit.direction.y, a.fit.direction.z}},
+                    {"scale", a.fit.scale},
+                    {"sigma_scale", a.fit.sigma_scale},
+                    {"sigma_direction_deg", kDegrees * a.fit.sigma_direction_rad},
+                    {"straightness_mm", a.fit.straightness_mm}});
+  return {{"translation_mm", {t.translation_mm.x, t.translation_mm.y, t.translation_mm.z}},
+          {"rotation_deg",
+           {2.0 * kDegrees * t.rotation.x, 2.0 * kDegrees * t.rotation.y,
+            2.0 * kDegrees * t.rotation.z}},
+          {"sigma_translation_mm", c.sigma_translation_mm},
+          {"sigma_rotation_deg", kDegrees * c.sigma_rotation_rad},
+          {"axes", axes}};
+}
+
 }  // namespace
 
 Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
@@ -325,10 +389,20 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   }
   const scan::Significance& significance = by_expected ? *by_expected : by_design;
   std::vector<scan::StoneFinding> stones;
-  if (!input->stones.empty() && nominal.ground) {
-    MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(input->stones));
-    stones = scan::find_stones(points, *nominal.ground, plan, deviation.statistics.nmad_mm, &joint);
-  }
+  if (nominal.ground)
+    stones = scan::find_stones(points, *nominal.ground, nominal.stone_plan,
+                               deviation.statistics.nmad_mm, &joint);
+
+  // Beside planned stones, or where one of them is missing.
+  std::vector<int> missing;
+  for (const scan::StoneFinding& f : stones)
+    if (f.state == scan::StoneState::missing) missing.push_back(f.number);
+  const auto objects =
+      scan::find_objects(points,
+                         nominal.ground && nominal.stone_plan.empty() ? nominal.to_meet()
+                         : nominal.ground                             ? *nominal.ground
+                                                                      : nominal.to_meet(),
+                         nominal.stone_plan, missing, deviation.statistics.nmad_mm);
 
   std::error_code ec;
   fs::create_directories(folder, ec);
@@ -345,6 +419,7 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   summary["spheres"] = all.spheres;
   summary["findings"] = findings_json(significance);
   summary["stones"] = stones_json(stones);
+  summary["objects"] = objects_json(objects);
   summary["regions"] = regions_json(scan::judge_regions(points, d, regions, by_design, &joint));
   summary["budget"] = budget_json({});
   if (!significance.maps.empty()) {
@@ -356,12 +431,34 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   }
   summary["texture"] = texture_json(scan::texture_of(deviation.map_mm, design.spacing.value()));
   summary["dependences"] = json::array();
+  PathUnder path;
+  if (!input->gcode.empty() && !nominal.mesh) {
+    const double radius = 0.5 * input->ball_diameter_mm;
+    MAQUETTE_TRY(path, path_under(input->gcode, nominal.ground ? *nominal.ground : design, radius,
+                                  points, run));
+  }
   for (const auto& [name, values] : {std::pair{"slope of the design, degrees", &all.slope_deg},
                                      {"angle of incidence, degrees", &all.incidence_deg},
                                      {"range, mm", &all.range_mm},
-                                     {"intensity", &all.cloud.intensity}})
-    if (const scan::Dependence on = scan::depend_on(name, *values, d); !on.points.empty())
+                                     {"intensity", &all.cloud.intensity},
+                                     {"order of the path, m", &path.order_m},
+                                     {"direction of feed, degrees", &path.direction_deg},
+                                     {"feed, mm/min", &path.feed_mm_min}})
+    if (values->size() != d.size())
+      continue;
+    else if (const scan::Dependence on = scan::depend_on(name, *values, d); on.points.size() > 1)
       summary["dependences"].push_back(dependence_json(on));
+  if (!all.part.empty() || !input->axes.empty()) {
+    Corrections corrections;
+    if (!all.part.empty()) corrections = corrections_of(all, design);
+    for (const CaseAxis& axis : input->axes) {
+      MAQUETTE_TRY(const auto fit, read_axis_stops(axis.stops));
+      corrections.axes.push_back({axis.name, fit});
+    }
+    summary["corrections"] = corrections_json(corrections);
+    result.outputs.push_back(folder / "corrections.toml");
+    MAQUETTE_TRY_VOID(write_file(result.outputs.back(), corrections_text(corrections)));
+  }
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], summary.dump(1)));
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(deviation.map_mm, design, "mm", result.outputs[1]));
   all.cloud.intensity.clear();
@@ -374,8 +471,10 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   MAQUETTE_TRY_VOID(camera::write_png(signed_picture(deviation.map_mm, limit), result.outputs[3]));
   MAQUETTE_TRY_VOID(camera::write_png(signed_picture(significant_map(significance, design), limit),
                                       significant_png));
-  MAQUETTE_TRY_VOID(write_deviation_page(deviation, design, summary.dump(), limit,
-                                         result.outputs[3], significant_png, result.outputs[4]));
+  result.outputs.push_back(folder / "report.pdf");
+  MAQUETTE_TRY_VOID(write_deviation_report(deviation, design, summary.dump(), limit,
+                                           result.outputs[3], significant_png, result.outputs[4],
+                                           result.outputs.back()));
   // The histogram belongs to the figures: the run's own report draws it again.
   summary["histogram"] = deviation.histogram;
   summary["histogram_limit_mm"] = deviation.histogram_limit_mm;

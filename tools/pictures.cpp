@@ -73,14 +73,14 @@ std::string signed_legend_svg(double limit, const std::string& unit) {
   constexpr int kSteps = 60, kWidth = 6;
   std::string svg =
       fmt::format("<svg viewBox='0 0 {} 40' width='{}' role='img' aria-label='colour scale'>",
-                  kSteps * kWidth + 40, kSteps * kWidth + 40);
+                  kSteps * kWidth + 80, kSteps * kWidth + 80);
   for (int i = 0; i < kSteps; ++i)
-    svg += fmt::format("<rect x='{}' y='2' width='{}' height='14' fill='{}'/>", 20 + i * kWidth,
+    svg += fmt::format("<rect x='{}' y='2' width='{}' height='14' fill='{}'/>", 40 + i * kWidth,
                        kWidth + 1, hex(signed_colour(2.0 * (i + 0.5) / kSteps - 1.0)));
   for (const double v : {-limit, 0.0, limit})
     svg +=
         fmt::format("<text x='{:.0f}' y='34' font-size='12' text-anchor='middle'>{:+.3g} {}</text>",
-                    20 + (v / limit + 1.0) / 2.0 * kSteps * kWidth, v, unit);
+                    40 + (v / limit + 1.0) / 2.0 * kSteps * kWidth, v, unit);
   return svg + "</svg>";
 }
 

@@ -14,6 +14,7 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   Schema t;
   t.add({"schema", &s.schema_name, "", -kInf, kInf, {"maquette.scene/1"}});
   t.add({"surface", &s.surface, "mesh or model field", -kInf, kInf, {}, true});
+  t.add({"corrections", &s.corrections, "of `deviate`: where the surface really lies"});
   t.add({"resolution_px", &s.resolution_px, "width, height", 1, 100000});
   t.add({"pixel_pitch_um", &s.pixel_pitch_um, "", 0.01, 1000});
   t.add({"focal_length_mm", &s.focal_length_mm, "", 0.1, 100000});
@@ -69,7 +70,8 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   t.add({"coating.roughness_correlation_mm", &c.coating_roughness_correlation_mm, "", 0, 1000});
   t.add({"deviation.reach_mm", &c.reach_mm, "farther points are off the part", 0.01, 1000});
   t.add({"deviation.scale", &c.scale, "the scans' scale is unknown and estimated"});
-  t.add({"deviation.regions", &c.regions, "GeoJSON polygons in mm, with name, lower_mm, upper_mm"});
+  t.add({"deviation.regions", &c.regions,
+         "GeoJSON polygons in mm, with name, lower_mm, upper_mm; or closed curves of a DXF"});
   t.add({"deviation.band_width_mm", &c.band_width_mm, "statistics per strip along x; 0: none", 0,
          1e5});
   const auto datum_schema = [&c] {
@@ -95,6 +97,19 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"range_sigma_mm", &scan.range_sigma_mm, "", 0, 100});
     e.add({"beam_diameter_mm", &scan.beam_diameter_mm,
            "at the part: points whose beam crosses the part's rim are left out; 0: a ray", 0, 100});
+    return e;
+  });
+  t.array("axis", "linear axes of the set-up", [&c] {
+    CaseAxis& axis = c.axes.emplace_back();
+    Schema e;
+    e.add({"name", &axis.name, "", -kInf, kInf, {}, true});
+    e.add({"stops",
+           &axis.stops,
+           "CSV of position_mm,x_mm,y_mm,z_mm of a mark on the carriage",
+           -kInf,
+           kInf,
+           {},
+           true});
     return e;
   });
   t.array("probe", "probed or CMM points", [&c] {

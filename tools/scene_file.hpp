@@ -19,7 +19,8 @@ namespace maquette::tools {
 
 struct Scene {
   std::string schema_name = "maquette.scene/1";
-  std::filesystem::path surface;  ///< mesh or model field
+  std::filesystem::path surface;      ///< mesh or model field
+  std::filesystem::path corrections;  ///< where it really lies: corrections_file.hpp
   std::vector<double> resolution_px{1024, 768};
   double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
   Vec3 camera_position_mm{100.0, -400.0, 700.0};
@@ -47,6 +48,11 @@ struct CaseDatum {
   std::string kind = "pad", name;
   Vec3 at_mm, axis{0.0, 0.0, 1.0};
   double radius_mm = 0.0, length_mm = 0.0, half_x_mm = 0.0, half_y_mm = 0.0;
+};
+/// A linear axis of the set-up, measured at several stops.
+struct CaseAxis {
+  std::string name;
+  std::filesystem::path stops;
 };
 struct CaseProbe {
   std::filesystem::path points;
@@ -85,6 +91,7 @@ struct Case {
   bool scale = false;  ///< is the scans' scale unknown?
   std::deque<CaseScan> scans;
   std::deque<CaseDatum> datums;
+  std::deque<CaseAxis> axes;
   std::deque<CaseProbe> probes;
   std::deque<CaseCause> causes;
   std::deque<CasePhoto> photos;

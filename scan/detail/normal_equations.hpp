@@ -27,6 +27,7 @@ struct Foot {
   /// point millimetres off in height has hardly a distance: a stone that is missing would hold
   /// the scan by sides that are not there.
   double reach = 1.0;
+  double sigma = 1.0;  ///< standard deviation of e_mm over the typical one (noise_model.hpp)
 };
 
 class Surface {
@@ -86,7 +87,7 @@ struct Spread {
 };
 [[nodiscard]] Spread spread_of(const Met& met);
 
-/// 1.4826 median |e| of the points that met the surface; NaN if none did.
+/// 1.4826 median |e| / sigma of the points that met the surface; NaN if none did.
 [[nodiscard]] double robust_scale(const Met& met);
 
 /// Tukey's biweight, zero beyond `limit_mm`; or Huber's, linear beyond it.

@@ -125,6 +125,79 @@ TEST(Texture, OfASine) {
   EXPECT_TRUE(std::isnan(texture_of(Grid<float>(5, 5, NAN), 1.0).sa_mm));
 }
 
+/// A drawing in the tagged pairs of DXF.
+std::string dxf(const std::string& entities, int unit = 4) {
+  return "0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1015\n9\n$INSUNITS\n70\n" +
+         std::to_string(unit) + "\n0\nENDSEC\n0\nSECTION\n2\nENTITIES\n" + entities +
+         "0\nENDSEC\n0\nEOF\n";
+}
+
+std::string polyline(const std::string& layer, const std::vector<std::array<double, 2>>& points,
+                     bool closed) {
+  std::string text = "0\nLWPOLYLINE\n8\n" + layer + "\n90\n" + std::to_string(points.size()) +
+                     "\n70\n" + (closed ? "1" : "0") + "\n";
+  for (const auto& p : points)
+    text += "10\n" + std::to_string(p[0]) + "\n20\n" + std::to_string(p[1]) + "\n";
+  return text;
+}
+
+TEST(Regions, FromADrawing) {
+  const testing_support::ScratchFolder scratch;
+  const auto label = [](const char* text, double x, double y) {
+    return "0\nTEXT\n8\nnotes\n10\n" + std::to_string(x) + "\n20\n" + std::to_string(y) +
+           "\n40\n2.5\n1\n" + text + "\n";
+  };
+  ASSERT_TRUE(
+      write_file(scratch / "a.DXF",
+                 dxf(polyline("pads", {{0, 0}, {10, 0}, {10, 10}, {0, 10}}, true) +
+                     polyline("pads", {{20, 0}, {30, 0}, {30, 10}, {20, 10}}, true) +
+                     polyline("hint", {{0, 50}, {90, 50}}, false) +
+                     "0\nCIRCLE\n8\nholes\n10\n50\n20\n30\n40\n8\n" +
+                     label("rim of the bowl -0.1 0.25", 50, 30) + label("outside", 200, 200))));
+  const auto regions = read_regions(scratch / "a.DXF");
+  ASSERT_THAT(regions, Succeeds());
+  ASSERT_EQ(regions->size(), 3U);
+  EXPECT_EQ((*regions)[0].name, "pads");
+  EXPECT_EQ((*regions)[1].name, "pads (2)");
+  EXPECT_TRUE((*regions)[0].holds(5, 5));
+  EXPECT_FALSE((*regions)[0].holds(25, 5));
+  EXPECT_TRUE(std::isnan((*regions)[0].lower_mm));
+  const Region& circle = (*regions)[2];
+  EXPECT_EQ(circle.name, "rim of the bowl");
+  EXPECT_EQ(circle.lower_mm, -0.1);
+  EXPECT_EQ(circle.upper_mm, 0.25);
+  for (const double a : {0.1, 1.0, 2.0, 4.0, 6.0}) {
+    EXPECT_TRUE(circle.holds(50 + 7.999 * std::cos(a), 30 + 7.999 * std::sin(a)));
+    EXPECT_FALSE(circle.holds(50 + 8.001 * std::cos(a), 30 + 8.001 * std::sin(a)));
+  }
+  ASSERT_TRUE(
+      write_file(scratch / "inch.dxf", dxf(polyline("p", {{0, 0}, {1, 0}, {1, 1}}, true), 1)));
+  const auto inches = read_regions(scratch / "inch.dxf");
+  ASSERT_THAT(inches, FailsWith(kRegionFormat));
+  EXPECT_THAT(inches.error().message, testing::HasSubstr("inches"));
+  ASSERT_TRUE(
+      write_file(scratch / "open.dxf", dxf(polyline("p", {{0, 0}, {1, 0}, {1, 1}}, false))));
+  EXPECT_THAT(read_regions(scratch / "open.dxf"), FailsWith(kRegionFormat));
+  ASSERT_TRUE(write_file(scratch / "junk.dxf", "{}"));
+  EXPECT_THAT(read_regions(scratch / "junk.dxf"), FailsWith(kRegionFormat));
+}
+
+// A value that all points share says nothing: one bin. Two values: two bins, whatever the
+// deviations.
+TEST(Dependence, KeepsOneValueInOneBin) {
+  std::vector<float> d, one, two;
+  for (int i = 0; i < 1000; ++i) {
+    d.push_back(static_cast<float>((i * 37) % 101));
+    one.push_back(3000.0F);
+    two.push_back(i % 4 == 0 ? -180.0F : 0.0F);
+  }
+  EXPECT_EQ(depend_on("feed", one, d).points, (std::vector<std::size_t>{1000}));
+  const Dependence on = depend_on("direction", two, d);
+  EXPECT_EQ(on.points, (std::vector<std::size_t>{250, 750}));
+  EXPECT_EQ(on.from, (std::vector<double>{-180.0, 0.0}));
+  EXPECT_NEAR(on.mean_mm[0], on.mean_mm[1], 2.0);
+}
+
 TEST(Dependence, ShowsWhatDeviationsFollow) {
   std::vector<float> value, d;
   for (std::uint64_t i = 0; i < 8'000; ++i) {

@@ -502,5 +502,50 @@ TEST(Register, GivesTheSameBitsForAnyNumberOfThreads) {
   EXPECT_EQ(one->covariance, four->covariance);
 }
 
+// Noise along the normal that grows eightfold with range and incidence, as behind a low scanner:
+// with the scanner's place known the pose is better, and its covariance stays true.
+TEST(RegisterWeights, CountPointsByTheirNoise) {
+  double plain2 = 0.0, weighted2 = 0.0, chi2 = 0.0;
+  constexpr int kRuns = 24;
+  for (std::uint64_t seed = 1; seed <= kRuns; ++seed) {
+    const ModelField part = rough_part(seed, 201, 201, 1.0);
+    Cloud truth = points_on(part, 30'000, seed);
+    const Vec3 station{100.0, -60.0, 60.0};
+    for (std::size_t i = 0; i < truth.points_mm.size(); ++i) {
+      Vec3& p = truth.points_mm[i];
+      const double range = norm(station - p);
+      p.z += 0.02 * std::pow(range / 100.0, 2.0) * random_normal(seed + 9, i);
+    }
+    const RigidTransform pose = random_pose(seed, {100.0, 100.0, 10.0}, 0.02, 3.0);
+    Cloud seen = seen_from(truth, pose);
+    const auto plain = register_scan(seen, part);
+    seen.station_mm = pose.point(station);
+    const auto weighted = register_scan(seen, part);
+    ASSERT_THAT(plain, Succeeds());
+    ASSERT_THAT(weighted, Succeeds());
+    const auto off2 = [&](const Registration& r) {
+      double sum = 0.0;
+      for (std::size_t i = 0; i < truth.points_mm.size(); i += 100) {
+        const Vec3 e = r.model_from_scan.point(seen.points_mm[i]) - truth.points_mm[i];
+        sum += dot(e, e);
+      }
+      return sum;
+    };
+    plain2 += off2(*plain);
+    weighted2 += off2(*weighted);
+    const RigidTransform error = weighted->model_from_scan * pose;
+    const Vec3 shift = error.point(weighted->centre_mm) - weighted->centre_mm;
+    Eigen::Matrix<double, 6, 1> e;
+    e << shift.x, shift.y, shift.z, 2.0 * error.rotation.x, 2.0 * error.rotation.y,
+        2.0 * error.rotation.z;
+    chi2 += e.dot(
+        Eigen::Map<const Eigen::Matrix<double, 6, 6>>(weighted->covariance.data()).ldlt().solve(e));
+  }
+  EXPECT_LT(std::sqrt(weighted2 / plain2), 0.8);
+  // 144 degrees of freedom: 0.1 % beyond 202.
+  EXPECT_LT(chi2, 202.0);
+  EXPECT_GT(chi2, 95.0);
+}
+
 }  // namespace
 }  // namespace maquette::scan

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// What is claimed in tools/document.hpp and tools/path_under.hpp:
+//
+//   both say the same ... each text of the blocks is in the page, escaped, and (pdftotext, where it
+//   is
+//                         installed) in the PDF; long tables go over pages with their head
+//   same bytes .......... twice
+//   path under .......... a program by hand: order, direction and feed; links above are no passes
+
+#include "tools/document.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdlib>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "camera/image_io.hpp"
+#include "core/files.hpp"
+#include "support/matchers.hpp"
+#include "tools/path_under.hpp"
+
+namespace maquette::tools {
+namespace {
+
+using testing::HasSubstr;
+using testing_support::ScratchFolder;
+using testing_support::Succeeds;
+
+TEST(Document, PageAndPdfSayTheSame) {
+  const ScratchFolder scratch;
+  Grid<camera::Rgb8> image(40, 60);
+  ASSERT_TRUE(camera::write_png(image, scratch / "a.png"));
+  Document doc;
+  doc.emplace_back(Heading{2, "Deviation < & >"});
+  doc.emplace_back(Paragraph{"Heights \u00b1 one standard deviation, mm\u00b3."});
+  doc.emplace_back(Picture{scratch / "a.png", "left"});
+  doc.emplace_back(Picture{scratch / "missing.png", "right"});
+  doc.emplace_back(SignedLegend{0.25, "mm"});
+  Table table{{"number", "a long heading that needs its place", "text"}, {}};
+  for (int i = 0; i < 120; ++i)
+    table.rows.push_back({{fmt::format("row{}", i), true},
+                          {"2.5", true},
+                          {"words that are many enough to be broken into several lines of a cell "
+                           "because the sheet is not wide enough for them",
+                           false}});
+  doc.emplace_back(table);
+  doc.emplace_back(Histogram{{1, 5, 9, 5, 1}, 1.0, 0.0, 0.4, "mm"});
+  doc.emplace_back(Interactive{"<b>only here</b>"});
+  const std::string html = to_html(doc);
+  for (const char* text : {"Deviation &lt; &amp; &gt;", "\u00b1 one", "row119", "<b>only here</b>",
+                           "missing.png is missing", "data:image/png;base64,"})
+    EXPECT_THAT(html, HasSubstr(text));
+
+  ASSERT_THAT(write_pdf(doc, "Scan against design", scratch / "a.pdf"), Succeeds());
+  ASSERT_THAT(write_pdf(doc, "Scan against design", scratch / "b.pdf"), Succeeds());
+  const auto bytes = read_file(scratch / "a.pdf");
+  ASSERT_THAT(bytes, Succeeds());
+  EXPECT_EQ(*bytes, *read_file(scratch / "b.pdf"));
+  EXPECT_EQ(bytes->substr(0, 5), "%PDF-");
+  EXPECT_THAT(*bytes, HasSubstr("/FontFile")) << "letters are inside";
+  if (std::system("command -v pdftotext >/dev/null 2>&1") != 0) GTEST_SKIP() << "no pdftotext";
+  const std::string folder = scratch.path().string();
+  ASSERT_EQ(
+      std::system(("pdftotext -layout '" + folder + "/a.pdf' '" + folder + "/a.txt'").c_str()), 0);
+  const std::string text = *read_file(scratch / "a.txt");
+  for (const char* part : {"Scan against design", "Deviation < & >", "\u00b1 one", "row0", "row119",
+                           "missing.png is missing", "+0.25 mm", "checked by"})
+    EXPECT_THAT(text, HasSubstr(part));
+  EXPECT_THAT(text, testing::Not(HasSubstr("only here")));
+  std::size_t heads = 0;
+  for (std::size_t at = 0; (at = text.find("a long heading", at)) != std::string::npos; ++at)
+    ++heads;
+  EXPECT_GE(heads, 2U) << "one on each page";
+}
+
+TEST(PathUnder, SaysWhichPassMadeAPlace) {
+  const ScratchFolder scratch;
+  heightmap::ModelField flat{Grid<float>(41, 41, 0.0F), Millimetres{0.5}};
+  // Two passes there and back at y 5 and y 5.5; a link at z 20 over y 12; then over the first
+  // again.
+  ASSERT_TRUE(write_file(scratch / "a.ngc",
+                         "G21 G90 G17\nF1000\nG0 X0 Y5 Z20\nG1 Z0\nX20\nY5.5 F500\nX0 F1000\n"
+                         "G1 Z20\nY12 F3000\nX20\nG0 X0 Y8\nG1 Z0 F1000\nX10 F200\nM2\n"));
+  const std::array<std::filesystem::path, 1> programs{scratch / "a.ngc"};
+  const std::vector<Vec3> points{{10, 5, 0}, {10, 5.5, 0}, {10, 12, 0}, {5, 8, 0}, {-9, 0, 0}};
+  const auto under = path_under(programs, flat, 3.0, points, {});
+  ASSERT_THAT(under, Succeeds());
+  // The plunge of 20 mm, then 10 mm of the pass.
+  EXPECT_NEAR(under->order_m[0], 0.030F, 3e-4F);
+  EXPECT_NEAR(under->direction_deg[0], 0.0F, 1e-4F);
+  EXPECT_EQ(under->feed_mm_min[0], 1000.0F);
+  EXPECT_NEAR(under->order_m[1], 0.0505F, 3e-4F);
+  EXPECT_NEAR(std::abs(under->direction_deg[1]), 180.0F, 1e-4F);
+  EXPECT_TRUE(std::isnan(under->order_m[2])) << "a link";
+  EXPECT_EQ(under->feed_mm_min[3], 200.0F);
+  EXPECT_TRUE(std::isnan(under->order_m[4])) << "beside the part";
+}
+
+}  // namespace
+}  // namespace maquette::tools

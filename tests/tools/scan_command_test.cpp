@@ -3,6 +3,7 @@
 // The commands scan and merge from outside: a scanner's file is written, edited, read, and refused
 // with its line; every cloud format; two displaced scans become one cloud and a mesh.
 
+#include <array>
 #include <cmath>
 
 #include <gmock/gmock.h>
@@ -10,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "core/random.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "scan/cloud_stream.hpp"
@@ -116,6 +118,65 @@ TEST_F(ScanCommand, CleansWhatItScanned) {
   for (const std::uint32_t n : back->counts) all += n;
   EXPECT_EQ(all, count("kept"));
   EXPECT_EQ(run("clean s.e57 --thin-mm -1 --out x.ply").exit_code, 2);
+}
+
+// A scan in any frame, of a part that was clamped 0.4 mm off and turned by 0.1 degrees among four
+// reference spheres, one of which was not scanned: the spheres give the pose, the part's place
+// comes out in corrections.toml, and the regions of a drawing are judged.
+TEST_F(ScanCommand, SpheresGiveThePoseAndThePartsPlace) {
+  const auto part = heightmap::read_model_field(scratch / "design.tif");
+  ASSERT_TRUE(part.has_value());
+  const RigidTransform actual{rotation_about({0, 0, 1}, 0.1 * 3.14159265 / 180.0),
+                              {0.4, -0.1, 0.05}};
+  scan::Cloud cloud = testing_support::points_on(*part, 60'000, 5, 0.05);
+  for (Vec3& p : cloud.points_mm) p = actual.point(p);
+  std::string entry =
+      "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\n[deviation]\nregions = "
+      "\"pads.dxf\"\n";
+  const std::vector<Vec3> centres{{-20, -15, 12}, {175, -10, 15}, {160, 170, 20}, {-15, 140, 9}};
+  for (std::size_t k = 0; k < centres.size(); ++k) {
+    entry += "[[datum]]\nkind = \"sphere\"\nname = \"S" + std::to_string(k) +
+             "\"\nradius_mm = 8.0\nat_mm = [" + std::to_string(centres[k].x) + ", " +
+             std::to_string(centres[k].y) + ", " + std::to_string(centres[k].z) + "]\n";
+    for (std::uint64_t i = 0; i < 3'000 && k < 3; ++i) {
+      const Vec3 n = normalized(
+          Vec3{random_normal(k, 3 * i), random_normal(k, 3 * i + 1), random_normal(k, 3 * i + 2)});
+      if (n.z > -0.2)
+        cloud.points_mm.push_back(centres[k] + (8.0 + 0.05 * random_normal(k + 50, i)) * n);
+    }
+  }
+  ASSERT_TRUE(
+      write_file(scratch / "pads.dxf",
+                 "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\nbowl\n10\n75\n20\n75\n40\n30\n"
+                 "0\nTEXT\n8\nbowl\n10\n75\n20\n75\n40\n2\n1\nbowl -0.5 0.5\n0\nENDSEC\n0\nEOF\n"));
+  const RigidTransform far = testing_support::random_pose(3, {75, 75, 10}, 2.0, 900.0);
+  ASSERT_TRUE(scan::write_cloud(testing_support::seen_from(cloud, far), scratch / "s.ply"));
+  ASSERT_TRUE(write_file(scratch / "stops.csv",
+                         "position_mm,x_mm,y_mm,z_mm\n0,1,2,3\n100,101,2,3\n200,201.1,2,3\n"));
+  entry += "[[axis]]\nname = \"rail\"\nstops = \"stops.csv\"\n[[scan]]\npoints = \"s.ply\"\n";
+  ASSERT_TRUE(write_file(scratch / "case.toml", entry));
+  const Outcome o = run("deviate case.toml --out d --quiet");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json s = json::parse(slurp(scratch / "d" / "summary.json"));
+  ASSERT_EQ(s["spheres"].size(), 1U);
+  EXPECT_EQ(s["spheres"][0]["matched"], json({"S0", "S1", "S2"}));
+  EXPECT_EQ(s["spheres"][0]["missing"], json({"S3"}));
+  EXPECT_TRUE(s["objects"].empty()) << "spheres are no objects" << s["objects"].dump();
+  EXPECT_EQ(s["regions"][0]["name"], "bowl");
+  const json c = s["corrections"];
+  const double sigma = c["sigma_translation_mm"];
+  EXPECT_LT(sigma, 0.05);
+  for (std::size_t k = 0; k < 3; ++k) {
+    // Of the design's origin: beside that of the middle what 106 mm make of the rotation's.
+    const double want = std::array{0.4, -0.1, 0.05}[k];
+    const double arm = 106.0 * c["sigma_rotation_deg"].get<double>() * 3.14159265 / 180.0;
+    EXPECT_NEAR(c["translation_mm"][k].get<double>(), want, 4.0 * std::hypot(sigma, arm)) << k;
+  }
+  EXPECT_NEAR(c["rotation_deg"][2].get<double>(), 0.1,
+              4.0 * c["sigma_rotation_deg"].get<double>() + 1e-9);
+  EXPECT_EQ(c["axes"][0]["name"], "rail");
+  EXPECT_EQ(slurp(scratch / "d" / "report.pdf").substr(0, 5), "%PDF-");
+  EXPECT_THAT(slurp(scratch / "d" / "corrections.toml"), HasSubstr("maquette.corrections/1"));
 }
 
 }  // namespace

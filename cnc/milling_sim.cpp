@@ -306,6 +306,9 @@ MillingSim::MillingSim(const SimGrid& grid, std::vector<Cutter> cutters, Grid<fl
     // Above its flutes a cutter without a known holder goes on as a shank.
     if (c.holder.empty() && c.flute_length_mm > 0.0)
       c.holder.push_back({c.flute_length_mm, 1e6, c.radius_mm, c.radius_mm});
+    Cutter& thin = thinner_.emplace_back(c);
+    thin.radius_mm = std::fmax(0.5 * c.radius_mm, c.radius_mm - kCollisionDepth_mm);
+    thin.corner_radius_mm = std::fmin(c.corner_radius_mm, thin.radius_mm);
   }
   for (const float h : stock_.cells()) top_mm_ = std::fmax(top_mm_, static_cast<double>(h));
 }
@@ -398,7 +401,7 @@ void MillingSim::cut(std::span<const ToolMove> moves, MoveEffects& effects) {
           load(*tile, stock_, r0, c0);
           for (std::uint64_t i = start_[index]; i < start_[index + 1]; ++i) {
             const ToolMove& move = moves[order_[i]];
-            const swept::Way way(move.piece, cutters_[move.cutter]);
+            const swept::Way way(move.piece, (move.rapid ? thinner_ : cutters_)[move.cutter]);
             if (!way.cutter.holder.empty()) {
               if ((i - start_[index]) % 1024 == 1023)
                 tile->highest_of_all =

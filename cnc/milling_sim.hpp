@@ -29,7 +29,9 @@ namespace maquette::cnc {
 
 /// A rapid counts as a collision if it lowers a cell by more than this, a holder if it stands
 /// deeper in a cell. Above the rounding of a height (0.03 um below 256 mm), below anything a
-/// person would mill.
+/// person would mill. By as much a rapid's cutter is thinner than its own: a cell that stands
+/// exactly on the wall of the last cut is inside or outside by rounding alone, and its whole height
+/// would count.
 inline constexpr double kCollisionDepth_mm = 0.001;
 
 /// What one motion does to the stock. Holders count as cylinders and cones at the lower end of
@@ -87,7 +89,7 @@ class MillingSim {
   void for_each_tile(const ToolMove& move, Visit&& visit) const;
 
   SimGrid grid_;
-  std::vector<Cutter> cutters_;
+  std::vector<Cutter> cutters_, thinner_;  ///< the latter for rapids
   Grid<float> stock_;
   double top_mm_;
   std::ptrdiff_t tile_rows_, tile_cols_;

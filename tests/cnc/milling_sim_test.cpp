@@ -509,6 +509,23 @@ TEST(MillingSim, RapidsThroughMaterialAreCountedInProgramOrder) {
   EXPECT_EQ(collisions({retract, rapid, high}), 2);
 }
 
+// Cells whose middles lie exactly on the cutter's wall, (3.6, 4.8) and the like at a radius of 6.
+TEST(MillingSim, ARetractAlongAWallTouchesNothing) {
+  const Job job{.rows = 150, .cols = 300, .x0 = -0.5, .y0 = 54.0, .cell = 0.1, .radius = 6.0};
+  for (const Cutter& cutter : {Cutter::flat(6.0), Cutter::bull(6.0, 1.0), Cutter::ball(6.0)})
+    for (const double from : {0.5, -0.5, 0.3}) {
+      MillingSim sim = job.sim(cutter);
+      const auto at = [&](double x, double y, double z) { return Vec3{14.5 + x, 61.5 + y, z}; };
+      const std::vector<Move> moves{
+          {at(from, 0, 30), at(from, 0, 8)},   {at(from, 0, 8), at(0, 0, 7.9)},
+          {at(0, 0, 7.9), at(from, 0, 7.85)},  {at(from, 0, 7.85), at(0, 0, 7.8)},
+          {at(0, 0, 7.8), at(0, 0, 30), true}, {at(0, 0.05, 30), at(0, 0.05, 7.7), true}};
+      const MoveEffects effects = cut(sim, moves);
+      EXPECT_EQ(effects.touched[4], 0) << cutter.corner_radius_mm << " from " << from;
+      EXPECT_EQ(effects.touched[5], MoveEffects::kRapid) << "a twentieth beside it";
+    }
+}
+
 TEST(MillingSim, ARapidAtTheThresholdDepth) {
   const Job job;
   for (const double depth : {0.5 * kCollisionDepth_mm, 2.0 * kCollisionDepth_mm}) {

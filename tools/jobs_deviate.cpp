@@ -188,9 +188,14 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   };
   MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points));
   if (!std::isnan(entry.scanner_position_mm.x)) cloud.station_mm = entry.scanner_position_mm;
-  scan::CleanOptions edges;  // what floats between two surfaces belongs to neither
-  edges.least_neighbours = 0;
-  MAQUETTE_TRY(const scan::CleanFigures cleaned, scan::clean_cloud(cloud, edges, run));
+  // What floats between two surfaces belongs to neither. Rays meet one surface: of their points
+  // only noise would be taken for mixed, beside steep stones and to one side.
+  scan::CleanFigures cleaned;
+  if (entry.beam_diameter_mm > 0.0) {
+    scan::CleanOptions edges;
+    edges.least_neighbours = 0;
+    MAQUETTE_TRY(cleaned, scan::clean_cloud(cloud, edges, run));
+  }
   scan::RegisterOptions options;
   options.scale = input.scale;
   std::vector<scan::Datum> datums = datums_of(input);

@@ -8,6 +8,7 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/jobs.hpp"
+#include "tools/scanner_file.hpp"
 
 namespace maquette::tools {
 
@@ -44,10 +45,17 @@ Result<JobResult> case_job(const Site& site, const fs::path& folder,
   text += fmt::format("\n[tool]\nball_diameter_mm = {}\n\n[deviation]\nreach_mm = {}\n",
                       site.ball_diameter_mm, site.reach_mm);
   MAQUETTE_TRY(const auto surface, heightmap::read_model_field(folder / "surface.tif"));
+  MAQUETTE_TRY(const auto scanner, find_scanner(site.scanner));
   for (std::size_t i = 0; i < scans.size(); ++i) {
     const Vec3 p = station_position(site, surface, static_cast<std::int64_t>(i));
     text += fmt::format("\n[[scan]]\npoints = \"{}\"\nscanner_position_mm = [{}, {}, {}]\n",
                         relative(scans[i]), p.x, p.y, p.z);
+    if (const auto* beam = std::get_if<PhaseShiftScanner>(&scanner);
+        beam != nullptr && site.footprint_rays > 1)
+      text += fmt::format(
+          "beam_diameter_mm = {:.2f}\n",
+          std::hypot(beam->preset.beam_diameter_mm,
+                     1e-3 * beam->preset.beam_divergence_mrad * site.scanner_distance_mm));
   }
   JobResult result;
   result.outputs = {folder / "case.toml"};

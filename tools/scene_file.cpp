@@ -96,7 +96,10 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"scanner_position_mm", &scan.scanner_position_mm, "in the cloud's frame"});
     e.add({"range_sigma_mm", &scan.range_sigma_mm, "", 0, 100});
     e.add({"beam_diameter_mm", &scan.beam_diameter_mm,
-           "at the part: points whose beam crosses the part's rim are left out; 0: a ray", 0, 100});
+           "at the part: points that are mixed of two surfaces, and those whose beam crosses the "
+           "rim, are "
+           "left out; 0: a ray",
+           0, 100});
     return e;
   });
   t.array("axis", "linear axes of the set-up", [&c] {

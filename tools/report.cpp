@@ -170,7 +170,8 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
                                                        {"lowest_m", "lowest, m"},
                                                        {"highest_m", "highest, m"}});
     html +=
-        "<table><tr><th>source</th><th>pixel, m</th><th>coverage</th><th>shift east, "
+        "<div class='wide'><table><tr><th>source</th><th>pixel, m</th><th>coverage</th><th>shift "
+        "east, "
         "m</th><th>&plusmn;</th><th>north, m</th><th>&plusmn;</th><th>up, m</th><th>&plusmn;</th>"
         "<th>tilt east, m/m</th><th>north, m/m</th><th>NMAD before, m</th><th>after, m</th>"
         "<th></th></tr>";
@@ -184,7 +185,7 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
       html +=
           fmt::format("<td>{}</td></tr>", why.empty() ? "" : "height only: " + markup_escaped(why));
     }
-    html += "</table>\n<h3>Mesh</h3>\n" +
+    html += "</table></div>\n<h3>Mesh</h3>\n" +
             figure_table(figures_of(name + ".mesh"),
                          {{"triangles", "triangles"},
                           {"closed", "closed"},

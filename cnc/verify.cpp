@@ -258,6 +258,8 @@ Result<void> Verifying::take(std::span<const Motion> motions, std::size_t progra
     const auto some = motions.subspan(begin, end - begin);
     used_[cutter] = true;
     last_cutter_ = cutter;
+    if (options_.finish_tool == 0 || options_.finish_tool == motions[begin].tool)
+      c_.ball_diameter_mm = 2.0 * cutters_[cutter].radius_mm;
     if (!cutters_[cutter].is_ball()) {
       other_proofs_.try_emplace(cutter, design_, cutters_[cutter], options_.gouge_limit.value())
           .first->second.add(some);
@@ -373,7 +375,8 @@ ComparisonOptions Verifying::comparison_options() const {
   for (std::size_t i = 0; i < cutters_.size(); ++i) {
     if (!used_[i]) continue;
     const int number = options_.tools.empty() ? 0 : options_.tools[i].number;
-    if (options_.finish_tool == 0 || options_.finish_tool == number) {
+    // A roughing cutter with a small corner reaches where the finish does not.
+    if (options_.finish_tool == 0 ? i == last_cutter_ : options_.finish_tool == number) {
       o.reach_radius_mm = std::fmin(o.reach_radius_mm, cutters_[i].corner_radius_mm);
       o.border_mm = std::fmax(o.border_mm, cutters_[i].radius_mm);
     }

@@ -60,7 +60,7 @@ struct VerifyOptions {
   const heightmap::ModelField* stock = nullptr;
   /// Design with stones standing on it, which nothing may meet (stone_clearance.hpp).
   const heightmap::ModelField* with_stones = nullptr;
-  /// Whose reach and stepover the excess is compared with, of `tools`; 0: the smallest that cuts.
+  /// Whose reach and stepover the excess is compared with, of `tools`; 0: the one that cuts last.
   int finish_tool = 0;
   Millimetres gouge_limit{0.005};  ///< deeper gouges of balls are counted and listed
   Millimetres stepover{NAN};       ///< to compare the excess with the scallop it states

@@ -825,14 +825,15 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
 
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
-       {"init", "run", "fuse", "stones", "mesh", "bands", "mill", "spheres", "verify", "backplot",
-        "export", "render", "compare", "scan", "clean", "deviate", "diagnose", "info", "doctor"}) {
+       {"init",    "run",    "fuse",     "stones",   "mesh",          "bands",   "mill",
+        "spheres", "verify", "backplot", "export",   "render",        "compare", "scan",
+        "clean",   "merge",  "deviate",  "diagnose", "detectability", "info",    "doctor"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));
   }
   // What waits for its issue does not pretend to be there.
-  for (const char* verb : {"detectability", "calibrate", "view"}) {
+  for (const char* verb : {"calibrate", "view"}) {
     EXPECT_EQ(run(verb).exit_code, 2) << verb;
     EXPECT_THAT(run("--help").out, Not(HasSubstr(verb)));
   }

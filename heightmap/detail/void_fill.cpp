@@ -24,6 +24,7 @@ constexpr std::array<double, 13> kBins{1.2, 1.6, 2.3, 3.2, 4.5, 6.4, 9.1, 13, 18
 struct Hole {
   std::vector<Node> nodes;
   std::ptrdiff_t top = 0, left = 0, rows = 0, cols = 0;  ///< with the margin, within the grid
+  double across = 1.0;                                   ///< shorter side, without the margin
 };
 
 std::vector<Hole> holes_of(const Grid<float>& z) {
@@ -56,6 +57,7 @@ std::vector<Hole> holes_of(const Grid<float>& z) {
         hole.left = std::min(hole.left, x);
         right = std::max(right, x);
       }
+      hole.across = static_cast<double>(std::min(bottom - hole.top, right - hole.left) + 1);
       hole.top = std::max<std::ptrdiff_t>(0, hole.top - kMargin);
       hole.left = std::max<std::ptrdiff_t>(0, hole.left - kMargin);
       hole.rows = std::min(z.rows(), bottom + kMargin + 1) - hole.top;
@@ -91,8 +93,7 @@ void stretch(Grid<double>& h, const Hole& hole) {
     }
   const double middle = n > 0.0 ? sum / n : 0.0;
   for (const auto& [r, c] : hole.nodes) h(r - hole.top, c - hole.left) = middle;
-  const auto across = static_cast<double>(std::min(hole.rows, hole.cols) - 2 * kMargin + 1);
-  const double relax = 2.0 / (1.0 + std::sin(std::numbers::pi / (across + 1.0)));
+  const double relax = 2.0 / (1.0 + std::sin(std::numbers::pi / (hole.across + 1.0)));
   const double enough = 1e-7 * (high - low);
   for (int round = 0; round < 20'000; ++round) {
     double most = 0.0;

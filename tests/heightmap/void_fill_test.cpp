@@ -174,6 +174,24 @@ TEST(FillVoids, LeavesPlanesPlanes) {
   }
 }
 
+// Holes of one node's depth at the edge, at a corner and inside: the margin is cut off there.
+TEST(FillVoids, MeetsThePlaneAtTheGridsEdge) {
+  Grid<float> truth(60, 60);
+  for (std::ptrdiff_t r = 0; r < 60; ++r)
+    for (std::ptrdiff_t c = 0; c < 60; ++c) truth(r, c) = 0.5F * static_cast<float>(c);
+  Grid<float> z = truth;
+  const std::array<std::array<std::ptrdiff_t, 2>, 6> nodes{
+      {{0, 20}, {0, 21}, {59, 30}, {30, 40}, {31, 40}, {59, 31}}};
+  for (const auto& [r, c] : nodes) z(r, c) = NAN;
+  const VoidFill fill = fill_voids(z);
+  EXPECT_EQ(fill.filled, 6);
+  for (const auto& [r, c] : nodes) {
+    // Along the edge the plane rises: no slope across it is what the membrane takes.
+    EXPECT_NEAR(z(r, c), truth(r, c), 1e-4) << r << " " << c;
+    EXPECT_LT(fill.sigma(r, c), 1e-4);
+  }
+}
+
 TEST(FillVoids, SaysWhereItHasNoReliefToTake) {
   Grid<float> z(40, 40, 3.0F);
   for (std::ptrdiff_t r = 4; r < 36; ++r)

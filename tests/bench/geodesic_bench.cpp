@@ -21,10 +21,13 @@
 #include <CGAL/Surface_mesh_shortest_path.h>
 
 #include "meshing/geodesic.hpp"
+#include "support/field_mesh.hpp"
 #include "support/shapes.hpp"
 
 namespace maquette::meshing {
 namespace {
+
+using testing_support::mesh_of;
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
@@ -38,22 +41,6 @@ double peak_mib() {
   rusage r{};
   getrusage(RUSAGE_SELF, &r);
   return static_cast<double>(r.ru_maxrss) / 1024.0;
-}
-
-TriMesh mesh_of(const heightmap::ModelField& f) {
-  TriMesh m;
-  const auto rows = static_cast<std::uint32_t>(f.z_mm.rows());
-  const auto cols = static_cast<std::uint32_t>(f.z_mm.cols());
-  for (std::uint32_t r = 0; r < rows; ++r)
-    for (std::uint32_t c = 0; c < cols; ++c)
-      m.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::uint32_t r = 0; r + 1 < rows; ++r)
-    for (std::uint32_t c = 0; c + 1 < cols; ++c) {
-      const std::uint32_t v = r * cols + c;
-      m.triangles.push_back({v, v + 1, v + cols + 1});
-      m.triangles.push_back({v, v + cols + 1, v + cols});
-    }
-  return m;
 }
 
 Mesh cgal_mesh(const TriMesh& m) {

@@ -23,12 +23,14 @@
 #include "scan/mesh_distance.hpp"
 #include "scan/register.hpp"
 #include "scan/surface_distance.hpp"
+#include "support/field_mesh.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette::scan {
 namespace {
 
 using heightmap::ModelField;
+using testing_support::mesh_of;
 using namespace testing_support;
 
 constexpr double kDegree = 0.017453292519943295;
@@ -76,25 +78,9 @@ void full(std::ptrdiff_t nodes, std::size_t points) {
              d->statistics.rms_mm, d->statistics.points);
 }
 
-TriMesh triangles_of(const ModelField& f) {
-  TriMesh m;
-  const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c)
-      m.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::ptrdiff_t r = 0; r + 1 < rows; ++r)
-    for (std::ptrdiff_t c = 0; c + 1 < cols; ++c) {
-      const auto a = static_cast<std::uint32_t>(r * cols + c), b = a + 1,
-                 e = a + static_cast<std::uint32_t>(cols), d = e + 1;
-      m.triangles.push_back({a, b, d});
-      m.triangles.push_back({a, d, e});
-    }
-  return m;
-}
-
 void mesh(std::ptrdiff_t nodes, std::size_t points) {
   const ModelField part = rough_part(1, nodes, nodes, 2000.0 / static_cast<double>(nodes - 1));
-  const TriMesh triangles = triangles_of(part);
+  const TriMesh triangles = mesh_of(part);
   const Cloud cloud = points_on(part, points, 2, 0.3);
   double before = cpu_s();
   const MeshDistance tree(triangles);

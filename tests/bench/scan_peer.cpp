@@ -17,11 +17,14 @@
 
 #include "scan/deviate.hpp"
 #include "scan/register.hpp"
+#include "support/field_mesh.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette::scan {
 namespace {
+
+using testing_support::mesh_of;
 
 namespace fs = std::filesystem;
 using namespace testing_support;
@@ -60,23 +63,6 @@ double run_cpu_s(const std::string& command) {
   const double before = children();
   if (std::system((command + " > log.txt 2>&1").c_str()) != 0) fmt::print("it failed\n");
   return children() - before;
-}
-
-TriMesh mesh_of(const heightmap::ModelField& f) {
-  TriMesh mesh;
-  const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c)
-      mesh.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::ptrdiff_t r = 0; r + 1 < rows; ++r)
-    for (std::ptrdiff_t c = 0; c + 1 < cols; ++c) {
-      const auto a = static_cast<std::uint32_t>(r * cols + c), b = a + 1,
-                 d = static_cast<std::uint32_t>(a + static_cast<std::uint32_t>(cols) + 1),
-                 e = d - 1;
-      mesh.triangles.push_back({a, b, d});
-      mesh.triangles.push_back({a, d, e});
-    }
-  return mesh;
 }
 
 void write_mesh(const TriMesh& mesh, const fs::path& path) {

@@ -26,6 +26,7 @@
 
 #include "cnc/slow_contact.hpp"
 #include "core/random.hpp"
+#include "support/field_mesh.hpp"
 #include "support/terrain.hpp"
 
 namespace maquette::cnc {
@@ -33,6 +34,7 @@ namespace {
 
 using heightmap::ModelField;
 using testing_support::Ground;
+using testing_support::mesh_of;
 
 double slow_drop(const TriMesh& mesh, const Cutter& tool, double x, double y) {
   const Slow slow(tool);
@@ -41,21 +43,6 @@ double slow_drop(const TriMesh& mesh, const Cutter& tool, double x, double y) {
     best = std::max(
         best, slow(mesh.vertices_mm[t[0]], mesh.vertices_mm[t[1]], mesh.vertices_mm[t[2]], x, y));
   return best;
-}
-
-TriMesh mesh_of(const ModelField& f) {
-  TriMesh mesh;
-  const auto cols = static_cast<std::uint32_t>(f.z_mm.cols());
-  for (std::ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < f.z_mm.cols(); ++c)
-      mesh.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::uint32_t r = 0; r + 1 < static_cast<std::uint32_t>(f.z_mm.rows()); ++r)
-    for (std::uint32_t c = 0; c + 1 < cols; ++c) {
-      const std::uint32_t v = r * cols + c;
-      mesh.triangles.push_back({v, v + 1, v + cols + 1});
-      mesh.triangles.push_back({v, v + cols + 1, v + cols});
-    }
-  return mesh;
 }
 
 /// Lumpy closed body about a centre, sunk so that it hangs over what lies beside it.

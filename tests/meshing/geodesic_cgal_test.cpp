@@ -19,10 +19,13 @@
 #include <gtest/gtest.h>
 
 #include "meshing/geodesic.hpp"
+#include "support/field_mesh.hpp"
 #include "support/shapes.hpp"
 
 namespace maquette::meshing {
 namespace {
+
+using testing_support::mesh_of;
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
@@ -33,22 +36,6 @@ Mesh cgal_mesh(const TriMesh& m) {
   for (const auto& t : m.triangles)
     out.add_face(Mesh::Vertex_index(t[0]), Mesh::Vertex_index(t[1]), Mesh::Vertex_index(t[2]));
   return out;
-}
-
-TriMesh mesh_of(const heightmap::ModelField& f) {
-  TriMesh m;
-  const auto rows = static_cast<std::uint32_t>(f.z_mm.rows());
-  const auto cols = static_cast<std::uint32_t>(f.z_mm.cols());
-  for (std::uint32_t r = 0; r < rows; ++r)
-    for (std::uint32_t c = 0; c < cols; ++c)
-      m.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::uint32_t r = 0; r + 1 < rows; ++r)
-    for (std::uint32_t c = 0; c + 1 < cols; ++c) {
-      const std::uint32_t v = r * cols + c;
-      m.triangles.push_back({v, v + 1, v + cols + 1});
-      m.triangles.push_back({v, v + cols + 1, v + cols});
-    }
-  return m;
 }
 
 std::vector<double> exact(const Mesh& m, std::uint32_t from) {

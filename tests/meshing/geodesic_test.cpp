@@ -29,6 +29,7 @@
 #include <gtest/gtest.h>
 
 #include "core/random.hpp"
+#include "support/field_mesh.hpp"
 #include "support/matchers.hpp"
 #include "support/shapes.hpp"
 
@@ -37,6 +38,7 @@ namespace {
 
 using heightmap::ModelField;
 using testing_support::FailsWith;
+using testing_support::mesh_of;
 
 constexpr double kPi = std::numbers::pi;
 
@@ -60,21 +62,6 @@ struct Wave {
     }
   }
 };
-
-TriMesh mesh_of(const ModelField& f) {
-  TriMesh m;
-  const auto cols = static_cast<std::uint32_t>(f.z_mm.cols());
-  for (std::ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < f.z_mm.cols(); ++c)
-      m.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::uint32_t r = 0; r + 1 < static_cast<std::uint32_t>(f.z_mm.rows()); ++r)
-    for (std::uint32_t c = 0; c + 1 < cols; ++c) {
-      const std::uint32_t v = r * cols + c;
-      m.triangles.push_back({v, v + 1, v + cols + 1});
-      m.triangles.push_back({v, v + cols + 1, v + cols});
-    }
-  return m;
-}
 
 template <class Surface>
 auto distance(const Surface& surface, const GeodesicSources& sources,

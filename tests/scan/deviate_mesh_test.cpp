@@ -22,6 +22,7 @@
 #include "core/random.hpp"
 #include "scan/deviate.hpp"
 #include "scan/upper_envelope.hpp"
+#include "support/field_mesh.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 #include "support/simple_solids.hpp"
@@ -32,28 +33,13 @@ namespace {
 using heightmap::ModelField;
 using testing_support::box_solid;
 using testing_support::FailsWith;
+using testing_support::mesh_of;
 using testing_support::points_on;
 using testing_support::random_pose;
 using testing_support::rough_part;
 using testing_support::seen_from;
 using testing_support::sphere_solid;
 using testing_support::Succeeds;
-
-TriMesh triangles_of(const ModelField& f) {
-  TriMesh m;
-  const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c)
-      m.vertices_mm.push_back({f.x_mm(c), f.y_mm(r), static_cast<double>(f.z_mm(r, c))});
-  for (std::ptrdiff_t r = 0; r + 1 < rows; ++r)
-    for (std::ptrdiff_t c = 0; c + 1 < cols; ++c) {
-      const auto a = static_cast<std::uint32_t>(r * cols + c), b = a + 1,
-                 e = a + static_cast<std::uint32_t>(cols), d = e + 1;
-      m.triangles.push_back({a, b, d});
-      m.triangles.push_back({a, d, e});
-    }
-  return m;
-}
 
 /// Even over the area, moved along the normal by noise.
 Cloud points_on_mesh(const TriMesh& mesh, std::size_t n, std::uint64_t seed, double sigma) {
@@ -88,7 +74,7 @@ double pose_error(const Cloud& truth, const Cloud& seen, const RigidTransform& m
 
 TEST(UpperEnvelope, GivesTheGridBack) {
   const ModelField f = rough_part(1, 81, 121, 0.5);
-  const auto e = upper_envelope(triangles_of(f));
+  const auto e = upper_envelope(mesh_of(f));
   ASSERT_THAT(e, Succeeds());
   ASSERT_EQ(e->z_mm.rows(), 81);
   ASSERT_EQ(e->z_mm.cols(), 121);
@@ -111,7 +97,7 @@ TEST(UpperEnvelope, SeesTheHighestOnly) {
 
 TEST(RegisterMesh, BringsAReliefBack) {
   const ModelField f = rough_part(3, 121, 121, 1.0, 2.0);
-  const TriMesh mesh = triangles_of(f);
+  const TriMesh mesh = mesh_of(f);
   const MeshDistance tree(mesh);
   const auto top = upper_envelope(mesh);
   ASSERT_THAT(top, Succeeds());

@@ -205,30 +205,30 @@ void Comparison::add_quad(const MilledBand& band, std::ptrdiff_t qr, std::ptrdif
     for (std::ptrdiff_t j = 0; j <= k; ++j) {
       const std::ptrdiff_t row = qr * k + i, col = qc * k + j;
       const double over = band.at(row, col) - divided_.at(row, col);
-      quad_gouge = std::fmax(quad_gouge, -over);
+      quad_gouge = std::max(quad_gouge, -over);
       // A node between two design cells belongs to the later one.
       if ((i == k && !last_row) || (j == k && !last_col)) continue;
       strip.sum += over;
       strip.sum_of_squares += over * over;
-      excess = std::fmax(excess, over);
+      excess = std::max(excess, over);
       if (counts) {
         const double bin = std::floor((over * cosine - kFirstBin_mm) / kBin_mm);
-        ++bins[static_cast<std::size_t>(std::fmin(std::fmax(bin, 0.0), double{kBins - 1}))];
+        ++bins[static_cast<std::size_t>(std::min(std::max(bin, 0.0), double{kBins - 1}))];
         excess_inside = excess;
       } else if (is_border(row, col)) {
-        excess_border = std::fmax(excess_border, over);
+        excess_border = std::max(excess_border, over);
       } else {
-        excess_inside = std::fmax(excess_inside, over);
+        excess_inside = std::max(excess_inside, over);
       }
       if (-over > kGougeListed_mm) ++strip.gouged;
       if (-over > static_cast<double>(deepest.depth_mm))
         deepest = {static_cast<float>(-over), static_cast<std::int32_t>(row),
                    static_cast<std::int32_t>(col)};
     }
-  strip.max_gouge = std::fmax(strip.max_gouge, quad_gouge);
-  strip.max_excess = std::fmax(strip.max_excess, excess);
+  strip.max_gouge = std::max(strip.max_gouge, quad_gouge);
+  strip.max_excess = std::max(strip.max_excess, excess);
   for (const Cutter& cutter : options_.cutters)
-    strip.proven = std::fmax(strip.proven, proven_quad(band, qr, qc, slope, quad_gouge, cutter));
+    strip.proven = std::max(strip.proven, proven_quad(band, qr, qc, slope, quad_gouge, cutter));
 
   const auto raise = [&](Reach kind, double v) {
     const float up = std::nextafter(static_cast<float>(v), std::numeric_limits<float>::infinity());

@@ -69,7 +69,7 @@ struct Blocks {
 Blocks blocks_under(const Tile& tile, double left, double right, double south, double north) {
   const double pitch = tile.cell_mm * kBlock;
   const auto block_of = [&](double mm) {
-    return static_cast<int>(std::fmin(std::fmax(std::floor(mm / pitch), -1.0), double{kBlocks}));
+    return static_cast<int>(std::min(std::max(std::floor(mm / pitch), -1.0), double{kBlocks}));
   };
   // A cell wider than needed, so that rounding never loses a block.
   const double x = tile.x_of(0), y = tile.y_of(0), wide = tile.cell_mm;
@@ -91,7 +91,7 @@ LocalChord localise(const swept::Way& way, const Tile& tile) {
   const double cx = tile.x_of(0) + half - way.start.x, cy = tile.y_of(0) + half - way.start.y;
   const double t = swept::clamped(cx * way.ux + cy * way.uy, 0.0, way.length);
   return {way.start.x + t * way.ux, way.start.y + t * way.uy, way.start.z + t * way.rise,
-          std::fmax(-t, -reach), std::fmin(way.length - t, reach)};
+          std::max(-t, -reach), std::min(way.length - t, reach)};
 }
 
 /// Lower bounds of the underside over a row of blocks.
@@ -177,10 +177,10 @@ struct TileCut {
 TileCut sweep_tile(Tile& tile, const swept::Way& way) {
   const LocalChord m = localise(way, tile);
   const double out = way.cutter.radius_mm + way.sag;
-  const Blocks blocks = blocks_under(tile, m.x + std::fmin(m.t1 * way.ux, m.t2 * way.ux) - out,
-                                     m.x + std::fmax(m.t1 * way.ux, m.t2 * way.ux) + out,
-                                     m.y + std::fmin(m.t1 * way.uy, m.t2 * way.uy) - out,
-                                     m.y + std::fmax(m.t1 * way.uy, m.t2 * way.uy) + out);
+  const Blocks blocks = blocks_under(tile, m.x + std::min(m.t1 * way.ux, m.t2 * way.ux) - out,
+                                     m.x + std::max(m.t1 * way.ux, m.t2 * way.ux) + out,
+                                     m.y + std::min(m.t1 * way.uy, m.t2 * way.uy) - out,
+                                     m.y + std::max(m.t1 * way.uy, m.t2 * way.uy) + out);
   TileCut sum;
   if (blocks.empty()) return sum;
   const RowBound bound(way, m, tile);
@@ -192,7 +192,7 @@ TileCut sweep_tile(Tile& tile, const swept::Way& way) {
       const swept::BlockCut cut =
           way.cut(tile.block(by, bx), kTile, tile.x_of(bx), tile.y_of(by), tile.cell_mm);
       tile.top(by, bx) = cut.highest;
-      sum.deepest = std::fmax(sum.deepest, cut.deepest);
+      sum.deepest = std::max(sum.deepest, cut.deepest);
       if (tile.counts(by)) sum.removed += std::llround(cut.removed / MoveEffects::kUnit_mm);
     }
   }
@@ -206,23 +206,23 @@ struct ConeProfile {
   double bottom, bottom_radius, radius, rise;
   double operator()(double dist2) const {
     const double dist = std::sqrt(dist2);
-    const double under = bottom + std::fmax(0.0, dist - bottom_radius) * rise;
+    const double under = bottom + std::max(0.0, dist - bottom_radius) * rise;
     return dist < radius ? under : swept::kNothing<double>;
   }
 };
 
 bool part_touches(Tile& tile, const swept::Way& way, const HolderPart& part) {
   const Vec3 a = way.piece.from_mm, b = way.piece.to_mm;
-  if (std::fmin(a.z, b.z) - way.sag + part.bottom_mm >= static_cast<double>(tile.highest_of_all))
+  if (std::min(a.z, b.z) - way.sag + part.bottom_mm >= static_cast<double>(tile.highest_of_all))
     return false;
-  const double radius = std::fmax(part.bottom_radius_mm, part.top_radius_mm) + way.sag;
+  const double radius = std::max(part.bottom_radius_mm, part.top_radius_mm) + way.sag;
   const double wider = part.top_radius_mm - part.bottom_radius_mm;
   const auto steps = static_cast<int>(
-      std::fmax(1.0, std::fmin(1e5, std::ceil(std::abs(b.z - a.z) / kHolderStep_mm))));
+      std::max(1.0, std::min(1e5, std::ceil(std::abs(b.z - a.z) / kHolderStep_mm))));
   for (int i = 0; i < steps; ++i) {
     const Vec3 p = a + (static_cast<double>(i) / steps) * (b - a);
     const Vec3 q = a + (static_cast<double>(i + 1) / steps) * (b - a);
-    const double bottom = std::fmin(p.z, q.z) - way.sag + part.bottom_mm;
+    const double bottom = std::min(p.z, q.z) - way.sag + part.bottom_mm;
     if (bottom >= static_cast<double>(tile.highest_of_all)) continue;
     const double dx = q.x - p.x, dy = q.y - p.y, length = std::sqrt(dx * dx + dy * dy);
     const double ux = length > 0.0 ? dx / length : 1.0, uy = length > 0.0 ? dy / length : 0.0;
@@ -230,8 +230,8 @@ bool part_touches(Tile& tile, const swept::Way& way, const HolderPart& part) {
                               wider > 0.0 ? part.height_mm / wider : 0.0};
     const swept::AlongLevelLine<double, ConeProfile> under{ux, uy, 0.0, length, profile};
     const Blocks blocks =
-        blocks_under(tile, std::fmin(p.x, q.x) - radius, std::fmax(p.x, q.x) + radius,
-                     std::fmin(p.y, q.y) - radius, std::fmax(p.y, q.y) + radius);
+        blocks_under(tile, std::min(p.x, q.x) - radius, std::max(p.x, q.x) + radius,
+                     std::min(p.y, q.y) - radius, std::max(p.y, q.y) + radius);
     for (int by = blocks.y1; by <= blocks.y2; ++by)
       for (int bx = blocks.x1; bx <= blocks.x2; ++bx)
         if (static_cast<double>(tile.top(by, bx)) > bottom &&
@@ -276,12 +276,12 @@ void store(const Tile& tile, Grid<float>& stock, std::ptrdiff_t r0, std::ptrdiff
 double widest_holder(const Cutter& cutter) {
   double radius = 0.0;
   for (const HolderPart& part : cutter.holder)
-    radius = std::fmax(radius, std::fmax(part.bottom_radius_mm, part.top_radius_mm));
+    radius = std::max(radius, std::max(part.bottom_radius_mm, part.top_radius_mm));
   return radius;
 }
 double lowest_holder(const Cutter& cutter) {
   double bottom = INFINITY;
-  for (const HolderPart& part : cutter.holder) bottom = std::fmin(bottom, part.bottom_mm);
+  for (const HolderPart& part : cutter.holder) bottom = std::min(bottom, part.bottom_mm);
   return bottom;
 }
 
@@ -307,10 +307,10 @@ MillingSim::MillingSim(const SimGrid& grid, std::vector<Cutter> cutters, Grid<fl
     if (c.holder.empty() && c.flute_length_mm > 0.0)
       c.holder.push_back({c.flute_length_mm, 1e6, c.radius_mm, c.radius_mm});
     Cutter& thin = thinner_.emplace_back(c);
-    thin.radius_mm = std::fmax(0.5 * c.radius_mm, c.radius_mm - kCollisionDepth_mm);
-    thin.corner_radius_mm = std::fmin(c.corner_radius_mm, thin.radius_mm);
+    thin.radius_mm = std::max(0.5 * c.radius_mm, c.radius_mm - kCollisionDepth_mm);
+    thin.corner_radius_mm = std::min(c.corner_radius_mm, thin.radius_mm);
   }
-  for (const float h : stock_.cells()) top_mm_ = std::fmax(top_mm_, static_cast<double>(h));
+  for (const float h : stock_.cells()) top_mm_ = std::max(top_mm_, static_cast<double>(h));
 }
 
 /// Calls visit(tile) for every tile that the move may touch: row of tiles by row of tiles,
@@ -319,25 +319,25 @@ template <class Visit>
 void MillingSim::for_each_tile(const ToolMove& move, Visit&& visit) const {
   const Vec3 a = move.piece.from_mm, b = move.piece.to_mm;
   const Cutter& cutter = cutters_[move.cutter];
-  const double low = std::fmin(a.z, b.z);  // also of arcs, which end at quadrants
+  const double low = std::min(a.z, b.z);  // also of arcs, which end at quadrants
   if (low >= top_mm_) return;
   const bool holder = low + lowest_holder(cutter) < top_mm_;
   const double half_chord = 0.5 * norm(b - a);
   const double sag = move.piece.kind == PathPiece::Kind::line
                          ? 0.0
-                         : std::fmin(half_chord, half_chord * half_chord / move.piece.radius_mm);
+                         : std::min(half_chord, half_chord * half_chord / move.piece.radius_mm);
   const double pitch = grid_.cell_mm * kTile;
   const double margin =
-      (holder ? std::fmax(cutter.radius_mm, widest_holder(cutter)) : cutter.radius_mm) + sag +
+      (holder ? std::max(cutter.radius_mm, widest_holder(cutter)) : cutter.radius_mm) + sag +
       2.0 * grid_.cell_mm;
   const double x0 = grid_.x0_mm + static_cast<double>(grid_.first_col) * grid_.cell_mm;
   const double y0 = grid_.y0_mm + static_cast<double>(grid_.first_row) * grid_.cell_mm;
   const auto tile_of = [&](double mm, std::ptrdiff_t count) {
     return static_cast<std::ptrdiff_t>(
-        std::fmin(std::fmax(std::floor(mm / pitch), -1.0), static_cast<double>(count)));
+        std::min(std::max(std::floor(mm / pitch), -1.0), static_cast<double>(count)));
   };
-  const double lo_y = std::fmin(a.y, b.y) - y0 - margin;
-  const double hi_y = std::fmax(a.y, b.y) - y0 + margin;
+  const double lo_y = std::min(a.y, b.y) - y0 - margin;
+  const double hi_y = std::max(a.y, b.y) - y0 + margin;
   const std::ptrdiff_t ty1 = std::max<std::ptrdiff_t>(0, tile_of(lo_y, tile_rows_));
   const std::ptrdiff_t ty2 = std::min(tile_rows_ - 1, tile_of(hi_y, tile_rows_));
   for (std::ptrdiff_t ty = ty1; ty <= ty2; ++ty) {
@@ -345,15 +345,15 @@ void MillingSim::for_each_tile(const ToolMove& move, Visit&& visit) const {
     if (const double dy = b.y - a.y; std::abs(dy) > 1e-9) {
       const double p = (y0 + static_cast<double>(ty) * pitch - margin - a.y) / dy;
       const double q = (y0 + static_cast<double>(ty + 1) * pitch + margin - a.y) / dy;
-      f1 = std::fmax(0.0, std::fmin(p, q));
-      f2 = std::fmin(1.0, std::fmax(p, q));
+      f1 = std::max(0.0, std::min(p, q));
+      f2 = std::min(1.0, std::max(p, q));
       if (f1 > f2) continue;
     }
     const double x1 = a.x + f1 * (b.x - a.x), x2 = a.x + f2 * (b.x - a.x);
     const std::ptrdiff_t tx1 =
-        std::max<std::ptrdiff_t>(0, tile_of(std::fmin(x1, x2) - x0 - margin, tile_cols_));
+        std::max<std::ptrdiff_t>(0, tile_of(std::min(x1, x2) - x0 - margin, tile_cols_));
     const std::ptrdiff_t tx2 =
-        std::min(tile_cols_ - 1, tile_of(std::fmax(x1, x2) - x0 + margin, tile_cols_));
+        std::min(tile_cols_ - 1, tile_of(std::max(x1, x2) - x0 + margin, tile_cols_));
     for (std::ptrdiff_t tx = tx1; tx <= tx2; ++tx)
       visit(static_cast<std::size_t>(ty * tile_cols_ + tx));
   }
@@ -425,11 +425,11 @@ MillingSim::Precision MillingSim::precision(double largest_height_mm, double cut
   constexpr double kHalfUlp = 0x1.0p-24;
   const double longest = cutter_radius_mm + 2.0 * kBlock * cell_mm;
   // s and d: six roundings of lengths up to `longest`; rho^2, w^2 and the root: six of R^2,
-  // which move the cutter's wall by as many R / 2. An arc's height over its centre: three
-  // roundings of r^2 at a third of r.
+  // which move the cutter's wall by as many R / 2. An arc's rise from its place near the block:
+  // docs/derivations/verify_bound.md.
   return {6.0 * kHalfUlp * longest + 6.0 * kHalfUlp * cutter_radius_mm,
           4.0 * kHalfUlp * (largest_height_mm + 2.0 * cutter_radius_mm) +
-              4.5 * kHalfUlp * swept::kLargestSingleArc_mm};
+              swept::kArcRoundings * kHalfUlp * longest};
 }
 
 }  // namespace maquette::cnc

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "cnc/swept_cutter.hpp"
 
+#include <algorithm>
+
 namespace maquette::cnc::swept {
 namespace {
 
@@ -20,8 +22,8 @@ Near near_line(const Way& w, double x, double y, double cell) {
   return {t,
           x - (w.start.x + t * w.ux),
           y - (w.start.y + t * w.uy),
-          std::fmax(-t, -reach),
-          std::fmin(w.length - t, reach),
+          std::max(-t, -reach),
+          std::min(w.length - t, reach),
           w.start.z + t * w.rise};
 }
 
@@ -42,14 +44,17 @@ BlockCut ball_arc(const Way& w, float* z, std::ptrdiff_t stride, double x, doubl
   const PathPiece& p = w.piece;
   const double R = w.cutter.radius_mm, half = 0.5 * (kBlock - 1) * cell;
   const double a = kAlongX ? p.from_mm.x : p.from_mm.y, b = kAlongX ? p.to_mm.x : p.to_mm.y;
-  const double lo = std::fmin(a, b), hi = std::fmax(a, b);
+  const double lo = std::min(a, b), hi = std::max(a, b);
   const double origin = clamped((kAlongX ? x : y) + half, lo, hi);
+  const double q = ((kAlongX ? p.centre_mm.x : p.centre_mm.y) - origin) / p.radius_mm;
+  const double e0 = std::sqrt(std::max(0.0, 1.0 - q * q));
   const BallAlongArc<T, kAlongX, kUpper, kThin> under{
-      static_cast<T>((kAlongX ? p.centre_mm.x : p.centre_mm.y) - origin),
-      static_cast<T>(p.radius_mm),
+      static_cast<T>(q),
+      static_cast<T>(1.0 / p.radius_mm),
+      static_cast<T>(e0),
       static_cast<T>(lo - origin),
       static_cast<T>(hi - origin),
-      static_cast<T>(p.centre_mm.z + R),
+      static_cast<T>(p.centre_mm.z + (kUpper ? e0 : -e0) * p.radius_mm + R),
       static_cast<T>(R * R)};
   return cut_block<T>(z, stride, static_cast<T>(x - (kAlongX ? origin : p.from_mm.x)),
                       static_cast<T>(y - (kAlongX ? p.from_mm.y : origin)), static_cast<T>(cell),
@@ -97,12 +102,12 @@ Way::Way(const PathPiece& p, const Cutter& tool) : piece(p), cutter(tool), start
   single = std::abs(rise) <= kSteepestSingle;
   if (piece.kind == PathPiece::Kind::line) return;
   const double half = 0.5 * norm(p.to_mm - p.from_mm), r = p.radius_mm;
-  sag = r - std::sqrt(std::fmax(0.0, r * r - half * half));
+  sag = r - std::sqrt(std::max(0.0, r * r - half * half));
   if (piece.kind == PathPiece::Kind::vertical_arc) {
     if (piece.upper) sag = 0.0;  // the path is above its chord
     const double least =
-        std::fmin(std::abs(p.from_mm.z - p.centre_mm.z), std::abs(p.to_mm.z - p.centre_mm.z));
-    single = r <= kLargestSingleArc_mm && kSteepestSingleArc * least >= r;
+        std::min(std::abs(p.from_mm.z - p.centre_mm.z), std::abs(p.to_mm.z - p.centre_mm.z));
+    single = kSteepestSingleArc * least >= r;
   }
 }
 

@@ -37,11 +37,13 @@ namespace maquette::cnc::swept {
 inline constexpr int kBlock = 8;  // cells along a block's side: one AVX register of floats
 /// Bull noses on slopes: the underside is never lower than computed by more than this.
 inline constexpr double kSolved_mm = 1e-6;
-/// Single precision only for ways less steep, and arcs no larger, than this: a place in single
-/// precision times a slope would show in the height.
+/// Single precision only for ways less steep than this: a place in single precision times a slope
+/// would show in the height.
 inline constexpr double kSteepestSingle = 8.0;
-inline constexpr double kSteepestSingleArc = 3.0;
-inline constexpr double kLargestSingleArc_mm = 8.0;
+inline constexpr double kSteepestSingleArc =
+    1.5;  ///< radius over the ends' least height from the centre
+/// What an arc in single precision may be off, in half units of the last digit of a length.
+inline constexpr double kArcRoundings = 16.0;
 
 template <class T>
 inline constexpr T kNothing = std::numeric_limits<T>::max();
@@ -91,17 +93,20 @@ struct BallAlongLine {
   }
 };
 
-/// kAlongX: the arc lies along x. kUpper: above its centre. kThin: upper and r < R.
+/// kAlongX: the arc lies along x. kUpper: above its centre. kThin: upper and r < R. All is relative
+/// to a place of the arc near the block, so that its radius costs no digits: with q and i below and
+/// e(t)^2 = 1 - (i t - q)^2, the arc rises from there by +-t (2 q - i t) / (e(t) + e(0)), and the
+/// ball's place is t = (s -+ q rho) / (1 -+ i rho).
 template <class T, bool kAlongX, bool kUpper, bool kThin>
 struct BallAlongArc {
-  T c, r, t1, t2, base,
-      r2;  // c: of the arc's centre, along; base: its height plus the ball's radius
+  T q, i;                  // place of the arc's centre, along, over its radius; one over its radius
+  T e0, t1, t2, base, r2;  // e(0); base: height of the ball's centre at t = 0
   T operator()(T dx, T dy) const {
     const T s = kAlongX ? dx : dy, d = kAlongX ? dy : dx;
     const T rho2 = r2 - d * d;
     const T rho = std::sqrt(rho2 > T{0} ? rho2 : T{0});
-    const T den = kUpper ? r - rho : r + rho;
-    T under = at(clamped(c + (s - c) * (r / den), t1, t2), s, rho2);
+    const T place = kUpper ? (s - q * rho) / (T{1} - i * rho) : (s + q * rho) / (T{1} + i * rho);
+    T under = at(clamped(place, t1, t2), s, rho2);
     if constexpr (kThin) {
       const T first = at(t1, s, rho2), second = at(t2, s, rho2);
       under = under < first ? under : first;
@@ -110,11 +115,13 @@ struct BallAlongArc {
     return under;
   }
   T at(T t, T s, T rho2) const {
-    const T h2 = r * r - (t - c) * (t - c);
-    const T h = std::sqrt(h2 > T{0} ? h2 : T{0});
-    const T w = s - t, q = rho2 - w * w;
-    const T under = base + (kUpper ? h : -h) - std::sqrt(q > T{0} ? q : T{0});
-    return q > T{0} ? under : kNothing<T>;
+    const T it = i * t, u = it - q, e2 = T{1} - u * u;
+    // Not 0 / 0 where the arc is vertical.
+    const T e = std::sqrt(e2 > std::numeric_limits<T>::min() ? e2 : std::numeric_limits<T>::min());
+    const T up = t * (T{2} * q - it) / (e + e0);
+    const T w = s - t, h2 = rho2 - w * w;
+    const T under = base + (kUpper ? up : -up) - std::sqrt(h2 > T{0} ? h2 : T{0});
+    return h2 > T{0} ? under : kNothing<T>;
   }
 };
 
@@ -164,34 +171,40 @@ struct BullAlongLine {
     const double rho2 = radius * radius - d * d;
     if (!(rho2 > 0.0)) return kNothing<double>;
     const double rho = std::sqrt(rho2), flat = radius - corner;
-    double lo = std::fmax(t1, s - rho), hi = std::fmin(t2, s + rho);
+    double lo = std::max(t1, s - rho), hi = std::min(t2, s + rho);
     if (!(lo <= hi)) return kNothing<double>;
     const auto height = [&](double t) {
-      const double e = std::fmax(0.0, std::sqrt((s - t) * (s - t) + d * d) - flat);
-      return base + rise * t + corner - std::sqrt(std::fmax(0.0, corner * corner - e * e));
+      const double e = std::max(0.0, std::sqrt((s - t) * (s - t) + d * d) - flat);
+      return base + rise * t + corner - std::sqrt(std::max(0.0, corner * corner - e * e));
     };
     // Derivative of the height, and of that, in t.
     const auto slope = [&](double t, double& second) {
       const double w = t - s, n = std::sqrt(w * w + d * d), e = n - flat;
       second = 0.0;
       if (!(e > 0.0)) return rise;
-      const double root = std::sqrt(std::fmax(corner * corner - e * e, 1e-18));
+      const double root = std::sqrt(std::max(corner * corner - e * e, 1e-18));
       const double steep = e / root;
       second =
           corner * corner / (root * root * root) * w * w / (n * n) + steep * d * d / (n * n * n);
       return rise + steep * w / n;
     };
-    double t = clamped(s - rise / std::sqrt(1.0 + rise * rise) * corner, lo, hi);
+    // At the lower end, if it is no longer uphill from there.
+    double second = 0.0;
+    const double low = rise > 0.0 ? lo : hi;
+    if (slope(low, second) * rise >= 0.0) return height(low);
+    // Where the corner's circle is as steep as the way, were the axis as far as there.
+    const double k = rise / std::sqrt(1.0 + rise * rise), n = flat + std::abs(k) * corner;
+    const double w = std::sqrt(std::max(n * n - d * d, 0.0));
+    double t = clamped(rise > 0.0 ? s - w : s + w, lo, hi);
     for (int i = 0; i < 80; ++i) {
-      double second = 0.0;
       const double g = slope(t, second);
       (g > 0.0 ? hi : lo) = t;
       if (g == 0.0 || std::abs(g) * (hi - lo) <= kSolved_mm) break;
-      // Every other step halves: next to the rim Newton's steps are as good as none.
-      const double newton = second > 0.0 && i % 2 == 1 ? t - g / second : INFINITY;
+      // Every third step halves: next to the rim Newton's steps are as good as none.
+      const double newton = second > 0.0 && i % 3 != 2 ? t - g / second : INFINITY;
       t = newton > lo && newton < hi ? newton : 0.5 * (lo + hi);
     }
-    return std::fmin(height(t), std::fmin(height(lo), height(hi)));
+    return std::min(height(t), std::min(height(lo), height(hi)));
   }
 };
 

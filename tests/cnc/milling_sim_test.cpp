@@ -329,11 +329,51 @@ struct ShapeCase {
 };
 class AnyCutter : public testing::TestWithParam<ShapeCase> {};
 
+struct Compared {
+  std::ptrdiff_t touched = 0, at_rim = 0;
+};
+
+/// Fails where the sweep is farther from the search than its precision allows.
+void expect_equals_search(const Job& job, const Cutter& cutter, const Motion& m, int name,
+                          Compared& compared) {
+  std::vector<ToolMove> moves;
+  append_tool_moves(m, cutter, 0, 0, moves);
+  double deviation = 0.0;
+  for (const ToolMove& move : moves) deviation = std::fmax(deviation, move.piece.deviation_mm);
+  MillingSim sim = job.sim(cutter);
+  MoveEffects effects(1);
+  sim.cut(moves, effects);
+  const auto precision = MillingSim::precision(kTop, cutter.radius_mm, job.cell);
+  const double aside = precision.horizontal_mm + deviation + 1e-9;
+  const double slack = precision.vertical_mm + deviation + kSolvedHeight_mm + 1e-7;
+  for (std::ptrdiff_t r = 0; r < job.rows; ++r)
+    for (std::ptrdiff_t c = 0; c < job.cols; ++c) {
+      const double z = static_cast<double>(sim.stock_mm()(r, c));
+      const auto expected = [&](double dx, double dy) {
+        return std::fmin(kTop, searched_anywhere(m, cutter, job.x(c) + dx, job.y(r) + dy));
+      };
+      const double here = expected(0.0, 0.0);
+      compared.touched += here < kTop;
+      if (std::abs(z - here) <= slack) continue;
+      // Near walls: between what the cutter does a little to all sides.
+      double low = here, high = here;
+      for (int k = 0; k < 8; ++k) {
+        const double angle = 0.25 * std::numbers::pi * k;
+        const double e = expected(aside * std::cos(angle), aside * std::sin(angle));
+        low = std::fmin(low, e);
+        high = std::fmax(high, e);
+      }
+      ++compared.at_rim;
+      ASSERT_GE(z, low - slack) << "motion " << name << " at " << r << " " << c << ": " << here;
+      ASSERT_LE(z, high + slack) << "motion " << name << " at " << r << " " << c << ": " << here;
+    }
+}
+
 TEST_P(AnyCutter, LinesAndArcsEqualTheSearch) {
   const Cutter& cutter = GetParam().cutter;
   const Job job{.rows = 37, .cols = 41, .x0 = 0.0, .y0 = 0.0, .cell = 0.3};
   Draws draw(17);
-  std::ptrdiff_t touched = 0, at_rim = 0;
+  Compared compared;
   for (int i = 0; i < 22; ++i) {
     const Vec3 from{draw(1.0, 11.0), draw(1.0, 10.0), draw(7.0, 9.5)};
     Motion m;
@@ -344,40 +384,11 @@ TEST_P(AnyCutter, LinesAndArcsEqualTheSearch) {
     } else {
       m = random_arc(draw, from, draw(0.3, 9.0), i % 4 == 0 ? 1e-4 : 0.0, i % 7 == 0 ? 0.7 : 0.0);
     }
-    std::vector<ToolMove> moves;
-    append_tool_moves(m, cutter, 0, 0, moves);
-    double deviation = 0.0;
-    for (const ToolMove& move : moves) deviation = std::fmax(deviation, move.piece.deviation_mm);
-    MillingSim sim = job.sim(cutter);
-    MoveEffects effects(1);
-    sim.cut(moves, effects);
-    const auto precision = MillingSim::precision(kTop, cutter.radius_mm, job.cell);
-    const double aside = precision.horizontal_mm + deviation + 1e-9;
-    const double slack = precision.vertical_mm + deviation + kSolvedHeight_mm + 1e-7;
-    for (std::ptrdiff_t r = 0; r < job.rows; ++r)
-      for (std::ptrdiff_t c = 0; c < job.cols; ++c) {
-        const double z = static_cast<double>(sim.stock_mm()(r, c));
-        const auto expected = [&](double dx, double dy) {
-          return std::fmin(kTop, searched_anywhere(m, cutter, job.x(c) + dx, job.y(r) + dy));
-        };
-        const double here = expected(0.0, 0.0);
-        touched += here < kTop;
-        if (std::abs(z - here) <= slack) continue;
-        // Near walls: between what the cutter does a little to all sides.
-        double low = here, high = here;
-        for (int k = 0; k < 8; ++k) {
-          const double angle = 0.25 * std::numbers::pi * k;
-          const double e = expected(aside * std::cos(angle), aside * std::sin(angle));
-          low = std::fmin(low, e);
-          high = std::fmax(high, e);
-        }
-        ++at_rim;
-        ASSERT_GE(z, low - slack) << "motion " << i << " at " << r << " " << c << ": " << here;
-        ASSERT_LE(z, high + slack) << "motion " << i << " at " << r << " " << c << ": " << here;
-      }
+    expect_equals_search(job, cutter, m, i, compared);
+    if (HasFatalFailure()) return;
   }
-  EXPECT_GT(touched, 1000);
-  EXPECT_LT(at_rim, touched / 10);
+  EXPECT_GT(compared.touched, 1000);
+  EXPECT_LT(compared.at_rim, compared.touched / 10);
 }
 INSTANTIATE_TEST_SUITE_P(Shapes, AnyCutter,
                          testing::Values(ShapeCase{"ball", Cutter::ball(3.0)},
@@ -386,6 +397,47 @@ INSTANTIATE_TEST_SUITE_P(Shapes, AnyCutter,
                                          ShapeCase{"bull", Cutter::bull(3.0, 0.75)},
                                          ShapeCase{"almostBall", Cutter::bull(2.0, 1.9)}),
                          [](const auto& p) { return p.param.name; });
+
+/// In G18 or G19, above or below its centre; slope: an angle, in its middle.
+Motion vertical_arc(ArcPlane plane, Vec3 middle, double radius, double length, double slope,
+                    bool upper) {
+  Motion m;
+  m.kind = Motion::Kind::arc;
+  m.plane = plane;
+  m.feed_mm_min = 100.0;
+  // From the vertical towards the way.
+  const double mid = (upper ? 0.0 : std::numbers::pi) - slope, half = 0.5 * length / radius;
+  const auto place = [&](double angle) {
+    const double along = radius * (std::sin(angle) - std::sin(mid));
+    const double up = radius * (std::cos(angle) - std::cos(mid));
+    return middle + (plane == ArcPlane::zx ? Vec3{along, 0.0, up} : Vec3{0.0, along, up});
+  };
+  m.from_mm = place(mid - half);
+  m.to_mm = place(mid + half);
+  const double along = -radius * std::sin(mid), up = -radius * std::cos(mid);
+  m.centre_mm = middle + (plane == ArcPlane::zx ? Vec3{along, 0.0, up} : Vec3{0.0, along, up});
+  m.sweep_rad = (plane == ArcPlane::zx ? 2.0 : -2.0) * half;
+  return m;
+}
+
+// Nearly straight ones too: single precision has 7 digits, a radius of 20 m and a height to 5
+// nm 10.
+TEST(MillingSim, TheRadiusOfAnArcCostsNoDigits) {
+  const Job job{.rows = 37, .cols = 41, .x0 = 0.0, .y0 = 0.0, .cell = 0.3};
+  Draws draw(29);
+  Compared compared;
+  for (int i = 0; i < 40; ++i) {
+    const double radius = std::pow(10.0, draw(0.9, 4.3));
+    const double length = std::fmin(radius, draw(0.1, 9.0)), slope = draw(-0.95, 0.95);
+    const Vec3 middle{draw(1.0, 11.0), draw(1.0, 10.0), draw(7.0, 9.5)};
+    const Motion m = vertical_arc(i % 2 == 0 ? ArcPlane::zx : ArcPlane::yz, middle, radius, length,
+                                  slope, i % 4 < 2);
+    expect_equals_search(job, Cutter::ball(3.0), m, i, compared);
+    if (HasFatalFailure()) return;
+  }
+  EXPECT_GT(compared.touched, 1000);
+  EXPECT_LT(compared.at_rim, compared.touched / 10);
+}
 
 /// Motions of all kinds with four cutters.
 std::vector<ToolMove> mixed_moves(const Job& job, const std::vector<Cutter>& cutters, int count) {

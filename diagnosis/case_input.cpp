@@ -181,24 +181,17 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     const auto col = std::lround((x - design.x0.value()) / design.spacing.value());
     return stones.contains(row, col) && stones(row, col) != 0;
   };
-  const auto heights = heightmap::height_range(design.z_mm);
-  m.scene.box.add({design.x0.value(), design.y0.value(), static_cast<double>(heights.min)});
-  m.scene.box.add({design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1),
-                   static_cast<double>(heights.max)});
-  m.scene.ball_radius_mm = 0.5 * input.ball_diameter_mm;
+  const double ball_radius_mm = 0.5 * input.ball_diameter_mm;
   std::optional<CutPath> path;
   if (!input.programs.empty()) {
-    MAQUETTE_TRY(auto read, CutPath::read(input.programs, m.scene.ball_radius_mm, run));
+    MAQUETTE_TRY(auto read, CutPath::read(input.programs, ball_radius_mm, run));
     path.emplace(std::move(read));
-    m.scene.has_path = true;
-    m.scene.duration_min = path->duration_min();
-    m.scene.cut_mm = path->cut_mm();
-    m.scene.section_starts = path->section_starts();
   } else {
     m.notes.push_back(
         "no program given: causes that depend on direction, order or time of the cut cannot be "
         "tested");
   }
+  m.scene = scene_of(design, path ? &*path : nullptr, ball_radius_mm);
   const SimulatedSurface surface(milled, path ? &*path : nullptr, run);
   if (path && (surface.cut_share() < 0.3 || !(surface.program_misfit_mm() < kOtherProgram_mm)))
     return fail(
@@ -289,31 +282,20 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
           foot = p + along_beam * beam;
         }
       }
-      auto rivals = std::make_shared<std::vector<Rival>>();
-      const auto place = surface.at(foot.x, foot.y, rivals.get());
-      if (!place) return;
-      Observation o;
-      o.residual_mm = (foot.z - place->height_mm) * place->normal.z - input.coat_mm -
-                      along_beam * dot(beam, place->normal);
+      auto seen = surface.observe(foot.x, foot.y);
+      if (!seen) return;
+      Observation& o = *seen;
+      o.residual_mm =
+          (foot.z - o.place.z) * o.normal.z - input.coat_mm - along_beam * dot(beam, o.normal);
       if (!(std::abs(o.residual_mm) <= input.reach_mm)) return;
-      o.place = {foot.x, foot.y, place->height_mm};
-      o.normal = o.along = place->normal;
       o.sigma_mm = l.sigma;
       o.set_up = index;
-      o.milled_minus_design_mm =
-          std::clamp((place->height_mm - place->design_mm) * place->normal.z, -0.2, 0.2);
-      o.tip = o.place;
-      if (place->contact) {
-        static_cast<CutState&>(o) = *place->contact;
-        o.rivals = std::move(rivals);
-      }
       if (station) {
         o.has_station = true;
         o.range_mm = norm(foot - *station);
         o.beam = beam;
       }
-      o.curvature = surface.curvature(foot.x, foot.y);
-      made[i] = o;
+      made[i] = std::move(o);
       good[i] = 1;
     });
     const std::size_t from = m.observations.size();
@@ -340,22 +322,13 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     const auto index = static_cast<std::uint32_t>(m.set_ups.size());
     const std::size_t from = m.observations.size();
     for (const ProbeRow& row : rows) {
-      auto rivals = std::make_shared<std::vector<Rival>>();
-      const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm, rivals.get());
-      if (!place || on_stone(row.x_nominal_mm, row.y_nominal_mm)) continue;
-      Observation o;
+      auto seen = surface.observe(row.x_nominal_mm, row.y_nominal_mm);
+      if (!seen || on_stone(row.x_nominal_mm, row.y_nominal_mm)) continue;
+      Observation& o = *seen;
+      o.milled_minus_design_mm = 0.0;  // a nominal height is what it is
       o.set_up = index;
-      const double z =
-          row.z_nominal_mm.value_or(place->height_mm + input.coat_mm * place->normal.z);
-      o.place = {row.x_nominal_mm, row.y_nominal_mm, place->height_mm};
-      o.normal = place->normal;
+      const double z = row.z_nominal_mm.value_or(o.place.z + input.coat_mm * o.normal.z);
       o.sigma_mm = row.sigma_mm.value_or(0.005);
-      o.tip = o.place;
-      if (place->contact) {
-        static_cast<CutState&>(o) = *place->contact;
-        o.rivals = std::move(rivals);
-      }
-      o.curvature = surface.curvature(row.x_nominal_mm, row.y_nominal_mm);
       const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,
                    row.z_mm ? *row.z_mm - z : 0.0};
       if (row.z_mm) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// What extended.toml has added to the model, taken off the residuals again.
+// What extended.toml has added to the model, as functions of an observation; taken off residuals.
 
 #include <cmath>
 #include <optional>
@@ -9,6 +9,7 @@
 
 #include "diagnosis/case_input.hpp"
 #include "diagnosis/effect.hpp"
+#include "diagnosis/extended_model.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -21,19 +22,26 @@ double distance(const Form& f, const KnownCause& k) {
   return sum;
 }
 
-/// The form of that law; a refined one is reached through its neighbours, closest first.
-std::optional<Form> restore(const Effect& effect, const Scene& scene, const KnownCause& k) {
+/// The form of that law; a refined one is reached through its neighbours, closest first; where no
+/// law is named so (a cause that only poses show), the first with these parameters.
+std::optional<Form> closest(const Effect& effect, const Scene& scene, const KnownCause& k) {
   if (!effect.forms) return std::nullopt;
   auto forms = effect.forms(scene);
+  const auto fits = [&](const Form& f) {
+    if (f.columns.size() != k.parameters.size()) return false;
+    for (std::size_t c = 0; c < f.columns.size(); ++c)
+      if (f.columns[c].parameter.name != k.parameters[c].first) return false;
+    return true;
+  };
   for (int depth = 0; depth < 8 && !forms.empty(); ++depth) {
     const Form* best = nullptr;
     for (const Form& f : forms) {
       if (f.law == k.law) return f;
-      if (f.columns.size() != k.parameters.size() || f.fixed.empty()) continue;
+      if (!fits(f) || (!k.fixed.empty() && f.fixed.empty())) continue;
       if (best == nullptr || distance(f, k) < distance(*best, k)) best = &f;
     }
     if (best == nullptr) return std::nullopt;
-    if (!best->finer) return *best;
+    if (!best->finer || k.fixed.empty()) return *best;
     forms = best->finer();
   }
   return std::nullopt;
@@ -41,8 +49,10 @@ std::optional<Form> restore(const Effect& effect, const Scene& scene, const Know
 
 }  // namespace
 
-Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
-  for (const KnownCause& k : known) {
+Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, const Scene& of,
+                                       const std::vector<Vec3>& centres) {
+  std::vector<KnownTerm> terms;
+  for (const KnownCause& k : causes) {
     const Effect* effect = find_effect(k.effect);
     if (effect == nullptr)
       return fail(kUnknownCause, fmt::format("[[cause]] effect = \"{}\": the library has no such "
@@ -54,22 +64,25 @@ Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
       return 0.0;
     };
     if (k.effect == "tool.length_offset") {
-      for (Observation& o : m.observations) o.residual_mm -= value("offset_mm") * o.along.z;
+      terms.push_back({value("offset_mm"), [](const Observation& o) { return o.along.z; }, false});
       continue;
     }
     if (k.effect == "scanner.registration") {
       const auto scan = static_cast<std::uint32_t>(k.fixed.empty() ? 0.0 : k.fixed[0].second - 1.0);
-      if (scan >= m.set_ups.size())
+      if (scan >= centres.size())
         return fail(kUnknownCause, "[[cause]] scanner.registration names a scan that is not there");
       const Vec3 shift{value("shift_x_mm"), value("shift_y_mm"), value("shift_z_mm")};
       const Vec3 turn{value("turn_x_urad"), value("turn_y_urad"), value("turn_z_urad")};
-      for (Observation& o : m.observations)
-        if (o.set_up == scan)
-          o.residual_mm -=
-              dot(o.along, shift + cross(1e-6 * turn, o.place - m.set_ups[scan].centre_mm));
+      terms.push_back({1.0,
+                       [=, centre = centres[scan]](const Observation& o) {
+                         return o.set_up != scan
+                                    ? 0.0
+                                    : dot(o.along, shift + cross(1e-6 * turn, o.place - centre));
+                       },
+                       true});
       continue;
     }
-    Scene scene = m.scene;
+    Scene scene = of;
     for (const auto& [name, v] : k.fixed)
       if (name.starts_with("moment_") && scene.duration_min > 0.0) {
         for (auto& steps : scene.steps) steps.push_back(v / scene.duration_min);
@@ -79,20 +92,26 @@ Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
         scene.waves_y.push_back(2.0 * scene.half_mm() / v);
         scene.waves_path.push_back(scene.cut_mm / v);
       }
-    KnownCause wanted = k;
-    if (k.effect == "scanner.range_bias") wanted.law = "constant";
-    const auto form = restore(*effect, scene, wanted);
+    const auto form = closest(*effect, scene, k);
     if (!form)
-      return fail(kUnknownCause, fmt::format("[[cause]] {}: no law \"{}\" with {} parameters",
-                                             k.effect, k.law, k.parameters.size()));
-    for (std::size_t c = 0; c < form->columns.size(); ++c) {
-      const Parameter& p = form->columns[c].parameter;
-      const double coefficient =
-          (c < k.parameters.size() ? k.parameters[c].second : 0.0) / p.per_column;
-      for (Observation& o : m.observations)
-        o.residual_mm -= coefficient * form->columns[c].value(o);
-    }
+      return fail(kUnknownCause, fmt::format("[[cause]] {}: no law \"{}\" with {} parameters{}",
+                                             k.effect, k.law, k.parameters.size(),
+                                             effect->needs == Needs::path && !scene.has_path
+                                                 ? "; it needs the program (gcode)"
+                                                 : ""));
+    for (std::size_t c = 0; c < std::min(form->columns.size(), k.parameters.size()); ++c)
+      terms.push_back({k.parameters[c].second / form->columns[c].parameter.per_column,
+                       form->columns[c].value, effect->acts_on == "scanner"});
   }
+  return terms;
+}
+
+Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
+  std::vector<Vec3> centres;
+  for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
+  MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres));
+  for (Observation& o : m.observations)
+    for (const KnownTerm& t : terms) o.residual_mm -= t.coefficient * t.value(o);
   return {};
 }
 

@@ -45,6 +45,21 @@ Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
 
 }  // namespace
 
+Scene scene_of(const ModelField& design, const CutPath* path, double ball_radius_mm) {
+  Scene scene;
+  const auto heights = heightmap::height_range(design.z_mm);
+  scene.box.add({design.x0.value(), design.y0.value(), static_cast<double>(heights.min)});
+  scene.box.add({design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1),
+                 static_cast<double>(heights.max)});
+  scene.ball_radius_mm = ball_radius_mm;
+  if (path == nullptr) return scene;
+  scene.has_path = true;
+  scene.duration_min = path->duration_min();
+  scene.cut_mm = path->cut_mm();
+  scene.section_starts = path->section_starts();
+  return scene;
+}
+
 std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y,
                                                             std::vector<Rival>* rivals) const {
   const double z = heightmap::height_at(design_, x, y);
@@ -94,6 +109,23 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
   misfit_ = d.empty() ? INFINITY : nmad(std::move(d));
   for (std::size_t k = 0; k < smooth_.size(); ++k)
     smooth_[k] = {smoothed(cut.z_mm, kCurvatureScales_mm[k] / step), cut.spacing, cut.x0, cut.y0};
+}
+
+std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
+  auto rivals = std::make_shared<std::vector<Rival>>();
+  const auto place = at(x, y, rivals.get());
+  if (!place) return std::nullopt;
+  Observation o;
+  o.place = o.tip = {x, y, place->height_mm};
+  o.normal = o.along = place->normal;
+  o.milled_minus_design_mm =
+      std::clamp((place->height_mm - place->design_mm) * place->normal.z, -0.2, 0.2);
+  if (place->contact) {
+    static_cast<CutState&>(o) = *place->contact;
+    o.rivals = std::move(rivals);
+  }
+  o.curvature = curvature(x, y);
+  return o;
 }
 
 std::array<Curvature, kCurvatureScales_mm.size()> SimulatedSurface::curvature(double x,

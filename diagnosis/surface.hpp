@@ -17,6 +17,10 @@
 
 namespace maquette::diagnosis {
 
+/// What all observations of a part have in common, as far as design and program say.
+[[nodiscard]] Scene scene_of(const heightmap::ModelField& design, const CutPath* path,
+                             double ball_radius_mm);
+
 class SimulatedSurface {
  public:
   /// Keeps references to both; `path` may be null.
@@ -32,6 +36,9 @@ class SimulatedSurface {
   /// @param rivals  as of CutPath::at
   [[nodiscard]] std::optional<Place> at(double x_mm, double y_mm,
                                         std::vector<Rival>* rivals = nullptr) const;
+  /// The place as causes see it: what cut it, other passes beside, curvature; residual 0 along the
+  /// normal. none: as above.
+  [[nodiscard]] std::optional<Observation> observe(double x_mm, double y_mm) const;
   /// Second derivatives of the surface smoothed at each of kCurvatureScales_mm.
   [[nodiscard]] std::array<Curvature, kCurvatureScales_mm.size()> curvature(double x_mm,
                                                                             double y_mm) const;

@@ -17,6 +17,7 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "meshing/bands.hpp"
+#include "tools/extended.hpp"
 #include "tools/pipeline.hpp"
 #include "tools/scanner_file.hpp"
 #include "tools/scene_file.hpp"
@@ -74,6 +75,9 @@ struct VerifyJob {
   /// Unmet if exceeded, bound included. Gouges of balls deeper than this are listed, from 1 um
   /// on and at the latest from options.gouge_limit on.
   std::optional<Millimetres> max_gouge;
+  /// Named causes (extended.toml): as_built.tif is what they make of the cut, on the design's
+  /// nodes, and max_gouge holds for it too.
+  std::optional<Extended> extended;
 };
 /// certificate.json, as_milled.tif, excess.png; backplot/paths.json for the page, and
 /// backplot/<program>.feed.svg, .png, .engagement.svg, .png of each program.
@@ -124,6 +128,9 @@ struct ScanJob {
   std::optional<fs::path> reflectance;   ///< model field of 0 to 1 over the same place; none: 0.5
   std::uint64_t max_points = 1'000'000;  ///< of each station
   std::uint64_t seed = 1;                ///< of the first station, then one more each
+  std::optional<Extended> extended;      ///< named causes: of a field, and of the points
+  bool as_built = false;                 ///< the field has its causes already
+  std::size_t first_scan = 0;            ///< the case's scan that the first station stands for
 };
 /// Simulated scans into one cloud file, its format by the extension of `out`; in constant memory.
 [[nodiscard]] Result<JobResult> scan_job(const ScanJob& job, const fs::path& out,

@@ -27,6 +27,16 @@ Result<JobResult> scan_job(const ScanJob& job, const fs::path& out, const RunCon
     MAQUETTE_TRY(TriMesh mesh, meshing::read_mesh(job.surface, run));
     stones.push_back(std::move(mesh));
   }
+  std::optional<diagnosis::ExtendedModel> model;
+  if (job.extended) {
+    if (!is_field(job.surface))
+      return fail(kUnknownFormat, fmt::format("{}: a surface is extended by causes node by node; "
+                                              "give the model field (.tif) that was cut",
+                                              job.surface.string()));
+    MAQUETTE_TRY(auto made, extended_model(*job.extended, run));
+    model.emplace(std::move(made));
+    if (!job.as_built) model->build(surface);
+  }
   heightmap::ModelField reflectance;
   scan::SurfacePaint paint;
   if (job.reflectance) {
@@ -38,7 +48,11 @@ Result<JobResult> scan_job(const ScanJob& job, const fs::path& out, const RunCon
       return scan::SurfaceLook{known, {grey, grey, grey}};
     };
   }
-  MAQUETTE_TRY(const auto writer, scan::create_cloud(out));
+  MAQUETTE_TRY(const auto file, scan::create_cloud(out));
+  const auto moved = model && model->moves_points()
+                         ? as_seen(*model, *file, job.stations_mm, job.first_scan)
+                         : nullptr;
+  scan::CloudWriter* const writer = moved ? moved.get() : file.get();
   std::uint64_t points = 0, lost = 0;
   json stations = json::array();
   for (std::size_t i = 0; i < job.stations_mm.size(); ++i) {

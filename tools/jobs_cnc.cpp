@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include <fmt/format.h>
@@ -112,6 +113,29 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   MAQUETTE_TRY_VOID(check_tools(job, design, certificate));
   MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
+  double as_built_gouge = 0.0;
+  if (job.extended) {
+    MAQUETTE_TRY(const auto model, extended_model(*job.extended, run));
+    heightmap::ModelField built = design;
+    for (std::size_t i = 0; i < excess.cells().size(); ++i)
+      built.z_mm.cells()[i] += excess.cells()[i];
+    model.build(built);
+    result.outputs.push_back(folder / "as_built.tif");
+    MAQUETTE_TRY_VOID(heightmap::write_model_field(built, result.outputs.back()));
+    double squares = 0.0, nodes = 0.0, above = 0.0;
+    for (std::size_t i = 0; i < excess.cells().size(); ++i) {
+      const double off = static_cast<double>(built.z_mm.cells()[i] - design.z_mm.cells()[i]);
+      if (std::isnan(off)) continue;
+      squares += off * off;
+      nodes += 1.0;
+      above = std::max(above, off);
+      as_built_gouge = std::max(as_built_gouge, -off);
+    }
+    figures["as_built"] = {{"causes", model.names()},
+                           {"max_below_mm", as_built_gouge},
+                           {"max_above_mm", above},
+                           {"rms_mm", std::sqrt(squares / std::max(1.0, nodes))}};
+  }
   for (json& row : figures["machining_time"]) {
     const auto i = row["program"].get<std::size_t>();
     row["program"] = job.programs[i].filename().string();
@@ -139,7 +163,13 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         "gouge of up to {:.4f} mm ({:.4f} found, {:.4f} may be unseen) is "
         "above the limit of {:.4f} mm",
         gouge + certificate.bound_mm, gouge, certificate.bound_mm, job.max_gouge->value());
-  if (!result.unmet.empty() && certificate.path && !certificate.path->places.empty()) {
+  if (job.max_gouge && as_built_gouge > job.max_gouge->value())
+    result.unmet += fmt::format(
+        "{}as built, with the causes of {}, the part is up to {:.4f} mm below the "
+        "design, above the limit of {:.4f} mm",
+        result.unmet.empty() ? "" : "; ", job.extended->file.string(), as_built_gouge,
+        job.max_gouge->value());
+  else if (!result.unmet.empty() && certificate.path && !certificate.path->places.empty()) {
     const cnc::PathGouge& worst = certificate.path->places.front();
     result.unmet +=
         fmt::format("; the deepest, {:.4f} mm at x {:.3f} y {:.3f}, by {}:{}", worst.depth_mm,

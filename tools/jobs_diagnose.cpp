@@ -1,46 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <cmath>
-
 #include <fmt/format.h>
 
 #include "core/files.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
+#include "tools/extended.hpp"
 #include "tools/jobs.hpp"
-#include "tools/milling.hpp"
 
 namespace maquette::tools {
 namespace {
-
-diagnosis::CaseInput input_of(const Case& c, std::uint64_t seed) {
-  diagnosis::CaseInput input;
-  input.design = c.design;
-  input.ground = c.ground;
-  for (const fs::path& program : c.gcode)
-    for (fs::path& part : parts_of(program)) input.programs.push_back(std::move(part));
-  input.ball_diameter_mm = c.ball_diameter_mm;
-  input.coat_mm = c.coating_thickness_mm;
-  input.coat_sigma_mm = c.coating_roughness_sigma_mm;
-  input.coat_correlation_mm = c.coating_roughness_correlation_mm;
-  for (const CaseScan& s : c.scans) {
-    const bool known = std::isfinite(s.scanner_position_mm.x) &&
-                       std::isfinite(s.scanner_position_mm.y) &&
-                       std::isfinite(s.scanner_position_mm.z);
-    input.scans.push_back(
-        {s.points, known ? std::optional(s.scanner_position_mm) : std::nullopt, s.range_sigma_mm});
-  }
-  for (const CaseProbe& p : c.probes) input.probes.push_back(p.points);
-  for (const CaseCause& cause : c.causes) {
-    diagnosis::KnownCause known{cause.effect, cause.law, {}, {}};
-    for (std::size_t k = 0; k < std::min(cause.names.size(), cause.values.size()); ++k)
-      known.parameters.emplace_back(cause.names[k], cause.values[k]);
-    for (std::size_t k = 0; k < std::min(cause.fixed_names.size(), cause.fixed_values.size()); ++k)
-      known.fixed.emplace_back(cause.fixed_names[k], cause.fixed_values[k]);
-    input.known.push_back(std::move(known));
-  }
-  input.seed = seed;
-  return input;
-}
 
 /// The case file's text with the names of files that lie beside it written so that they are found
 /// from another folder.
@@ -69,7 +37,7 @@ std::string moved(const std::string& text, const fs::path& from, const fs::path&
 Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder,
                                std::uint64_t seed, bool require_cause, const RunContext& run) {
   MAQUETTE_TRY(const auto c, read_case(case_path));
-  MAQUETTE_TRY(const auto measurements, diagnosis::measure(input_of(*c, seed), run));
+  MAQUETTE_TRY(const auto measurements, diagnosis::measure(diagnosis_input(*c, seed), run));
   MAQUETTE_TRY(const auto d, diagnosis::diagnose(measurements, seed, run));
   std::error_code ec;
   fs::create_directories(folder, ec);
@@ -98,7 +66,7 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
 Result<JobResult> detectability_job(const fs::path& case_path, const fs::path& folder,
                                     std::uint64_t seed, const RunContext& run) {
   MAQUETTE_TRY(const auto c, read_case(case_path));
-  MAQUETTE_TRY(const auto measurements, diagnosis::measure(input_of(*c, seed), run));
+  MAQUETTE_TRY(const auto measurements, diagnosis::measure(diagnosis_input(*c, seed), run));
   MAQUETTE_TRY(const auto d, diagnosis::detectability(measurements, seed, run));
   std::error_code ec;
   fs::create_directories(folder, ec);

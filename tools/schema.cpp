@@ -449,7 +449,10 @@ std::string Schema::template_text() const {
     const Key& k = keys_[i];
     const std::string name = inside.empty() ? k.name : k.name.substr(inside.size() + 1);
     std::string allowed = allowed_text(k);
-    out += fmt::format("{} = {}  # {} ({})\n", name, value_text(k.target), k.doc, allowed);
+    const auto* path = std::get_if<fs::path*>(&k.target);
+    const bool none = path != nullptr && (*path)->empty();  // no file may be named so
+    out += fmt::format("{}{} = {}  # {} ({})\n", none ? "# " : "", name, value_text(k.target),
+                       k.doc, allowed);
   }
   for (const Array& a : arrays_) {
     out += fmt::format("\n# {}\n", a.doc);

@@ -185,6 +185,8 @@ SiteFile empty_site_file() {
   t.add({"machine.max_bytes", &s.max_bytes, "the same in bytes", 0, 1e15});
 
   t.section("verify", "The program is read back and cut in simulation.");
+  t.add({"verify.extended", &s.extended,
+         "extended.toml of diagnose: its causes make as_built.tif of the cut, which is scanned"});
   t.add({"verify.cell_mm", &s.verify_cell_mm, "grid of the simulated stock", 0.01, 5});
   t.add({"verify.max_gouge_mm", &s.max_gouge_mm, "deeper, bound included, ends with exit code 1", 0,
          10});

@@ -80,6 +80,7 @@ struct Site {
   bool work_offset_per_band = false;
   std::string machine = "portal_mill_2500";
 
+  std::filesystem::path extended;  ///< none: nothing is known of what differs from the simulation
   double verify_cell_mm = 0.1;
   double max_gouge_mm = 0.02;
 

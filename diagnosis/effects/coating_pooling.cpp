@@ -24,7 +24,7 @@ void add_coating_pooling(std::vector<Effect>& all) {
              {column(fmt::format("pooling{}", k), {"levelled_share", 1.0, 10.0},
                      [=](const Observation& o) {
                        return o.on_surface
-                                  ? 0.5 * length * length * o.normal.z *
+                                  ? 0.5 * length * length * o.normal.z * dot(o.along, o.normal) *
                                         static_cast<double>(o.curvature[k].xx + o.curvature[k].yy)
                                   : 0.0;
                      })}};

@@ -30,7 +30,7 @@ void add_scanner_spot_blur(std::vector<Effect>& all) {
                        const Vec3 g = (1.0 / across) * o.normal;  // P v = v - (g . v) beam
                        const Vec3 px = Vec3{1.0, 0.0, 0.0} - o.beam.x * g,
                                   py = Vec3{0.0, 1.0, 0.0} - o.beam.y * g;
-                       return 0.5 * w * w * o.normal.z *
+                       return 0.5 * w * w * o.normal.z * dot(o.along, o.normal) *
                               (static_cast<double>(o.curvature[k].xx) * dot(px, px) +
                                2.0 * static_cast<double>(o.curvature[k].xy) * dot(px, py) +
                                static_cast<double>(o.curvature[k].yy) * dot(py, py));

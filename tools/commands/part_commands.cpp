@@ -25,7 +25,7 @@ std::optional<fs::path> given(const fs::path& path) {
 Command add_verify(CLI::App& root, const CommonOptions&) {
   struct Options {
     std::vector<fs::path> programs;
-    fs::path design, out = "verify", stock, tools, stones;
+    fs::path design, out = "verify", stock, tools, stones, extended;
     std::string machine = "unlimited";
     double base_mm = 10.0;
     double ball_mm = 6.0, cell_mm = 0.1, max_gouge_mm = -1.0, stepover_mm = NAN;
@@ -58,6 +58,8 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
   app->add_option("--stepover-mm", o->stepover_mm, "to compare excess with the scallop it states");
   app->add_option("--max-gouge-mm", o->max_gouge_mm,
                   "ends with exit code 1 if exceeded, bound included");
+  app->add_option("--extended", o->extended,
+                  "extended.toml of diagnose: as_built.tif is what its causes make of the cut");
   return {app, [o](Console& console) -> Result<int> {
             VerifyJob job;
             job.programs = o->programs;
@@ -74,6 +76,7 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
             job.options.cell = Millimetres{o->cell_mm};
             job.options.stepover = Millimetres{o->stepover_mm};
             if (o->max_gouge_mm >= 0.0) job.max_gouge = Millimetres{o->max_gouge_mm};
+            if (!o->extended.empty()) job.extended = {o->extended, o->design, o->programs};
             return finish(console, "verify",
                           [&](const RunContext& run) { return verify_job(job, o->out, run); });
           }};

@@ -104,7 +104,8 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   const fs::path here = folder / name;
   const fs::path design = here / "design.tif", stones = here / "stones.json",
                  surface = here / "surface.tif", mesh = here / "surface.ply",
-                 as_milled = here / "as_milled.tif", scene = here / "scene.toml";
+                 as_milled = here / "as_milled.tif", as_built = here / "as_built.tif",
+                 scene = here / "scene.toml";
   const auto values = [&](std::vector<std::string> prefixes) {
     for (const char* common : {"size_mm", "spacing_mm", "exaggeration", "seed"})
       prefixes.emplace_back(common);
@@ -219,6 +220,11 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   cut.max_gouge = Millimetres{site.max_gouge_mm};
   std::vector<fs::path> verify_inputs{design, stones, mesh};
   verify_inputs.insert(verify_inputs.end(), cut.programs.begin(), cut.programs.end());
+  const bool extended = !site.extended.empty();
+  if (extended) verify_inputs.push_back(site.extended);
+  const auto causes = [=, &site] {
+    return Extended{site.extended, design, all_parts(finish_programs, split)};
+  };
   stages.push_back(
       single("verify", verify_inputs,
              {"cutter.", "rough.", "verify.", "mill.stepover", "machine.", "stock.", "operation"},
@@ -231,6 +237,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                    job.programs.push_back(std::move(part));
                    job.bands.push_back(cut.bands[i]);
                  }
+               if (extended) job.extended = causes();
                return verify_job(job, here, run);
              }));
 
@@ -262,12 +269,19 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     scans.push_back(here / (station + ".ply"));
     scan_stage.units.push_back(
         {fmt::format("{}.scan.{}", name, station),
-         {as_milled, stones, surface},
+         extended ? std::vector<fs::path>{as_built, stones, surface, site.extended}
+                  : std::vector<fs::path>{as_milled, stones, surface},
          values({"scanner."}),
          [=, &site, out = scans.back()](const RunContext& run) -> Result<JobResult> {
            MAQUETTE_TRY(const auto field, heightmap::read_model_field(surface));
            ScanJob job;
            job.surface = as_milled;
+           if (extended) {
+             job.surface = as_built;
+             job.as_built = true;
+             job.extended = causes();
+             job.first_scan = static_cast<std::size_t>(i);
+           }
            job.stones = stones;
            MAQUETTE_TRY(job.scanner, find_scanner(site.scanner));
            if (auto* phase_shift = std::get_if<PhaseShiftScanner>(&job.scanner))

@@ -23,7 +23,7 @@ std::optional<fs::path> given(const fs::path& path) {
 
 Command add_scan(CLI::App& root, const CommonOptions& common) {
   struct Options {
-    fs::path surface, out = "scan.ply", stones, reflectance, scanner_file;
+    fs::path surface, out = "scan.ply", stones, reflectance, scanner_file, extended;
     std::string scanner = "zf5006h";
     std::vector<double> stations_mm, target_mm;
     std::uint64_t max_points = 1'000'000;
@@ -53,6 +53,9 @@ Command add_scan(CLI::App& root, const CommonOptions& common) {
       ->expected(3);
   app->add_option("--reflectance", o->reflectance,
                   "model field of 0 to 1: signal, noise and colour; default: grey of 0.5");
+  app->add_option("--extended", o->extended,
+                  "extended.toml of diagnose: its causes act on the surface (design.tif or "
+                  "as_milled.tif of the case) and on the points");
   app->add_option("--max-points", o->max_points,
                   "of a station; angular steps are widened to stay below")
       ->capture_default_str();
@@ -71,6 +74,7 @@ Command add_scan(CLI::App& root, const CommonOptions& common) {
             job.stones = given(o->stones);
             job.reflectance = given(o->reflectance);
             job.max_points = o->max_points;
+            if (!o->extended.empty()) job.extended = {o->extended, std::nullopt, {}};
             job.seed = common.seed >= 0 ? static_cast<std::uint64_t>(common.seed) : 1;
             if (!o->target_mm.empty())
               job.target_mm = Vec3{o->target_mm[0], o->target_mm[1], o->target_mm[2]};

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/extended_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include "diagnosis/surface.hpp"
+#include "heightmap/field_io.hpp"
+
+namespace maquette::diagnosis {
+
+struct ExtendedModel::Parts {
+  heightmap::ModelField ground;
+  std::optional<CutPath> path;
+  std::optional<SimulatedSurface> surface;
+  Scene scene;
+  double coat_mm = 0.0;
+  std::vector<KnownTerm> built, seen;
+  std::vector<std::string> names;
+};
+
+ExtendedModel::ExtendedModel(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+ExtendedModel::ExtendedModel(ExtendedModel&&) noexcept = default;
+ExtendedModel::~ExtendedModel() = default;
+
+Result<ExtendedModel> ExtendedModel::make(const CaseInput& input, const RunContext& run) {
+  auto parts = std::make_unique<Parts>();
+  Parts& p = *parts;
+  MAQUETTE_TRY(p.ground, heightmap::read_model_field(input.design));
+  const double ball = 0.5 * input.ball_diameter_mm;
+  if (!input.programs.empty()) {
+    MAQUETTE_TRY(auto path, CutPath::read(input.programs, ball, run));
+    p.path.emplace(std::move(path));
+  }
+  // Centre and size are the design's, as in diagnose; contacts are with what was milled.
+  p.scene = scene_of(p.ground, p.path ? &*p.path : nullptr, ball);
+  if (!input.ground.empty()) {
+    MAQUETTE_TRY(p.ground, heightmap::read_model_field(input.ground));
+  }
+  for (const ScanInput& s : input.scans) {
+    p.scene.has_station.push_back(s.station_mm.has_value());
+    p.scene.stations.push_back(s.station_mm.value_or(Vec3{}));
+  }
+  p.surface.emplace(p.ground, p.path ? &*p.path : nullptr, run);
+  p.coat_mm = input.coat_mm;
+  const std::vector<Vec3> centres(input.scans.size() + input.probes.size(), p.scene.centre());
+  MAQUETTE_TRY(auto terms, restore(input.known, p.scene, centres));
+  for (KnownTerm& t : terms) (t.scanner ? p.seen : p.built).push_back(std::move(t));
+  for (const KnownCause& k : input.known) p.names.push_back(k.effect);
+  return ExtendedModel(std::move(parts));
+}
+
+std::optional<double> ExtendedModel::raised_mm(double x, double y) const {
+  const auto o = parts_->surface->observe(x, y);
+  if (!o) return std::nullopt;
+  double along = parts_->coat_mm;
+  for (const KnownTerm& t : parts_->built) along += t.coefficient * t.value(*o);
+  return along / o->normal.z;
+}
+
+void ExtendedModel::build(heightmap::ModelField& surface) const {
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, surface.z_mm.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < surface.z_mm.cols(); ++c) {
+      float& z = surface.z_mm(r, c);
+      if (std::isnan(z)) continue;
+      if (const auto by = raised_mm(surface.x_mm(c), surface.y_mm(r)))
+        z = static_cast<float>(static_cast<double>(z) + *by);
+    }
+  });
+}
+
+Vec3 ExtendedModel::seen(Vec3 p, Vec3 station, std::size_t scan) const {
+  auto o = parts_->surface->observe(p.x, p.y);
+  if (!o) return p;
+  o->place = p;
+  o->set_up = static_cast<std::uint32_t>(scan);
+  o->has_station = true;
+  o->range_mm = norm(p - station);
+  o->beam = (1.0 / o->range_mm) * (p - station);
+  const auto moved = [&](Vec3 along) {
+    o->along = along;
+    double sum = 0.0;
+    for (const KnownTerm& t : parts_->seen) sum += t.coefficient * t.value(*o);
+    return sum;
+  };
+  return p + Vec3{moved({1, 0, 0}), moved({0, 1, 0}), moved({0, 0, 1})};
+}
+
+bool ExtendedModel::moves_points() const {
+  return !parts_->seen.empty();
+}
+
+const Scene& ExtendedModel::scene() const {
+  return parts_->scene;
+}
+
+const std::vector<std::string>& ExtendedModel::names() const {
+  return parts_->names;
+}
+
+}  // namespace maquette::diagnosis

@@ -17,18 +17,20 @@
 /// of A and B (M. Novotni, R. Klein, "Computing geodesic distances on triangular meshes", WSCG
 /// 2002). Where the angle at C is obtuse, triangles beyond AB are
 /// unfolded into the plane of ABC until a vertex lies at less than a right angle from both CA
-/// and CB; it splits C's triangle into two (same paper, section 4). A vertex whose value falls
-/// after it was passed on is passed on again, so the result does not depend on the order.
-/// Around points and vertices the distances are exact out to `exact_radius`: straight lines are
-/// followed over unfolded triangles and go on from saddle vertices (J. Chen, Y. Han, "Shortest
-/// paths on a polyhedron", SoCG 1990, doi:10.1145/98524.98601, with the filter of S.-Q. Xin, G.-J.
-/// Wang, ACM Trans. Graph. 28, 2009, doi:10.1145/1559755.1559761). Near segments they are exact for
-/// the triangles crossed and their neighbours.
+/// and CB; it splits C's triangle into two (same paper, section 4). Elsewhere the vertex D beyond
+/// AB does the same where CD crosses AB, beside the wave through A and B: where facets turn, a wave
+/// through one triangle takes a bend of the surface for one of the front, and comes too late. A
+/// vertex whose value falls after it was passed on is passed on again, so the result does not
+/// depend on the order. Around points and vertices the distances are exact out to `exact_radius`:
+/// straight lines are followed over unfolded triangles and go on from saddle vertices (J. Chen, Y.
+/// Han, "Shortest paths on a polyhedron", SoCG 1990, doi:10.1145/98524.98601, with the filter of
+/// S.-Q. Xin, G.-J. Wang, ACM Trans. Graph. 28, 2009, doi:10.1145/1559755.1559761). Near segments
+/// they are exact for the triangles crossed and their neighbours.
 ///
 /// Accuracy. Exact up to rounding (2^-24 of the distance) within exact_radius where there are no
 /// segments, and for plane waves on developable surfaces without obtuse triangles; round waves on a
 /// plane to 1e-4. Else, from points, with the default exact_radius: within 1 % of the distance, on
-/// average within 0.1 %, on surfaces whose neighbouring facets turn by up to about 20 degrees;
+/// average within 0.2 %, on surfaces whose neighbouring facets turn by 20 degrees on average;
 /// within 2.5 %, on average 0.5 %, where they turn by 50 degrees everywhere. Points beside
 /// segments: first order times a logarithm. Too long rather than too short, but where waves meet
 /// (opposite sides of an obstacle, two sources, a corner of the outline): there too short by up to

@@ -90,7 +90,7 @@ class FrontHeap {
   const double sy = std::sqrt(sy2), cy = std::sqrt(cy2);
   const double crossing = sx * cy + cx * sy, height = sy + cy;
   if (crossing < 0.0 || crossing > length * height) return INFINITY;
-  const double d = std::hypot(cx - sx, height);
+  const double d = std::sqrt((cx - sx) * (cx - sx) + height * height);
   return d < a || d < b ? INFINITY : d;
 }
 
@@ -157,6 +157,7 @@ class FastMarching {
         run.progress(
             std::min(1.0, static_cast<double>(looked) / static_cast<double>(s_.vertices())));
       }
+      taken_ = std::max(taken_, key);
       s_.for_each_corner(v, [&](Corner c) { pass_on<kWeighted>(c, key); });
     }
     if (max_distance < INFINITY)
@@ -165,7 +166,8 @@ class FastMarching {
     return true;
   }
 
-  /// From the vertex of c, whose value is u, to the rest of its triangle and beyond it.
+  /// From the vertex of c, whose value u is taken, to the rest of its triangle and beyond it. Each
+  /// wave is tried once, when the later of the two values it comes through is taken.
   template <bool kWeighted>
   void pass_on(Corner c, float u) {
     const Corner ca = s_.next(c), cb = s_.prev(c);
@@ -183,27 +185,34 @@ class FastMarching {
         const Vec3 edge = at - s_.point(cb);
         offer(b, static_cast<double>(u) + weight<kWeighted>(b) * norm(edge));
       }
-      if (to_a) update<kWeighted>(ca);
-      if (to_b) update<kWeighted>(cb);
+      if (to_a) update<kWeighted>(ca, From::prev);
+      if (to_b) update<kWeighted>(cb, From::next);
     }
     const Corner beyond = s_.opposite(c);
-    if (!s_.exists(beyond) || !(u_[s_.vertex(beyond)] > u)) return;
-    const Vec3 far = s_.point(beyond);
-    if (dot(s_.point(ca) - far, s_.point(cb) - far) < 0.0) update<kWeighted>(beyond);
+    if (s_.exists(beyond) && u_[s_.vertex(beyond)] > u) update<kWeighted>(beyond, From::beyond);
   }
 
-  /// The vertex of c from the facing edge.
+  /// Whose value has just been taken, seen from a corner: another of its triangle, or the one
+  /// beyond the edge that faces it.
+  enum class From : std::uint8_t { next, prev, beyond };
+
+  /// The vertex of c from what lies at and beyond the facing edge.
   template <bool kWeighted>
-  void update(Corner c) {
-    const std::uint32_t v = s_.vertex(c);
+  void update(Corner c, From from) {
     const Corner ca = s_.next(c), cb = s_.prev(c);
-    const float u = u_[v], ua = u_[s_.vertex(ca)], ub = u_[s_.vertex(cb)];
+    const bool has_a = u_[s_.vertex(ca)] <= taken_, has_b = u_[s_.vertex(cb)] <= taken_;
+    const Corner apex = s_.opposite(c);
+    const bool has_d = s_.exists(apex) && u_[s_.vertex(apex)] <= taken_;
+    if (!has_a && !has_b) return;
     const Vec3 at = s_.point(c), ea = s_.point(ca) - at, eb = s_.point(cb) - at;
     const double p = dot(ea, ea), q = dot(ea, eb), r = dot(eb, eb);
-    const double w = weight<kWeighted>(v);
+    const double w = weight<kWeighted>(s_.vertex(c));
     if (q < 0.0 && update_unfolded(c, p, q, r, w)) return;
-    if (!(ua < u && ub < u)) return;  // a wave through the edge meets C after both
-    offer(v, wave(p, q, r, static_cast<double>(ua), static_cast<double>(ub), w));
+    if (has_a && has_b && from != From::beyond)
+      offer(s_.vertex(c), wave(p, q, r, static_cast<double>(u_[s_.vertex(ca)]),
+                               static_cast<double>(u_[s_.vertex(cb)]), w));
+    if (q < 0.0 || !has_d) return;
+    update_beyond(c, p, q, r, w, has_a && from != From::prev, has_b && from != From::next);
   }
 
   struct Flat {
@@ -221,16 +230,11 @@ class FastMarching {
     Flat left = b, right = a;
     Corner cl = s_.prev(c), cr = s_.next(c), apex = s_.opposite(c);
     for (int hop = 0; hop < kMostHops && s_.exists(apex); ++hop) {
-      const Vec3 from = s_.point(cr), edge = s_.point(cl) - from, to = s_.point(apex) - from;
-      const double length2 = dot(edge, edge);
-      const double along = dot(to, edge) / length2;
-      const double off = std::sqrt(std::max(0.0, dot(to, to) / length2 - along * along));
-      const Flat e{left.x - right.x, left.y - right.y};
-      const Flat d{right.x + along * e.x + off * e.y, right.y + along * e.y - off * e.x};
+      const Flat d = unfolded(cr, cl, apex, right, left);
       const bool near_a = d.x >= 0.0, near_b = d.x * b.x + d.y * b.y >= 0.0;
       const std::uint32_t vd = s_.vertex(apex);
       if (near_a && near_b) {
-        split(c, a, b, d, vd, w);
+        split(c, a, b, d, vd, w, true, true);
         return true;
       }
       // On through the edge that the right angles from both sides still pass.
@@ -251,15 +255,37 @@ class FastMarching {
     return false;
   }
 
-  void split(Corner c, Flat a, Flat b, Flat d, std::uint32_t vd, double w) {
+  /// Straight from the vertex beyond the facing edge, and waves between that and A or B: what one
+  /// triangle takes for a bend of the front may be a bend of the surface.
+  void update_beyond(Corner c, double p, double q, double r, double w, bool by_a, bool by_b) {
+    const double ax = std::sqrt(p), bx = q / ax, by2 = r - bx * bx;
+    if (!(by2 > 1e-12 * r)) return;
+    const Flat a{ax, 0.0}, b{bx, std::sqrt(by2)};
+    const Flat d = unfolded(s_.next(c), s_.prev(c), s_.opposite(c), a, b);
+    if (d.y < 0.0 || d.x * b.y - d.y * b.x < 0.0) return;
+    split(c, a, b, d, s_.vertex(s_.opposite(c)), w, by_a, by_b);
+  }
+
+  /// Beyond the edge between cr and cl, which lie at `right` and `left`.
+  [[nodiscard]] Flat unfolded(Corner cr, Corner cl, Corner apex, Flat right, Flat left) const {
+    const Vec3 from = s_.point(cr), edge = s_.point(cl) - from, to = s_.point(apex) - from;
+    const double length2 = dot(edge, edge);
+    const double along = dot(to, edge) / length2;
+    const double off = std::sqrt(std::max(0.0, dot(to, to) / length2 - along * along));
+    const Flat e{left.x - right.x, left.y - right.y};
+    return {right.x + along * e.x + off * e.y, right.y + along * e.y - off * e.x};
+  }
+
+  void split(Corner c, Flat a, Flat b, Flat d, std::uint32_t vd, double w, bool by_a, bool by_b) {
     const std::uint32_t v = s_.vertex(c);
     const float u = u_[v], ua = u_[s_.vertex(s_.next(c))], ub = u_[s_.vertex(s_.prev(c))];
     const float ud = u_[vd];
     if (!(ud < u)) return;
     const double dd = d.x * d.x + d.y * d.y, from_d = static_cast<double>(ud);
     offer(v, from_d + w * std::sqrt(dd));
-    if (ua < u) offer(v, wave(a.x * a.x, a.x * d.x, dd, static_cast<double>(ua), from_d, w));
-    if (ub < u)
+    if (by_a && ua < u)
+      offer(v, wave(a.x * a.x, a.x * d.x, dd, static_cast<double>(ua), from_d, w));
+    if (by_b && ub < u)
       offer(v, wave(dd, d.x * b.x + d.y * b.y, b.x * b.x + b.y * b.y, from_d,
                     static_cast<double>(ub), w));
   }
@@ -268,6 +294,7 @@ class FastMarching {
   std::span<const float> slowness_;
   std::span<float> u_;
   float exact_up_to_ = -1.0F;
+  float taken_ = -1.0F;  // the largest so far: values up to it are
   bool round_ = false;
   FrontHeap heap_;
 };

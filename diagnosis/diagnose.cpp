@@ -80,6 +80,38 @@ double squares(const Bank& bank, const std::vector<int>& model, const Eigen::Vec
   return std::fmax(0.0, v.dot(plain_sums(bank, model, sets) * v));
 }
 
+FittedNoise noise_of(const Bank& bank, const Fit& f, const Layout& layout) {
+  FittedNoise n;
+  n.cell_mm = layout.cell_mm;
+  n.point_mm2 = f.variance[detail::kPointGroup];
+  bool several = false;
+  for (const auto& s : bank.sets) several |= !s.top[1].weight.empty();
+  // Where points are few there are no details of the finest squares: as those of points.
+  const auto variance = [&](std::size_t group, double otherwise) {
+    double count = 0.0;
+    for (const auto& s : bank.sets) count += s.count[group];
+    return count > 10.0 ? f.variance[group] : otherwise;
+  };
+  double common = n.point_mm2, own = n.point_mm2;
+  for (std::size_t k = n.common_mm2.size(); k-- > 0;) {
+    n.common_mm2[k] = common = variance(k, common);
+    n.own_mm2[k] = own = several ? variance(detail::kScales + k, own) : n.point_mm2;
+  }
+  n.own.white_mm2 = n.point_mm2;
+  for (std::size_t u = 0; u < (several ? detail::kTops : 1U); ++u) {
+    double points = 0.0, means = 0.0;
+    for (const auto& s : bank.sets) {
+      points += s.top[u].points();
+      means += static_cast<double>(s.top[u].weight.size());
+    }
+    const detail::Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[u])];
+    (u == 0 ? n.common : n.own) = {f.top_variance[u] * points / std::fmax(1.0, means),
+                                   f.top_variance[u] * theta.ratio,
+                                   std::fmax(1e-3, theta.length_mm), theta.gauss};
+  }
+  return n;
+}
+
 std::vector<Member> members_of(const std::vector<Confirmed>& confirmed) {
   std::vector<Member> all;
   for (const Confirmed& c : confirmed) all.push_back(c.member);
@@ -368,6 +400,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     p.turn_sigma_urad = {turn * sigma(3), turn * sigma(4), turn * sigma(5)};
     d.poses.push_back(std::move(p));
   }
+  d.noise = noise_of(bank, f, layout);
   detail::add_pose_causes(m, bank, members, search.candidates, f, d);
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   add_dependences(d, m.observations, r_before, r_after);

@@ -25,6 +25,8 @@
 ///   than what is left, or that hang on the odd places, are not named.
 /// Cost: two scans of 300 000 points in about 10 s on two cores.
 
+#include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -89,6 +91,40 @@ struct Remainder {
   double smooth_mm = 0.0, smooth_length_mm = 0.0;  ///< of the generic process
 };
 
+/// What the fit says of the noise: variances as of one point, mm^2.
+struct FittedNoise {
+  double cell_mm = 1.0;                        ///< largest squares
+  double point_mm2 = 0.0;                      ///< within the smallest squares
+  std::array<double, 3> common_mm2{};          ///< details shared by all set-ups, coarse to fine
+  std::array<double, 3> own_mm2{};             ///< of differences between set-ups
+  struct Top {                                 ///< means of cells
+    double white_mm2 = 0.0;                    ///< as of one point
+    double smooth_mm2 = 0.0, length_mm = 1.0;  ///< of a stationary process
+    bool gauss = true;                         ///< its correlation; else exponential
+  };
+  Top common, own;
+};
+
+/// controls.hpp
+struct Controls {
+  std::size_t points = 0;
+  std::string null_verdict;
+  std::vector<std::string> null_claims;  ///< must be empty
+  struct Recovery {
+    std::string effect;    ///< as injected
+    std::string named_as;  ///< itself, an equivalent that was named in its place; empty: missed
+    struct Size {
+      std::string parameter;
+      double injected = 0.0, found = 0.0, sigma = 0.0;
+    };
+    std::vector<Size> sizes;  ///< where it came back by its own name and law
+  };
+  std::vector<Recovery> recoveries;
+  std::vector<std::string> false_claims;  ///< beside them
+  /// The null is consistent, all causes are back and no other.
+  [[nodiscard]] bool passed() const;
+};
+
 struct Diagnosis {
   std::string verdict = "consistent";
   std::vector<Cause> causes;
@@ -102,10 +138,15 @@ struct Diagnosis {
   Map map;
   std::vector<Dependence> dependences;
   std::vector<std::string> notes;
+  FittedNoise noise;
+  std::optional<Controls> controls;
 };
 
 [[nodiscard]] Result<Diagnosis> diagnose(const Measurements& measurements, std::uint64_t seed,
                                          const RunContext& run = {});
+
+/// Law of causes that residuals do not show.
+inline constexpr const char* kPoseLaw = "seen in the poses of the measurements only";
 
 /// diagnosis.json, schema maquette.diagnosis/1.
 [[nodiscard]] std::string to_json(const Diagnosis& diagnosis);

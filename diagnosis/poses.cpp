@@ -119,7 +119,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
     const Effect* e = find_effect(effect);
     Cause c;
     c.effect = effect;
-    c.law = "seen in the poses of the measurements only";
+    c.law = kPoseLaw;
     c.separate_by = e->separate_by;
     return c;
   };

@@ -75,6 +75,42 @@ std::string plot_svg(const Dependence& p) {
                          markup_escaped(p.covariate));
 }
 
+std::string list(const std::vector<std::string>& names) {
+  std::string s;
+  for (const auto& n : names) s += (s.empty() ? "" : ", ") + n;
+  return s.empty() ? "nothing" : s;
+}
+
+std::string controls_html(const Controls& c) {
+  std::string s = fmt::format(
+      "<h2>Controls</h2><p class=\"{}\">{}</p><p>The same analysis of {} points at places of "
+      "these, of noise simulated as fitted. With the causes above in the model and nothing else "
+      "it says: {}, naming {}.</p>",
+      c.passed() ? "good" : "bad",
+      c.passed() ? "Passed: nothing is claimed where nothing is, and what is named comes back."
+                 : "Not passed: read the causes above with care.",
+      c.points, c.null_verdict, list(c.null_claims));
+  if (c.recoveries.empty()) return s;
+  s += "<table><tr><th>injected</th><th>named</th><th>parameter</th><th>injected</th><th>found</th>"
+       "<th>off by, standard errors</th></tr>";
+  for (const auto& r : c.recoveries) {
+    std::string names, in, out, off;
+    for (const auto& z : r.sizes) {
+      const char* next = &z == &r.sizes.front() ? "" : "<br>";
+      names += next + z.parameter;
+      in += fmt::format("{}{:.4g}", next, z.injected);
+      out += fmt::format("{}{:.4g} &plusmn; {:.2g}", next, z.found, z.sigma);
+      off += fmt::format("{}{:+.1f}", next, (z.found - z.injected) / std::fmax(1e-300, z.sigma));
+    }
+    s += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+                     r.effect, r.named_as.empty() ? "not found" : r.named_as, names, in, out, off);
+  }
+  s += "</table>";
+  if (!c.false_claims.empty())
+    s += "<p class=\"bad\">Named beside them: " + list(c.false_claims) + ".</p>";
+  return s;
+}
+
 }  // namespace
 
 std::string to_html(const Diagnosis& d) {
@@ -98,7 +134,8 @@ std::string to_html(const Diagnosis& d) {
       "1fr;gap:1em}"
       ".plots{display:flex;flex-wrap:wrap}.plot{width:320px}figure{margin:.3em}text{font-size:10px;"
       "fill:#555}"
-      "figcaption{color:#555;font-size:13px}.verdict{font-size:1.3em}</style>";
+      "figcaption{color:#555;font-size:13px}.verdict{font-size:1.3em}.good{color:#1b7837}.bad{"
+      "color:#b2182b}</style>";
   s += fmt::format(
       "<h1>Diagnosis</h1><p class=\"verdict\">{}</p>",
       d.verdict == "consistent"
@@ -159,6 +196,7 @@ std::string to_html(const Diagnosis& d) {
       "<p>Smooth random part {:.4f} mm (correlation length {:.0f} mm); neighbours' correlation "
       "{:.3f}.</p>",
       d.remainder.smooth_mm, d.remainder.smooth_length_mm, d.remainder.morans_i);
+  if (d.controls) s += controls_html(*d.controls);
   s += "<h2>Poses of the measurements</h2><table><tr><th>file</th><th>shift x, y, z, "
        "mm</th><th>turn x, y, z, urad</th></tr>";
   for (const PoseEstimate& p : d.poses)

@@ -57,6 +57,21 @@ std::string to_json(const Diagnosis& d) {
   for (const Ranked& r : d.ranking)
     j["ranking"].push_back({{"effect", r.effect}, {"law", r.law}, {"gain", r.gain}});
   j["cannot_be_tested"] = d.untestable;
+  if (d.controls) {
+    const Controls& c = *d.controls;
+    ordered_json back = ordered_json::array();
+    for (const Controls::Recovery& r : c.recoveries) {
+      ordered_json sizes = ordered_json::object();
+      for (const auto& s : r.sizes)
+        sizes[s.parameter] = {{"injected", s.injected}, {"found", s.found}, {"sigma", s.sigma}};
+      back.push_back({{"effect", r.effect}, {"named_as", r.named_as}, {"parameters", sizes}});
+    }
+    j["controls"] = {{"passed", c.passed()},
+                     {"points", c.points},
+                     {"null", {{"verdict", c.null_verdict}, {"claims", c.null_claims}}},
+                     {"recovery", back},
+                     {"false_claims", c.false_claims}};
+  }
   j["notes"] = d.notes;
   return j.dump(1);
 }

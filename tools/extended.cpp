@@ -72,8 +72,8 @@ class AsSeen : public scan::CloudWriter {
     const Vec3 station = stations_[scan_ % stations_.size()];
     oneapi::tbb::parallel_for(std::size_t{0}, batch.size(), [&](std::size_t i) {
       if (batch.has_position(i))
-        moved_.points_mm[i] = back.point(
-            model_.seen(model_from_station_.point(batch.points_mm[i]), station, scan_));
+        moved_.points_mm[i] =
+            back.point(model_.seen(model_from_station_.point(batch.points_mm[i]), station, scan_));
     });
     return writer_.write(moved_);
   }

@@ -150,7 +150,7 @@ struct ScanJob {
 /// diagnosis.json, extended.toml, report.html; unmet if a cause is required and none is named.
 [[nodiscard]] Result<JobResult> diagnose_job(const fs::path& case_file, const fs::path& folder,
                                              std::uint64_t seed, bool require_cause,
-                                             const RunContext& run);
+                                             bool with_controls, const RunContext& run);
 
 /// detectability.json.
 [[nodiscard]] Result<JobResult> detectability_job(const fs::path& case_file, const fs::path& folder,

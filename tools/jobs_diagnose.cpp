@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "core/files.hpp"
+#include "diagnosis/controls.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "tools/extended.hpp"
@@ -35,10 +36,15 @@ std::string moved(const std::string& text, const fs::path& from, const fs::path&
 }  // namespace
 
 Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder,
-                               std::uint64_t seed, bool require_cause, const RunContext& run) {
+                               std::uint64_t seed, bool require_cause, bool with_controls,
+                               const RunContext& run) {
   MAQUETTE_TRY(const auto c, read_case(case_path));
   MAQUETTE_TRY(const auto measurements, diagnosis::measure(diagnosis_input(*c, seed), run));
-  MAQUETTE_TRY(const auto d, diagnosis::diagnose(measurements, seed, run));
+  MAQUETTE_TRY(auto d, diagnosis::diagnose(measurements, seed, run));
+  if (with_controls) {
+    MAQUETTE_TRY(d.controls, diagnosis::controls(measurements, d, seed, run));
+    if (!d.controls->passed()) d.notes.push_back("a control did not pass: see the report");
+  }
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));

@@ -3,6 +3,7 @@
 // Hides effects, has them found, counts.
 //   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--seed S]
 //             [--from N] [--effect NAME] [--size K] [--keep FOLDER] [--full]
+// --keep: cases stay, with their reports and controls.
 // --from: the first cases of each kind are passed over, to see a later one again.
 //             [--points N] [--picture FILE] [--strict]
 // --full: 200 null, 600 single, 300 double, 150 triple, 150 outside. Prints a line a case and the
@@ -142,9 +143,10 @@ int main(int argc, char** argv) {
                        : std::filesystem::path(keep) / fmt::format("{}_{}", kind, i);
       const auto truth = challenge::make_case(o, folder);
       const auto begin = std::chrono::steady_clock::now();
-      const std::string command = fmt::format("'{}' diagnose '{}' --out '{}' --quiet > '{}' 2>&1",
-                                              argv[1], (folder / "case.toml").string(),
-                                              (folder / "out").string(), (folder / "log").string());
+      const std::string command =
+          fmt::format("'{}' diagnose '{}' --out '{}' --quiet{} > '{}' 2>&1", argv[1],
+                      (folder / "case.toml").string(), (folder / "out").string(),
+                      keep.empty() ? " --no-controls" : "", (folder / "log").string());
       const int rc = std::system(command.c_str());
       const double seconds =
           std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

@@ -57,8 +57,8 @@ class ExtendedModels : public testing::Test {
         a, b);
   }
   void SetUp() override {
-    ASSERT_TRUE(heightmap::write_model_field(testing_support::rough_part(5, 121, 121, 0.5, 1.5, 1.3),
-                                             scratch / "design.tif"));
+    ASSERT_TRUE(heightmap::write_model_field(
+        testing_support::rough_part(5, 121, 121, 0.5, 1.5, 1.3), scratch / "design.tif"));
     const Outcome mill = run("mill design.tif --no-arcs --out part.ngc --quiet");
     ASSERT_EQ(mill.exit_code, 0) << mill.err;
     text("extended.toml", part() + causes());
@@ -69,13 +69,12 @@ class ExtendedModels : public testing::Test {
 };
 
 TEST_F(ExtendedModels, ActOnCutAndScanAsDiagnosed) {
-  const Outcome cut = run(
-      "verify part.ngc --design design.tif --cell-mm 0.25 --extended extended.toml --out cut "
-      "--quiet");
+  const Outcome cut =
+      run("verify part.ngc --design design.tif --cell-mm 0.25 --extended extended.toml --out cut "
+          "--quiet");
   ASSERT_EQ(cut.exit_code, 0) << cut.err;
   const json certificate = json::parse(slurp(scratch / "cut/certificate.json"));
-  EXPECT_EQ(certificate["as_built"]["causes"],
-            json({"machine.scale_x", "scanner.range_bias"}));
+  EXPECT_EQ(certificate["as_built"]["causes"], json({"machine.scale_x", "scanner.range_bias"}));
   // The program with its x stretched in the text cuts what the model says: within what is of
   // second order in a shift of 0.09 mm on slopes that bend by 1/3 mm, and the grids.
   std::string stretched;
@@ -111,14 +110,14 @@ TEST_F(ExtendedModels, ActOnCutAndScanAsDiagnosed) {
   EXPECT_GT(std::sqrt(moved) / 109.0, 0.003);
 
   // Scanned with it, then diagnosed from nothing: both causes, at their size.
-  const Outcome a = run(
-      "scan cut/as_milled.tif --extended extended.toml --scanner fine.toml --out a.ply --quiet "
-      "--station-mm 30 -500 600 --max-points 60000");
+  const Outcome a =
+      run("scan cut/as_milled.tif --extended extended.toml --scanner fine.toml --out a.ply --quiet "
+          "--station-mm 30 -500 600 --max-points 60000");
   ASSERT_EQ(a.exit_code, 0) << a.err;
   // The second station is the case's second scan; for these causes either will do.
-  const Outcome b = run(
-      "scan cut/as_milled.tif --extended extended.toml --scanner fine.toml --out b.ply --quiet "
-      "--station-mm 600 200 500 --max-points 60000 --seed 2");
+  const Outcome b =
+      run("scan cut/as_milled.tif --extended extended.toml --scanner fine.toml --out b.ply --quiet "
+          "--station-mm 600 200 500 --max-points 60000 --seed 2");
   ASSERT_EQ(b.exit_code, 0) << b.err;
   // Without causes the same scan is shorter by the bias along each beam; the part is stretched.
   ASSERT_EQ(run("scan cut/as_built.tif --scanner fine.toml --out plain.ply --quiet --station-mm 30 "
@@ -175,9 +174,9 @@ TEST_F(ExtendedModels, AreRefusedWithAReason) {
   EXPECT_EQ(mesh.exit_code, 2);
   EXPECT_THAT(mesh.err, HasSubstr(".tif"));
   // A limit that the program keeps and the part as built does not.
-  const Outcome limit = run(
-      "verify part.ngc --design design.tif --cell-mm 0.25 --out w --extended extended.toml "
-      "--max-gouge-mm 0.02");
+  const Outcome limit =
+      run("verify part.ngc --design design.tif --cell-mm 0.25 --out w --extended extended.toml "
+          "--max-gouge-mm 0.02");
   EXPECT_EQ(limit.exit_code, 1);
   EXPECT_THAT(limit.err, HasSubstr("as built"));
 }

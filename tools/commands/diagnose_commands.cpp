@@ -12,7 +12,7 @@ namespace maquette::tools {
 Command add_diagnose(CLI::App& root, const CommonOptions& common) {
   struct Options {
     fs::path case_file, out = "diagnosis";
-    bool require_cause = false;
+    bool require_cause = false, no_controls = false;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
@@ -22,10 +22,14 @@ Command add_diagnose(CLI::App& root, const CommonOptions& common) {
   app->add_option("case", o->case_file, "case file")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
   app->add_flag("--require-cause", o->require_cause, "exit code 1 if no cause is named");
+  app->add_flag("--no-controls", o->no_controls,
+                "leaves out the same analysis of simulated data (null, injection and recovery): a "
+                "third of the time");
   return {app, [o, &common](Console& console) {
             const auto seed = static_cast<std::uint64_t>(common.seed < 0 ? 1 : common.seed);
             return finish(console, "diagnose", [&](const RunContext& run) {
-              return diagnose_job(o->case_file, o->out, seed, o->require_cause, run);
+              return diagnose_job(o->case_file, o->out, seed, o->require_cause, !o->no_controls,
+                                  run);
             });
           }};
 }

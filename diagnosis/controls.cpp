@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/controls.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <set>
+
+#include <oneapi/tbb/parallel_for.h>
+#include <Eigen/Dense>
+#include <unsupported/Eigen/FFT>
+
+#include "core/random.hpp"
+#include "diagnosis/extended_model.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+constexpr std::size_t kFields = 4;  // three scales of details, and means of cells
+constexpr int kNodes = 1024;  // of a side of the field's grid, which repeats
+
+/// Correlation at a distance, and its spectrum up to a factor.
+struct Law {
+  double variance, length;
+  bool gauss;
+  [[nodiscard]] double spectrum(double k) const {
+    const double q = k * k * length * length;
+    return gauss ? std::exp(-0.5 * q) : std::pow(1.0 + q, -1.5);
+  }
+};
+
+/// A stationary Gaussian field in plan with the sum of some laws: white noise coloured in the
+/// spectrum, so that no line of it stands out.
+class Field {
+ public:
+  /// @param blur_mm  standard deviation of what each point of the field is a mean over
+  Field(const Box3& box, const std::vector<Law>& laws, double blur_mm, std::uint64_t seed)
+      : x0_(box.min.x),
+        y0_(box.min.y),
+        step_(1.25 * std::fmax(box.max.x - box.min.x, box.max.y - box.min.y) / kNodes) {
+    std::vector<double> power(kNodes * kNodes, 0.0);
+    for (const Law& law : laws) {
+      if (!(law.variance > 0.0)) continue;
+      double sum = 0.0;
+      const auto each = [&](const auto& use) {
+        for (std::ptrdiff_t r = 0; r < kNodes; ++r)
+          for (std::ptrdiff_t c = 0; c < kNodes; ++c) {
+            const auto wave = [](std::ptrdiff_t i) {
+              return static_cast<double>(i > kNodes / 2 ? i - kNodes : i);
+            };
+            const double k =
+                2.0 * std::numbers::pi * std::hypot(wave(r), wave(c)) / (kNodes * step_);
+            use(static_cast<std::size_t>(r * kNodes + c), k, law.spectrum(k));
+          }
+      };
+      each([&](std::size_t, double, double s) { sum += s; });
+      each([&](std::size_t i, double k, double s) {
+        power[i] += law.variance * s / sum * std::exp(-k * k * blur_mm * blur_mm);
+      });
+    }
+    using Complex = std::complex<double>;
+    Eigen::Matrix<Complex, kNodes, 1> line, turned;
+    std::vector<Complex> v(kNodes * kNodes);
+    for (std::size_t i = 0; i < v.size(); ++i)
+      v[i] = std::sqrt(power[i]) *
+             Complex(random_normal(seed, 2 * i), random_normal(seed, 2 * i + 1));
+    Eigen::FFT<double> fft;
+    for (const bool rows : {true, false})
+      for (std::size_t a = 0; a < kNodes; ++a) {
+        const auto at = [&](std::size_t b) { return rows ? a * kNodes + b : b * kNodes + a; };
+        for (std::size_t b = 0; b < kNodes; ++b)
+          line(static_cast<Eigen::Index>(b)) = v[at(b)];
+        fft.fwd(turned, line);
+        for (std::size_t b = 0; b < kNodes; ++b)
+          v[at(b)] = turned(static_cast<Eigen::Index>(b));
+      }
+    for (const Complex& c : v) value_.push_back(static_cast<float>(c.real()));
+  }
+  [[nodiscard]] double at(double x, double y) const {
+    const auto c = std::clamp<std::ptrdiff_t>(std::lround((x - x0_) / step_), 0, kNodes - 1),
+               r = std::clamp<std::ptrdiff_t>(std::lround((y - y0_) / step_), 0, kNodes - 1);
+    return static_cast<double>(value_[static_cast<std::size_t>(r * kNodes + c)]);
+  }
+
+ private:
+  double x0_, y0_, step_;
+  std::vector<float> value_;
+};
+
+/// Mean correlation between two places of a square.
+double within(double side, double length, bool gauss) {
+  constexpr int kPlaces = 7;
+  double sum = 0.0;
+  for (int dx = -kPlaces + 1; dx < kPlaces; ++dx)
+    for (int dy = -kPlaces + 1; dy < kPlaces; ++dy) {
+      const double r = side / kPlaces * std::hypot(dx, dy) / length;
+      sum += (kPlaces - std::abs(dx)) * (kPlaces - std::abs(dy)) *
+             (gauss ? std::exp(-0.5 * r * r) : std::exp(-r));
+    }
+  return sum / (kPlaces * kPlaces * kPlaces * kPlaces);
+}
+
+/// Variance, as of one point, that a field of variance 1 adds to details of a scale (3: means of
+/// cells), at so many points a square millimetre.
+double response(std::size_t scale, double cell, double density, double length, bool gauss) {
+  if (scale == 3) return density * cell * cell * within(cell, length, gauss);
+  const double side = cell / static_cast<double>(1U << scale);
+  const double points = density * 0.25 * side * side;  // of a quarter
+  const double of_occupied = points / -std::expm1(-points);
+  return of_occupied * (4.0 / 3.0) *
+         (within(0.5 * side, length, gauss) - within(side, length, gauss));
+}
+
+double field_length(std::size_t scale, double cell) {
+  return scale == 3 ? 0.4 * cell : 0.15 * cell / static_cast<double>(1U << scale);
+}
+
+/// Variances of the fields that together give the wanted variances of details, none below 0.
+std::array<double, kFields> field_variances(const std::array<double, kFields>& wanted, double cell,
+                                            double density, const FittedNoise::Top& process) {
+  std::array<double, kFields> variance{}, left = wanted;
+  for (std::size_t s = 0; s < 3; ++s)
+    left[s] -= process.smooth_mm2 * response(s, cell, density, process.length_mm, process.gauss);
+  for (int round = 0; round < 200; ++round)
+    for (std::size_t t = 0; t < kFields; ++t) {
+      double off = left[t];
+      for (std::size_t u = 0; u < kFields; ++u)
+        off -= variance[u] * response(t, cell, density, field_length(u, cell), true);
+      variance[t] = std::fmax(
+          0.0, variance[t] + off / response(t, cell, density, field_length(t, cell), true));
+    }
+  return variance;
+}
+
+/// What one part, or one set-up, adds to its points.
+Field field_of(const std::array<double, kFields>& wanted, double cell, double density,
+               const FittedNoise::Top& process, const Box3& box, double blur_mm, std::uint64_t seed,
+               double& white) {
+  std::vector<Law> laws{{process.smooth_mm2, process.length_mm, process.gauss}};
+  const auto variance = field_variances(wanted, cell, density, process);
+  for (std::size_t t = 0; t < kFields; ++t) laws.push_back({variance[t], field_length(t, cell), true});
+  for (const Law& law : laws)
+    white -= law.variance * (1.0 - within(cell / 8.0, law.length, law.gauss));
+  return {box, laws, blur_mm, seed};
+}
+
+}  // namespace
+
+bool Controls::passed() const {
+  return null_verdict == "consistent" && false_claims.empty() &&
+         std::none_of(recoveries.begin(), recoveries.end(),
+                      [](const Recovery& r) { return r.named_as.empty(); });
+}
+
+std::vector<double> simulated_noise(const std::vector<Observation>& places, std::size_t set_ups,
+                                    const Box3& box, const FittedNoise& noise, double every,
+                                    std::uint64_t seed) {
+  const double area = (box.max.x - box.min.x) * (box.max.y - box.min.y);
+  const double density = every * static_cast<double>(places.size()) / area;
+  const double n = static_cast<double>(set_ups);
+  const auto beyond = [](const std::array<double, 3>& details, double top,
+                         const std::array<double, 3>& base, double base_top) {
+    std::array<double, kFields> wanted{};
+    for (std::size_t s = 0; s < 3; ++s) wanted[s] = std::fmax(0.0, details[s] - base[s]);
+    wanted[3] = std::fmax(0.0, top - base_top);
+    return wanted;
+  };
+  // A point that stands for several stands for the mean of the square that they share.
+  const double blur =
+      std::sqrt(area / static_cast<double>(places.size()) / 12.0 * (1.0 - 1.0 / every));
+  std::array<double, 3> white_base{};
+  white_base.fill(noise.point_mm2);
+  double white = noise.point_mm2;
+  FittedNoise::Top own = noise.own, common = noise.common;
+  own.smooth_mm2 *= 0.5;  // a difference has both
+  common.smooth_mm2 = std::fmax(0.0, common.smooth_mm2 - own.smooth_mm2 / n);
+  const auto shared =
+      field_of(beyond(noise.common_mm2, common.white_mm2, noise.own_mm2, own.white_mm2),
+                noise.cell_mm, density, common, box, blur, mix64(seed + 1), white);
+  std::vector<Field> of_set_up;
+  for (std::size_t s = 0; s < set_ups; ++s) {
+    double own_white = white;
+    of_set_up.push_back(
+        field_of(beyond(noise.own_mm2, own.white_mm2, white_base, noise.point_mm2), noise.cell_mm,
+                 density / n, own, box, blur, mix64(seed + 100 + s), own_white));
+    if (s + 1 == set_ups) white = own_white;
+  }
+  // What fields vary by between close points is part of their scatter.
+  const double scatter = every < 1.5 ? std::fmax(0.1 * noise.point_mm2, white) : noise.point_mm2;
+  const double sigma = std::sqrt(scatter / every);
+  std::vector<double> residual(places.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
+    const Observation& o = places[i];
+    residual[i] = sigma * random_normal(seed, i) + shared.at(o.place.x, o.place.y) +
+                  of_set_up[o.set_up].at(o.place.x, o.place.y);
+  });
+  return residual;
+}
+
+Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64_t seed,
+                          const RunContext& run) {
+  Controls c;
+  Measurements few = m;
+  const std::size_t all = m.observations.size();
+  const std::size_t kept = std::min(all, kControlPoints);
+  few.notes.clear();
+  few.observations.clear();
+  for (std::size_t k = 0; k < kept; ++k) {
+    const std::size_t first = k * all / kept, end = (k + 1) * all / kept;
+    few.observations.push_back(m.observations[first + random_bits(seed ^ 0xc0, k) % (end - first)]);
+  }
+  c.points = kept;
+  auto noise = simulated_noise(few.observations, m.set_ups.size(), m.scene.box, d.noise,
+                               static_cast<double>(all) / static_cast<double>(kept), mix64(seed));
+  // Poses stay as wrong as they were found to be: what their files say and what the fit moved.
+  for (std::size_t i = 0; i < kept; ++i) {
+    const Observation& o = few.observations[i];
+    const PoseEstimate& p = d.poses[o.set_up];
+    const RigidTransform& start = m.set_ups[o.set_up].model_from_file;
+    const Vec3 centre = m.set_ups[o.set_up].centre_mm;
+    const Vec3 shift = p.shift_mm + (centre - start.inverse().point(centre));
+    const Vec3 turn = p.turn_urad +
+                      2e6 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
+    noise[i] += dot(o.along, shift + cross(1e-6 * turn, o.place - centre));
+  }
+  std::vector<Vec3> centres;
+  for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
+  const auto terms = [&](bool of_poses) -> Result<std::vector<KnownTerm>> {
+    std::vector<KnownCause> known;
+    for (const Cause& cause : d.causes)
+      if ((cause.law == kPoseLaw) == of_poses) {
+        known.push_back({cause.effect, cause.law, {}, cause.fixed});
+        for (const Estimate& e : cause.parameters)
+          known.back().parameters.emplace_back(e.name, e.value);
+      }
+    return restore(known, m.scene, centres);
+  };
+  MAQUETTE_TRY(const auto in_residuals, terms(false));
+  MAQUETTE_TRY(const auto in_poses, terms(true));
+  RunContext quiet;
+  quiet.stop = run.stop;
+  const auto again = [&](const std::vector<KnownTerm>& with, double sign) {
+    for (std::size_t i = 0; i < kept; ++i) {
+      Observation& o = few.observations[i];
+      o.residual_mm = noise[i];
+      for (const KnownTerm& t : with) o.residual_mm += sign * t.coefficient * t.value(o);
+    }
+    return diagnose(few, seed, quiet);
+  };
+  MAQUETTE_TRY(const Diagnosis null, again(in_poses, -1.0));
+  c.null_verdict = null.verdict;
+  for (const Cause& cause : null.causes) c.null_claims.push_back(cause.effect);
+  if (d.causes.empty()) return c;
+  MAQUETTE_TRY(const Diagnosis back, again(in_residuals, 1.0));
+  std::set<std::size_t> used;
+  const auto match = [&](const Cause& wanted, const auto& is) {
+    Controls::Recovery* r = &c.recoveries[static_cast<std::size_t>(&wanted - d.causes.data())];
+    for (std::size_t k = 0; k < back.causes.size() && r->named_as.empty(); ++k)
+      if (!used.contains(k) && is(back.causes[k])) {
+        const Cause& found = back.causes[k];
+        used.insert(k);
+        r->named_as = found.effect;
+        if (found.effect != wanted.effect) continue;
+        for (const Estimate& e : wanted.parameters)
+          for (const Estimate& f : found.parameters)
+            if (e.name == f.name) r->sizes.push_back({e.name, e.value, f.value, f.sigma});
+      }
+  };
+  for (const Cause& cause : d.causes) c.recoveries.push_back({cause.effect, "", {}});
+  const auto holds = [](const std::vector<std::string>& names, const std::string& name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  for (const Cause& cause : d.causes)
+    match(cause, [&](const Cause& f) { return f.effect == cause.effect; });
+  for (const Cause& cause : d.causes)
+    match(cause, [&](const Cause& f) {
+      return holds(f.equivalent, cause.effect) || holds(cause.equivalent, f.effect);
+    });
+  for (std::size_t k = 0; k < back.causes.size(); ++k)
+    if (!used.contains(k)) c.false_claims.push_back(back.causes[k].effect);
+  return c;
+}
+
+}  // namespace maquette::diagnosis

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/poses.hpp"
@@ -300,7 +301,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
       for (std::size_t k = 0; k < members.size(); ++k) {
         const auto small = detail::columns_of(masked, without(members, k));
         const double gain = detail::fit(masked, small, kAll).objective - full;
-        if (detail::chi2_tail(gain, std::max(1, static_cast<int>(at.size() - small.size()))) >
+        if (chi_squared_tail(gain, std::max(1, static_cast<int>(at.size() - small.size()))) >
             1e-6) {
           drop = k;
           why = "hangs on a few odd places";

@@ -8,6 +8,8 @@
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/chi_squared.hpp"
+
 namespace maquette::diagnosis::detail {
 namespace {
 
@@ -87,17 +89,6 @@ std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members
       if (std::find(model.begin(), model.end(), i) == model.end()) model.push_back(i);
     }
   return model;
-}
-
-double chi2_tail(double x, int degrees) {
-  if (!(x > 0.0)) return 1.0;
-  // Regularised upper incomplete gamma of half-integer order, by recurrence.
-  const double h = 0.5 * x;
-  double q = degrees % 2 == 0 ? std::exp(-h) : std::erfc(std::sqrt(h));
-  double a = degrees % 2 == 0 ? 1.0 : 0.5;
-  for (; a + 0.75 < 0.5 * degrees; a += 1.0)
-    q += std::exp(a * std::log(h) - h - std::lgamma(a + 1.0));
-  return std::clamp(q, 0.0, 1.0);
 }
 
 BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Candidate& candidate,
@@ -212,7 +203,7 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
       const auto small = columns_of(bank, fewer);
       const double gain = fit(bank, small, {kConfirm}).objective - full;
       const int degrees = static_cast<int>(model.size() - small.size());
-      double p = chi2_tail(gain, std::max(1, degrees));
+      double p = chi_squared_tail(gain, std::max(1, degrees));
       // The first third's coefficients, without this one's own refit, must predict the second.
       const Fit chosen_fewer = fit(bank, small, {kChoose});
       const double without =

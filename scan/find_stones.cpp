@@ -7,18 +7,26 @@
 
 #include <Eigen/Dense>
 
+#include "heightmap/field_tracer.hpp"
 #include "scan/detail/mesh_surface.hpp"
 #include "scan/detail/registration_steps.hpp"
+#include "scan/detail/stone_fit.hpp"
 
 namespace maquette::scan {
 namespace {
 
 using detail::Pose;
+using heightmap::ModelField;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr std::size_t kLeastOnStone = 25;
 constexpr std::size_t kSample = 1'500;
 constexpr std::size_t kFewer = 120;  // to find the heading
 constexpr int kHeadings = 16;
+constexpr std::size_t kMostRanges = 4'000;
+constexpr double kMargin = 0.25;  // of a stone's radius
+constexpr std::ptrdiff_t kCells = 256;
+constexpr double kFalseCalls = 0.01;  // plans in which a stone that stands is called moved
 
 struct Shape {
   TriMesh mesh;
@@ -40,8 +48,6 @@ Shape shape_of(const meshing::PlacedStone& stone) {
 struct Match {
   Pose pose;  // plan from actual
   double noise_mm = INFINITY;
-  detail::Solution solution;
-  detail::Frame frame;
 };
 
 /// The points on one mesh, from one heading.
@@ -58,11 +64,7 @@ Match match(const std::vector<Vec3>& points, const MeshDistance& mesh, const Pos
   const auto spread = detail::spread_of(met);
   // What is out of reach has no residual: a fit that leaves out half of the points is none.
   if (2 * spread.count < points.size() || spread.count < kLeastOnStone) return m;
-  m.frame = spread.frame;
   m.noise_mm = std::fmax(detail::kLeastScaleMm, detail::robust_scale(met));
-  const auto sums =
-      detail::accumulate(met, m.frame, {detail::Loss::Kind::huber, detail::kHuber * m.noise_mm});
-  m.solution = detail::solve(sums, {m.noise_mm, 1e-8, reach_mm, static_cast<double>(spread.count)});
   return m;
 }
 
@@ -86,41 +88,124 @@ Match best_heading(const std::vector<Vec3>& points, const MeshDistance& mesh, Ve
   return best.noise_mm < INFINITY ? match(points, mesh, best.pose, reach_mm, 3) : best;
 }
 
-void state_pose(StoneFinding& f, const Match& m, const Shape& shape,
-                const Registration* registration) {
-  f.actual_from_planned = m.pose.rigid.inverse();
-  f.shift_mm = f.actual_from_planned.point(shape.middle) - shape.middle;
-  const Quaternion q = f.actual_from_planned.rotation;
-  f.turn_rad = 2.0 * std::atan2(q.z, q.w);
-  if (f.turn_rad > std::numbers::pi) f.turn_rad -= 2.0 * std::numbers::pi;
-  if (f.turn_rad < -std::numbers::pi) f.turn_rad += 2.0 * std::numbers::pi;
-  f.tilt_rad = 2.0 * std::asin(std::fmin(1.0, std::hypot(q.x, q.y)));
-  f.noise_mm = m.noise_mm;
-  // Covariance at the middle: translation of the frame's centre and what rotation adds there.
-  const Vec3 arm = shape.middle - m.frame.centre_mm;
-  Eigen::Matrix<double, 3, 7> at = Eigen::Matrix<double, 3, 7>::Zero();
-  at.leftCols<3>().setIdentity();
-  at.block<3, 3>(0, 3) << 0.0, arm.z, -arm.y, -arm.z, 0.0, arm.x, arm.y, -arm.x, 0.0;
-  at.block<3, 3>(0, 3) /= m.frame.arm_mm;
-  const Eigen::Matrix3d c = at * m.solution.covariance * at.transpose();
-  Vec3 pose;
-  if (registration != nullptr)
-    pose = {pose_sigma_mm(*registration, shape.middle, {1, 0, 0}),
-            pose_sigma_mm(*registration, shape.middle, {0, 1, 0}),
-            pose_sigma_mm(*registration, shape.middle, {0, 0, 1})};
-  f.sigma_shift_mm = {std::sqrt(c(0, 0) + pose.x * pose.x), std::sqrt(c(1, 1) + pose.y * pose.y),
-                      std::sqrt(c(2, 2) + pose.z * pose.z)};
-  f.sigma_turn_rad = std::sqrt(m.solution.covariance(5, 5)) / m.frame.arm_mm;
-  if (registration != nullptr)
-    f.sigma_turn_rad = std::hypot(f.sigma_turn_rad, std::sqrt(registration->covariance[35]));
+/// What the scan's pose does to a stone's.
+Matrix6 scan_pose_at(const Registration* registration, const detail::StoneFrame& frame) {
+  if (registration == nullptr) return Matrix6::Zero();
+  using RowMajor6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  const Vec3 arm = frame.middle_mm - registration->centre_mm;
+  Matrix6 carry = Matrix6::Identity();
+  carry.block<3, 3>(0, 3) << 0.0, arm.z, -arm.y, -arm.z, 0.0, arm.x, arm.y, -arm.x, 0.0;
+  carry.bottomRows<3>() *= frame.arm_mm;
+  return carry * Eigen::Map<const RowMajor6>(registration->covariance.data()) * carry.transpose();
 }
 
-/// Beyond 99 % of chi-squared with four degrees of freedom.
-bool beyond_doubt_moved(const StoneFinding& f) {
-  const auto square = [](double v, double s) { return s > 0.0 ? v * v / (s * s) : 0.0; };
-  return square(f.shift_mm.x, f.sigma_shift_mm.x) + square(f.shift_mm.y, f.sigma_shift_mm.y) +
-             square(f.shift_mm.z, f.sigma_shift_mm.z) + square(f.turn_rad, f.sigma_turn_rad) >
-         13.28;
+void state_pose(StoneFinding& f, const detail::StoneFit& fit, const detail::StoneFrame& frame,
+                const Matrix6& scan_pose) {
+  f.actual_from_planned = fit.actual_from_planned;
+  f.noise_mm = fit.noise_mm;
+  f.shift_mm = fit.actual_from_planned.point(frame.middle_mm) - frame.middle_mm;
+  Quaternion q = fit.actual_from_planned.rotation;
+  if (q.w < 0.0) q = {-q.w, -q.x, -q.y, -q.z};
+  f.turn_rad = 2.0 * std::atan2(q.z, q.w);
+  f.tilt_rad = 2.0 * std::asin(std::fmin(1.0, std::hypot(q.x, q.y)));
+  const Matrix6 covariance = fit.covariance + scan_pose;
+  f.sigma_shift_mm = {std::sqrt(covariance(0, 0)), std::sqrt(covariance(1, 1)),
+                      std::sqrt(covariance(2, 2))};
+  f.sigma_turn_rad = std::sqrt(covariance(5, 5)) / frame.arm_mm;
+  const Eigen::Matrix2d tilt = covariance.block<2, 2>(3, 3);
+  f.sigma_tilt_rad =
+      std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(tilt).eigenvalues()(1)) /
+      frame.arm_mm;
+}
+
+/// What lies about a stone, in one pass over all points.
+struct About {
+  std::vector<std::size_t> points;  // within its radius and the margin
+  std::vector<Vec3> on;             // of those, clear of the ground
+  std::size_t over = 0;             // its middle
+  double high = 0.0, planned = 0.0;
+};
+
+std::vector<About> gather(std::span<const Vec3> points, const ModelField& ground,
+                          const std::vector<Shape>& shapes, double lift, double noise_mm) {
+  const auto margin = [&](const Shape& s) {
+    return std::fmax(kMargin * s.radius_mm, 5.0 * noise_mm);
+  };
+  // Stones by the cells that they may have points in.
+  const double x0 = ground.x0.value(), y0 = ground.y0.value();
+  const double wide = ground.x_mm(ground.z_mm.cols() - 1) - x0;
+  const double deep = ground.y_mm(ground.z_mm.rows() - 1) - y0;
+  const auto cell = [](double along, double length) {
+    return std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(along / length * kCells), 0,
+                                      kCells - 1);
+  };
+  Grid<std::vector<std::uint32_t>> near(kCells, kCells);
+  for (std::size_t k = 0; k < shapes.size(); ++k) {
+    const Vec3 m = shapes[k].middle;
+    const double reach = shapes[k].radius_mm + margin(shapes[k]);
+    for (std::ptrdiff_t r = cell(m.y - reach - y0, deep); r <= cell(m.y + reach - y0, deep); ++r)
+      for (std::ptrdiff_t c = cell(m.x - reach - x0, wide); c <= cell(m.x + reach - x0, wide); ++c)
+        near(r, c).push_back(static_cast<std::uint32_t>(k));
+  }
+  std::vector<About> about(shapes.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3 p = points[i];
+    for (const std::uint32_t k : near(cell(p.y - y0, deep), cell(p.x - x0, wide))) {
+      const Shape& shape = shapes[k];
+      const double out = std::hypot(p.x - shape.middle.x, p.y - shape.middle.y);
+      if (out > shape.radius_mm + margin(shape)) continue;
+      const double h = heightmap::height_at(ground, p.x, p.y);
+      if (std::isnan(h)) continue;
+      About& a = about[k];
+      a.points.push_back(i);
+      if (out < 0.3 * shape.radius_mm) {
+        ++a.over;
+        a.high += p.z - h;
+        a.planned += shape.box.max.z - h;
+      }
+      if (p.z - h > lift) a.on.push_back(p);
+    }
+  }
+  return about;
+}
+
+/// Which view a point belongs to.
+class Views {
+ public:
+  explicit Views(std::span<const Viewpoint> views) : views_(views) {
+    for (const Viewpoint& v : views) ends_.push_back((ends_.empty() ? 0 : ends_.back()) + v.points);
+  }
+  [[nodiscard]] const Viewpoint& of(std::size_t point) const {
+    const auto at = std::upper_bound(ends_.begin(), ends_.end(), point) - ends_.begin();
+    return at < std::ssize(ends_) ? views_[static_cast<std::size_t>(at)] : above_;
+  }
+
+ private:
+  std::span<const Viewpoint> views_;
+  std::vector<std::size_t> ends_;
+  Viewpoint above_;
+};
+
+detail::StoneRanges ranges_of(std::span<const Vec3> points, const std::vector<std::size_t>& about,
+                              const Views& views, const heightmap::FieldTracer& ground) {
+  detail::StoneRanges seen;
+  std::vector<detail::Ray> rays;
+  for (const std::size_t k : detail::sample_indices(about.size(), kMostRanges)) {
+    const std::size_t i = about[k];
+    const Viewpoint& view = views.of(i);
+    const detail::Sight sight = detail::sight_of(view, points[i]);
+    const auto samples = detail::rays_of(view);
+    rays.resize(samples.size());
+    detail::spread(sight, view, samples, i, rays);
+    seen.ranges.push_back({i, sight.range_mm, seen.rays.size(), rays.size()});
+    for (std::size_t j = 0; j < rays.size(); ++j) {
+      const auto hit = ground.trace(rays[j].origin_mm, rays[j].direction);
+      const double cosine = hit ? -dot(hit->normal, rays[j].direction) : 0.0;
+      seen.rays.push_back({rays[j].origin_mm, rays[j].direction, samples[j].weight,
+                           hit ? hit->distance_mm : INFINITY, std::fmax(0.0, cosine)});
+    }
+  }
+  return seen;
 }
 
 }  // namespace
@@ -144,10 +229,13 @@ std::string_view name_of(StoneState state) {
   }
 }
 
-std::vector<StoneFinding> find_stones(std::span<const Vec3> points,
-                                      const heightmap::ModelField& ground,
-                                      std::span<const meshing::PlacedStone> plan, double noise_mm,
-                                      const Registration* registration) {
+Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
+                                              std::span<const Viewpoint> viewpoints,
+                                              const ModelField& ground,
+                                              std::span<const meshing::PlacedStone> plan,
+                                              double noise_mm, const Registration* registration) {
+  std::vector<StoneFinding> findings;
+  if (plan.empty()) return findings;
   std::vector<Shape> shapes;
   std::vector<MeshDistance> meshes;
   shapes.reserve(plan.size());
@@ -157,47 +245,48 @@ std::vector<StoneFinding> find_stones(std::span<const Vec3> points,
     meshes.emplace_back(shapes.back().mesh);
   }
   const double lift = std::fmax(5.0 * noise_mm, 0.05 * ground.spacing.value());
-  std::vector<StoneFinding> findings;
+  const detail::StoneNoise noise{std::fmax(detail::kLeastScaleMm, noise_mm),
+                                 std::fmax(2.0 * noise_mm, 0.05 * ground.spacing.value())};
+  const auto all = gather(points, ground, shapes, lift, noise_mm);
+  const Views views(viewpoints);
+  const heightmap::FieldTracer tracer(ground);
+  const double level = 1.0 - std::pow(1.0 - kFalseCalls, 1.0 / static_cast<double>(plan.size()));
   for (std::size_t k = 0; k < plan.size(); ++k) {
     const Shape& shape = shapes[k];
+    const About& about = all[k];
     StoneFinding f;
     f.number = plan[k].number;
-    const double margin = 0.25 * shape.radius_mm;
-    std::vector<Vec3> on;
-    std::size_t over = 0;
-    double high = 0.0, planned = 0.0;
-    for (const Vec3& p : points) {
-      const double out = std::hypot(p.x - shape.middle.x, p.y - shape.middle.y);
-      if (out > shape.radius_mm + margin) continue;
-      const double h = heightmap::height_at(ground, p.x, p.y);
-      if (std::isnan(h)) continue;
-      if (out < 0.3 * shape.radius_mm) {
-        ++over;
-        high += p.z - h;
-        planned += shape.box.max.z - h;
-      }
-      if (p.z - h > lift) on.push_back(p);
-    }
-    f.points = on.size();
-    f.height_share = planned > 0.0 ? high / planned : 0.0;
+    f.points = about.on.size();
+    f.height_share = about.planned > 0.0 ? about.high / about.planned : 0.0;
     const double sigma_share =
-        planned > 0.0 ? noise_mm * std::sqrt(static_cast<double>(over)) / planned : INFINITY;
-    if (over >= 5 && f.height_share < 0.25 && f.height_share < 0.5 - 3.0 * sigma_share) {
+        about.planned > 0.0 ? noise_mm * std::sqrt(static_cast<double>(about.over)) / about.planned
+                            : INFINITY;
+    if (about.over >= 5 && f.height_share < 0.25 && f.height_share < 0.5 - 3.0 * sigma_share) {
       f.state = StoneState::missing;
-    } else if (on.size() >= kLeastOnStone) {
-      const std::vector<Vec3> some = detail::sample(on, kSample);
+    } else if (about.on.size() >= kLeastOnStone) {
       const double reach = 0.5 * shape.radius_mm;
-      Match own = match(some, meshes[k], {}, reach, 3);
       // Facets and glue aside, a stone fits as well as the scan is noisy.
       const double fits = std::fmax(3.0 * noise_mm, 0.01 * shape.radius_mm);
-      if (own.noise_mm > fits)
-        if (const Match turned = best_heading(some, meshes[k], shape.middle, shape.middle, reach);
-            turned.noise_mm < own.noise_mm)
-          own = turned;
-      Match other;
+      MAQUETTE_TRY(const auto scene, detail::StoneScene::build(std::span(&shape.mesh, 1)));
+      const detail::StoneRanges seen = ranges_of(points, about.points, views, tracer);
+      const detail::StoneFrame frame{shape.middle, shape.radius_mm};
+      const auto fit_from = [&](const RigidTransform& start) {
+        return detail::fit_stone(seen, scene, ground, frame, start, noise);
+      };
+      detail::StoneFit fit = fit_from({});
+      Match own, other;
       std::size_t which = k;
-      if (own.noise_mm > fits)
-        for (std::size_t j = 0; j < plan.size(); ++j) {
+      if (!(fit.noise_mm <= fits)) {
+        const std::vector<Vec3> some = detail::sample(about.on, kSample);
+        own = match(some, meshes[k], {}, reach, 3);
+        if (own.noise_mm > fits)
+          if (const Match turned = best_heading(some, meshes[k], shape.middle, shape.middle, reach);
+              turned.noise_mm < own.noise_mm)
+            own = turned;
+        if (detail::StoneFit again = fit_from(own.pose.rigid.inverse());
+            again.noise_mm < fit.noise_mm)
+          fit = std::move(again);
+        for (std::size_t j = 0; j < plan.size() && !(fit.noise_mm <= fits); ++j) {
           if (j == k) continue;
           const Vec3 there{shapes[j].middle.x, shapes[j].middle.y,
                            shapes[j].box.max.z - shape.box.max.z + shape.middle.z};
@@ -205,19 +294,22 @@ std::vector<StoneFinding> find_stones(std::span<const Vec3> points,
               best_heading(some, meshes[j], shape.middle, there, 0.5 * shapes[j].radius_mm);
           if (m.noise_mm < other.noise_mm) other = m, which = j;
         }
+      }
       if (which != k && other.noise_mm < 0.5 * own.noise_mm && other.noise_mm <= 2.0 * fits) {
         f.state = StoneState::swapped;
         f.carries = plan[which].number;
         f.noise_mm = other.noise_mm;
-      } else if (own.noise_mm <= 3.0 * fits) {
-        state_pose(f, own, shape, registration);
-        f.state = beyond_doubt_moved(f) ? StoneState::moved : StoneState::as_planned;
+      } else if (fit.noise_mm <= 3.0 * fits) {
+        const Matrix6 scan_pose = scan_pose_at(registration, frame);
+        state_pose(f, fit, frame, scan_pose);
+        f.chance = detail::chance_of_standing(seen, scene, ground, frame, fit, scan_pose, noise);
+        f.state = f.chance < level ? StoneState::moved : StoneState::as_planned;
       } else {
         f.state = StoneState::unclear;
-        f.noise_mm = own.noise_mm;
+        f.noise_mm = std::fmin(fit.noise_mm, own.noise_mm);
       }
     }
-    if (f.state == StoneState::unseen && over >= 5)
+    if (f.state == StoneState::unseen && about.over >= 5)
       f.state = f.height_share > 0.5 ? StoneState::present : StoneState::unclear;
     findings.push_back(f);
   }

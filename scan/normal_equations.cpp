@@ -42,21 +42,6 @@ Foot foot_on(const ModelField& f, double per_mm, Vec3 p) {
           std::fmin(1.0, 4.0 * n_z)};
 }
 
-/// psi(e) / e, psi(e) and psi'(e), e in standard deviations of its own.
-struct Influence {
-  double w, psi, slope;
-};
-Influence influence(const Loss& loss, const Foot& foot) {
-  const double e = foot.e_mm / foot.sigma, limit = loss.limit_mm * foot.reach, u = e / limit;
-  if (loss.kind == Loss::Kind::tukey) {
-    const double rest = 1.0 - u * u;
-    if (!(rest > 0.0)) return {0.0, 0.0, 0.0};
-    return {rest * rest, e * rest * rest, rest * (1.0 - 5.0 * u * u)};
-  }
-  if (std::abs(u) <= 1.0) return {1.0, e, 1.0};
-  return {1.0 / std::abs(u), std::copysign(limit, e), 0.0};
-}
-
 /// Derivatives of e / sigma.
 void columns_of(Vec3 p, const Foot& foot, const Frame& frame, double per_arm, double* j) {
   const Vec3 n = (1.0 / foot.sigma) * foot.normal;
@@ -80,6 +65,17 @@ void meet_chunk(std::span<const Vec3> cloud, const Pose& pose, const Surface& su
 }
 
 }  // namespace
+
+Influence influence(const Loss& loss, const Foot& foot) {
+  const double e = foot.e_mm / foot.sigma, limit = loss.limit_mm * foot.reach, u = e / limit;
+  if (loss.kind == Loss::Kind::tukey) {
+    const double rest = 1.0 - u * u;
+    if (!(rest > 0.0)) return {0.0, 0.0, 0.0};
+    return {rest * rest, e * rest * rest, rest * (1.0 - 5.0 * u * u)};
+  }
+  if (std::abs(u) <= 1.0) return {1.0, e, 1.0};
+  return {1.0 / std::abs(u), std::copysign(limit, e), 0.0};
+}
 
 void FieldSurface::feet(std::span<const Vec3> points, std::span<Foot> feet) const {
   const double per_mm = 1.0 / field_->spacing.value();
@@ -329,13 +325,19 @@ BlockMeat block_meat(std::span<const Vec3> cloud, const Pose& pose, const Surfac
   return result;
 }
 
-std::vector<Vec3> sample(std::span<const Vec3> points, std::size_t m) {
-  if (points.size() <= m) return {points.begin(), points.end()};
-  std::vector<Vec3> some(m);
-  for (std::size_t k = 0; k < m; ++k) {
-    const std::size_t first = k * points.size() / m, end = (k + 1) * points.size() / m;
-    some[k] = points[first + random_bits(0x5ca1ab1e, k) % (end - first)];
+std::vector<std::size_t> sample_indices(std::size_t n, std::size_t m) {
+  std::vector<std::size_t> some(std::min(n, m));
+  for (std::size_t k = 0; k < some.size(); ++k) {
+    const std::size_t first = k * n / some.size(), end = (k + 1) * n / some.size();
+    some[k] = first + random_bits(0x5ca1ab1e, k) % (end - first);
   }
+  return some;
+}
+
+std::vector<Vec3> sample(std::span<const Vec3> points, std::size_t m) {
+  std::vector<Vec3> some;
+  some.reserve(std::min(m, points.size()));
+  for (const std::size_t i : sample_indices(points.size(), m)) some.push_back(points[i]);
   return some;
 }
 

@@ -168,6 +168,9 @@ void add_findings(Document& doc, const json& s) {
                {"sigma_shift_mm", "\u00b1"},
                {"turn_deg", "turn, \u00b0"},
                {"sigma_turn_deg", "\u00b1"},
+               {"tilt_deg", "tilt, \u00b0"},
+               {"sigma_tilt_deg", "\u00b1"},
+               {"chance", "by chance"},
                {"points", "points"}});
   }
   if (!s["regions"].empty()) {

@@ -93,6 +93,8 @@ json stones_json(const std::vector<scan::StoneFinding>& stones) {
       row["turn_deg"] = kDegrees * f.turn_rad;
       row["sigma_turn_deg"] = kDegrees * f.sigma_turn_rad;
       row["tilt_deg"] = kDegrees * f.tilt_rad;
+      row["sigma_tilt_deg"] = kDegrees * f.sigma_tilt_rad;
+      row["chance"] = f.chance;
     }
     rows.push_back(row);
   }

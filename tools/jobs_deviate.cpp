@@ -115,6 +115,7 @@ struct Measured {
   scan::Cloud cloud;
   std::vector<float> range_mm, incidence_deg, slope_deg;
   std::vector<scan::ScanPose> scans;
+  std::vector<scan::Viewpoint> views;
   /// Where the part really is in the frame of the datums, by each scan.
   struct Where {
     RigidTransform actual_from_planned;
@@ -159,6 +160,22 @@ void add_angles(Measured& all, Vec3 p, const ModelField& design, std::optional<V
   all.range_mm.push_back(static_cast<float>(range));
   all.incidence_deg.push_back(
       static_cast<float>(kDegrees * std::acos(std::clamp(dot(look, normal) / range, -1.0, 1.0))));
+}
+
+/// The scanner's places in the model frame, in the order of the points.
+std::vector<scan::Viewpoint> views_of(const scan::Cloud& cloud,
+                                      const RigidTransform& model_from_scan,
+                                      const CaseScan& entry) {
+  const auto in_model = [&](const std::optional<Vec3>& station) -> std::optional<Vec3> {
+    if (!station) return std::nullopt;
+    return model_from_scan.point(*station);
+  };
+  if (cloud.station_mm || cloud.stations.empty())
+    return {{in_model(cloud.station_mm), entry.beam_diameter_mm, cloud.points_mm.size()}};
+  std::vector<scan::Viewpoint> views;
+  for (const scan::ScanStation& s : cloud.stations)
+    views.push_back({in_model(s.position_mm), entry.beam_diameter_mm, s.points});
+  return views;
 }
 
 /// Where the spheres among the datums are found and matched, the pose that they give.
@@ -219,6 +236,8 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   if (input.scale) {
     for (Vec3& p : cloud.points_mm) p = best->scale * p;
     if (cloud.station_mm) *cloud.station_mm = best->scale * *cloud.station_mm;
+    for (scan::ScanStation& s : cloud.stations)
+      if (s.position_mm) *s.position_mm = best->scale * *s.position_mm;
   }
   scan::Registration used = *best;
   if (!datums.empty()) {
@@ -235,24 +254,29 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
                         std::hypot(used.sigma_rotation_rad, best->sigma_rotation_rad),
                         static_cast<double>(cloud.points_mm.size())});
   }
-  std::optional<Vec3> station;
-  if (cloud.station_mm) station = used.model_from_scan.point(*cloud.station_mm);
   const bool bright = cloud.intensity.size() == cloud.points_mm.size();
   const std::size_t before = all.cloud.points_mm.size();
-  for (std::size_t i = 0; i < cloud.points_mm.size(); ++i) {
-    const Vec3 p = used.model_from_scan.point(cloud.points_mm[i]);
-    if (entry.beam_diameter_mm > 0.0 &&
-        crosses_rim(p, nominal.design, entry.beam_diameter_mm, station)) {
-      ++all.at_rim;
-      continue;
+  std::size_t i = 0;
+  for (const scan::Viewpoint& view : views_of(cloud, used.model_from_scan, entry)) {
+    const std::size_t first = all.cloud.points_mm.size();
+    for (const std::size_t end = i + view.points; i < end; ++i) {
+      const Vec3 p = used.model_from_scan.point(cloud.points_mm[i]);
+      if (entry.beam_diameter_mm > 0.0 &&
+          crosses_rim(p, nominal.design, entry.beam_diameter_mm, view.station_mm)) {
+        ++all.at_rim;
+        continue;
+      }
+      if (std::any_of(datums.begin(), datums.end(), [&](const scan::Datum& d) {
+            return d.kind == scan::Datum::Kind::sphere &&
+                   norm(p - d.at_mm) < kOfSphere * d.radius_mm;
+          }))
+        continue;
+      all.cloud.points_mm.push_back(p);
+      all.cloud.intensity.push_back(bright ? cloud.intensity[i] : NAN);
+      add_angles(all, p, nominal.design, view.station_mm);
     }
-    if (std::any_of(datums.begin(), datums.end(), [&](const scan::Datum& d) {
-          return d.kind == scan::Datum::Kind::sphere && norm(p - d.at_mm) < kOfSphere * d.radius_mm;
-        }))
-      continue;
-    all.cloud.points_mm.push_back(p);
-    all.cloud.intensity.push_back(bright ? cloud.intensity[i] : NAN);
-    add_angles(all, p, nominal.design, station);
+    all.views.push_back(
+        {view.station_mm, view.beam_diameter_mm, all.cloud.points_mm.size() - first});
   }
   all.scans.push_back({used, all.cloud.points_mm.size() - before});
   return {};
@@ -394,9 +418,10 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   }
   const scan::Significance& significance = by_expected ? *by_expected : by_design;
   std::vector<scan::StoneFinding> stones;
-  if (nominal.ground)
-    stones = scan::find_stones(points, *nominal.ground, nominal.stone_plan,
-                               deviation.statistics.nmad_mm, &joint);
+  if (nominal.ground) {
+    MAQUETTE_TRY(stones, scan::find_stones(points, all.views, *nominal.ground, nominal.stone_plan,
+                                           deviation.statistics.nmad_mm, &joint));
+  }
 
   // Beside planned stones, or where one of them is missing.
   std::vector<int> missing;

@@ -63,9 +63,6 @@ struct Confirmed {
 [[nodiscard]] std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members,
                                              double level, std::vector<Rejected>& rejected);
 
-/// Upper tail of chi-squared.
-[[nodiscard]] double chi2_tail(double x, int degrees);
-
 /// Best objective over the forms of a candidate beside `others`, on `sets`.
 struct BestForm {
   double objective = INFINITY;

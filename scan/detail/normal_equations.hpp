@@ -96,6 +96,12 @@ struct Loss {
   double limit_mm = INFINITY;
 };
 
+/// psi(e) / e, psi(e) and psi'(e), e in standard deviations of its own.
+struct Influence {
+  double w, psi, slope;
+};
+[[nodiscard]] Influence influence(const Loss& loss, const Foot& foot);
+
 struct Sums {
   Matrix7 weighted = Matrix7::Zero();  ///< sum of w J J', w = psi(e) / e
   Matrix7 bread = Matrix7::Zero();     ///< sum of psi'(e) J J'
@@ -123,6 +129,8 @@ struct BlockMeat {
 /// One point out of each of m equal stretches of the cloud, at a random place in it: a
 /// fixed stride would fall into step with the scan lines.
 [[nodiscard]] std::vector<Vec3> sample(std::span<const Vec3> points, std::size_t m);
+/// The same of n things, by their numbers.
+[[nodiscard]] std::vector<std::size_t> sample_indices(std::size_t n, std::size_t m);
 
 /// Every 2nd node, each the [1 2 1] x [1 2 1] mean of the field below; voids are left out of
 /// the mean. Node (0, 0) stays where it is.

@@ -16,6 +16,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "core/chi_squared.hpp"
 #include "core/random.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detectability.hpp"
@@ -286,12 +287,12 @@ TEST(Inference, SameSeedSameAnswer) {
 }
 
 TEST(Chi2, MatchesTables) {
-  EXPECT_NEAR(detail::chi2_tail(3.841, 1), 0.05, 2e-5);
-  EXPECT_NEAR(detail::chi2_tail(9.210, 2), 0.01, 1e-5);
-  EXPECT_NEAR(detail::chi2_tail(11.345, 3), 0.01, 1e-5);
-  EXPECT_NEAR(detail::chi2_tail(18.307, 10), 0.05, 1e-5);
-  EXPECT_NEAR(detail::chi2_tail(22.458, 7), 0.00209, 2e-4);
-  EXPECT_EQ(detail::chi2_tail(-1.0, 3), 1.0);
+  EXPECT_NEAR(chi_squared_tail(3.841, 1), 0.05, 2e-5);
+  EXPECT_NEAR(chi_squared_tail(9.210, 2), 0.01, 1e-5);
+  EXPECT_NEAR(chi_squared_tail(11.345, 3), 0.01, 1e-5);
+  EXPECT_NEAR(chi_squared_tail(18.307, 10), 0.05, 1e-5);
+  EXPECT_NEAR(chi_squared_tail(22.458, 7), 0.00209, 2e-4);
+  EXPECT_EQ(chi_squared_tail(-1.0, 3), 1.0);
 }
 
 }  // namespace

@@ -2,17 +2,22 @@
 
 // What is claimed in scan/find_stones.hpp: six stones are laid, one is moved by 0.5 mm and turned
 // by 3 degrees, one is missing, two are swapped, two lie as planned. The points are put on the
-// meshes as they really lie, with noise along z; the search knows only the plan.
+// meshes as they really lie, with noise along z; the search knows only the plan. Then simulated
+// scanners look at stones of 9 mm from two sides: how often one that stands is called moved, and
+// whether what moved is where it is said to be.
 
 #include "scan/find_stones.hpp"
 
 #include <cmath>
 #include <numbers>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "core/random.hpp"
+#include "scan/scanner_sim.hpp"
+#include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette::scan {
@@ -22,6 +27,7 @@ using heightmap::ModelField;
 using meshing::PlacedStone;
 using testing_support::points_on;
 using testing_support::rough_part;
+using testing_support::Succeeds;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
@@ -67,7 +73,9 @@ TEST(FindStones, ToldApartAndMeasured) {
             static_cast<float>(heightmap::height_at(ground, fine.x_mm(c), fine.y_mm(r)));
     fine = meshing::with_stones(fine, actual);
     const Cloud cloud = points_on(fine, 120'000, seed, sigma);
-    const auto found = find_stones(cloud.points_mm, ground, plan, sigma, nullptr);
+    const auto found_stones = find_stones(cloud.points_mm, {}, ground, plan, sigma, nullptr);
+    ASSERT_THAT(found_stones, Succeeds());
+    const auto& found = *found_stones;
     ASSERT_EQ(found.size(), 6U);
     EXPECT_EQ(name_of(found[1].state), "moved") << "seed " << seed;
     EXPECT_EQ(name_of(found[2].state), "missing") << "seed " << seed;
@@ -118,8 +126,9 @@ TEST(FindStones, SmallStonesAreNotMissing) {
     const auto count = [&](const ModelField& seen) {
       const Cloud cloud = points_on(seen, 500'000, seed, 0.4);
       int n = 0;
-      for (const auto& f : find_stones(cloud.points_mm, ground, plan, 0.4, nullptr))
-        n += f.state == StoneState::missing ? 1 : 0;
+      const auto found = find_stones(cloud.points_mm, {}, ground, plan, 0.4, nullptr);
+      EXPECT_THAT(found, Succeeds());
+      for (const auto& f : *found) n += f.state == StoneState::missing ? 1 : 0;
       return n;
     };
     missing += count(with);
@@ -131,11 +140,140 @@ TEST(FindStones, SmallStonesAreNotMissing) {
   EXPECT_EQ(gone, 18) << "of 18 that are not there";
 }
 
+/// Six stones of 9 mm on 70 x 50 mm, their meshes where they really are, and what two scanners see
+/// of them.
+struct Scanned {
+  ModelField ground;
+  std::vector<PlacedStone> plan;
+  std::vector<Viewpoint> views;
+  std::vector<Vec3> points;
+};
+
+/// @param moves  of the stones, by number
+Scanned scanned(std::uint64_t seed, double beam_mm, std::span<const RigidTransform> moves = {}) {
+  Scanned s{rough_part(seed, 101, 141, 0.5, 0.5), {}, {}, {}};
+  std::vector<TriMesh> meshes;
+  for (std::uint64_t k = 0; k < 6; ++k) {
+    PlacedStone stone;
+    stone.number = static_cast<int>(k) + 1;
+    stone.shape.seed = 100 * seed + k;
+    stone.shape.elongation = 0.6 + 0.4 * random_uniform(seed, 10 * k);
+    stone.shape.flatness = 0.6 + 0.4 * random_uniform(seed, 10 * k + 1);
+    stone.scale_mm = 9.0;
+    const double x = 12.0 + 23.0 * static_cast<double>(k % 3);
+    const double y = 13.0 + 24.0 * static_cast<double>(k / 3);
+    stone.model_from_stone.rotation =
+        rotation_about({0, 0, 1}, 6.0 * random_uniform(seed, 10 * k + 2));
+    stone.model_from_stone.translation_mm = {x, y, heightmap::height_at(s.ground, x, y) + 1.5};
+    s.plan.push_back(stone);
+    PlacedStone actual = stone;
+    if (!moves.empty()) actual.model_from_stone = moves[k] * stone.model_from_stone;
+    meshes.push_back(meshing::stone_mesh(actual));
+  }
+  ScanOptions o;
+  o.scanner.range_sigma_mm = 0.19;
+  o.scanner.noise_exponent = 0.0;
+  o.scanner.lines_per_turn = 12'000;
+  o.scanner.beam_diameter_mm = beam_mm;
+  o.scanner.beam_divergence_mrad = 0.0;
+  o.footprint_rays = beam_mm > 0.0 ? 61 : 1;
+  for (const double side : {-1.0, 1.0}) {
+    o.station_mm = {35.0, 25.0 + side * 800.0, 900.0};
+    o.seed = 2 * seed + (side > 0.0 ? 1 : 0);
+    const auto cloud = simulate_scan(s.ground, meshes, o);
+    EXPECT_THAT(cloud, Succeeds());
+    s.views.push_back({o.station_mm, beam_mm, cloud->points_mm.size()});
+    s.points.insert(s.points.end(), cloud->points_mm.begin(), cloud->points_mm.end());
+  }
+  return s;
+}
+
+// Chances of stones that stand are even between 0 and 1: as many below 0.1 as a tenth of them, as
+// many below 0.5 as half (3.5 standard deviations of such counts).
+// @param largest_bias  of the height, in its standard deviations
+void false_calls(double beam_mm, std::uint64_t runs, double largest_bias) {
+  int plans_called = 0, tenth = 0, half = 0;
+  double n = 0.0, mean_z = 0.0;
+  for (std::uint64_t seed = 1; seed <= runs; ++seed) {
+    const Scanned s = scanned(seed, beam_mm);
+    const auto found = find_stones(s.points, s.views, s.ground, s.plan, 0.19, nullptr);
+    ASSERT_THAT(found, Succeeds());
+    bool called = false;
+    for (const StoneFinding& f : *found) {
+      ASSERT_TRUE(f.state == StoneState::as_planned || f.state == StoneState::moved)
+          << "seed " << seed << ", stone " << f.number << " is " << name_of(f.state);
+      called = called || f.state == StoneState::moved;
+      tenth += f.chance < 0.1 ? 1 : 0;
+      half += f.chance < 0.5 ? 1 : 0;
+      mean_z += f.shift_mm.z / f.sigma_shift_mm.z;
+      n += 1.0;
+    }
+    plans_called += called ? 1 : 0;
+  }
+  ::testing::Test::RecordProperty(
+      "rates", fmt::format("{} stones, {} plans called moved, {:.3f} below 0.1, {:.3f} below 0.5, "
+                           "height {:+.2f} sigma",
+                           n, plans_called, tenth / n, half / n, mean_z / n));
+  // One plan in a hundred; three of forty come once in a hundred times.
+  EXPECT_LE(plans_called, 2);
+  EXPECT_NEAR(tenth / n, 0.1, 3.5 * std::sqrt(0.09 / n));
+  EXPECT_NEAR(half / n, 0.5, 3.5 * std::sqrt(0.25 / n));
+  EXPECT_LT(std::abs(mean_z / n), largest_bias);
+}
+
+TEST(FindStones, WhatStandsIsCalledMovedAsOftenAsTheLevelSays) {
+  false_calls(0.0, 40, 3.5 / std::sqrt(240.0));
+}
+
+// Beside an edge 19 rays stand for a beam: half a standard deviation, 0.008 mm.
+TEST(FindStones, SoWithABeamOfAThirdOfTheStone) {
+  false_calls(3.0, 8, 0.8);
+}
+
+TEST(FindStones, MovedStonesAreWhereTheyAreSaidToBe) {
+  for (const auto& [beam_mm, runs] : {std::pair{0.0, 12U}, std::pair{3.0, 3U}}) {
+    double chi2 = 0.0, degrees = 0.0;
+    int called = 0;
+    for (std::uint64_t seed = 1; seed <= runs; ++seed) {
+      // Each by 0.5 mm somewhere, and turned by 3 degrees about its middle.
+      const Scanned planned = scanned(seed, beam_mm);
+      std::vector<RigidTransform> moves;
+      std::vector<Vec3> shifts;
+      for (std::uint64_t k = 0; k < 6; ++k) {
+        const Box3 box = meshing::stone_mesh(planned.plan[k]).bounds();
+        const Vec3 middle = 0.5 * (box.min + box.max);
+        const double heading = 6.28 * random_uniform(seed, 1000 + k);
+        shifts.push_back({0.5 * std::cos(heading), 0.5 * std::sin(heading), 0.0});
+        const Quaternion turn = rotation_about({0, 0, 1}, 3.0 * kDegree);
+        moves.push_back({turn, middle - rotate(turn, middle) + shifts.back()});
+      }
+      const Scanned s = scanned(seed, beam_mm, moves);
+      const auto found = find_stones(s.points, s.views, s.ground, s.plan, 0.19, nullptr);
+      ASSERT_THAT(found, Succeeds());
+      for (std::size_t k = 0; k < 6; ++k) {
+        const StoneFinding& f = (*found)[k];
+        called += f.state == StoneState::moved ? 1 : 0;
+        chi2 += std::pow((f.shift_mm.x - shifts[k].x) / f.sigma_shift_mm.x, 2) +
+                std::pow((f.shift_mm.y - shifts[k].y) / f.sigma_shift_mm.y, 2) +
+                std::pow((f.turn_rad - 3.0 * kDegree) / f.sigma_turn_rad, 2);
+        degrees += 3.0;
+      }
+    }
+    RecordProperty(
+        fmt::format("beam_{:.0f}", beam_mm),
+        fmt::format("{} of {} called, chi2 {:.1f} of {}", called, 6 * runs, chi2, degrees));
+    EXPECT_EQ(called, static_cast<int>(6 * runs)) << beam_mm;
+    EXPECT_LT(chi2, degrees + 4.0 * std::sqrt(2.0 * degrees)) << beam_mm;
+  }
+}
+
 TEST(FindStones, UnseenWithoutPoints) {
   const ModelField ground = rough_part(1, 221, 221, 1.0, 0.2);
   const auto plan = plan_on(ground, 1);
-  const auto found = find_stones({}, ground, plan, 0.05, nullptr);
-  for (const auto& f : found) EXPECT_EQ(f.state, StoneState::unseen);
+  const auto found = find_stones({}, {}, ground, plan, 0.05, nullptr);
+  ASSERT_THAT(found, Succeeds());
+  EXPECT_EQ(found->size(), 6U);
+  for (const auto& f : *found) EXPECT_EQ(f.state, StoneState::unseen);
 }
 
 }  // namespace

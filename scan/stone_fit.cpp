@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan/detail/stone_fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Dense>
+
+#include "core/chi_squared.hpp"
+#include "core/median.hpp"
+#include "scan/detail/registration_steps.hpp"
+
+namespace maquette::scan::detail {
+namespace {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+constexpr std::size_t kLeastRanges = 25;
+constexpr int kMostIterations = 25;
+// Seen flatter than this (the mean cosine) a range says more of the facet than of the stone.
+constexpr double kLeastCosine = 0.25;
+// How well the beam's shape is known, and a few rays stand for it: that much of the depth within a
+// beam is uncertain.
+constexpr double kBeamShape = 0.1;
+constexpr std::size_t kAngles = 4;
+constexpr int kScaleIterations = 5;  // later, and near its rest, the limit is kept
+constexpr double kAtRestSigmas = 0.05;
+// Rays that hop between facets and over the rim keep the pose moving by some tenth of its standard
+// deviation; half of it would add an eighth to that.
+constexpr double kNearlySigmas = 0.5;
+
+/// Measured minus computed, and its derivatives by the stone's pose; both by how much less certain
+/// than a plain range it is.
+struct Residual {
+  double mm = 0.0;
+  Vector6 by_pose;
+  double cosine = 1.0;  ///< of incidence, mean over the beam
+  std::size_t point = 0;
+};
+
+std::vector<Residual> residuals_at(const StoneRanges& seen, const StoneScene& stone,
+                                   const heightmap::ModelField& ground, const StoneFrame& frame,
+                                   const RigidTransform& pose, const StoneNoise& noise) {
+  const RigidTransform back = pose.inverse();
+  std::vector<Residual> residuals;
+  for (const StoneRanges::Range& range : seen.ranges) {
+    double energy = 0.0, length = 0.0, on_stone = 0.0, share = 0.0;
+    // Depth within the beam, each ray the same: also where only the outermost pass an edge.
+    double sum = 0.0, square = 0.0, met = 0.0;
+    const auto add = [&](double weight, double beyond) {
+      energy += weight;
+      length += weight * beyond;
+      sum += beyond;
+      square += beyond * beyond;
+      met += 1.0;
+    };
+    Residual r;
+    r.by_pose.setZero();
+    for (std::size_t i = range.first; i < range.first + range.rays; ++i) {
+      const StoneRanges::Ray& ray = seen.rays[i];
+      share += ray.share;
+      const auto hit =
+          stone.trace(back.point(ray.from_mm), back.direction(ray.direction), ray.ground_mm);
+      if (!hit) {
+        if (std::isinf(ray.ground_mm)) continue;
+        add(ray.share * ray.ground_cos, ray.ground_mm - range.range_mm);
+        continue;
+      }
+      const Vec3 normal = pose.direction(hit->normal);
+      const double cosine = -dot(normal, ray.direction);
+      if (!(cosine > 0.0)) continue;
+      const Vec3 place = ray.from_mm + hit->distance_mm * ray.direction;
+      const double under = heightmap::height_at(ground, place.x, place.y);
+      if (!(place.z - under < noise.seam_mm)) on_stone += ray.share * cosine;
+      add(ray.share * cosine, hit->distance_mm - range.range_mm);
+      // A facet that moves by m along its normal shortens the ray by m / cosine: its weight's
+      // cosine goes.
+      const Vec3 turn = (1.0 / frame.arm_mm) * cross(place - frame.middle_mm, normal);
+      r.by_pose += ray.share * Vector6{normal.x, normal.y, normal.z, turn.x, turn.y, turn.z};
+    }
+    if (!(energy > kLeastCosine * share) || on_stone < 0.5 * energy) continue;
+    const double mean = length / energy;
+    const double depth = std::sqrt(std::fmax(0.0, square / met - sum * sum / (met * met)));
+    const double larger = std::hypot(1.0, kBeamShape * depth / noise.range_mm);
+    r.cosine = energy / share;
+    r.by_pose /= energy * larger;
+    r.mm = -mean / larger;
+    r.point = range.point;
+    residuals.push_back(r);
+  }
+  return residuals;
+}
+
+double scale_of(const std::vector<Residual>& residuals) {
+  std::vector<double> size;
+  for (const Residual& r : residuals) size.push_back(std::abs(r.mm));
+  return std::fmax(kLeastScaleMm, kMadToSigma * median(std::move(size)));
+}
+
+struct Normal {
+  Matrix6 weighted = Matrix6::Zero(), bread = Matrix6::Zero(), meat = Matrix6::Zero();
+  Vector6 gradient = Vector6::Zero();
+};
+
+/// The meat takes residuals of one angle of incidence as equally noisy. One by one, the few that a
+/// turn hangs on would say how noisy they are: a standard deviation that is itself known to a
+/// fifth.
+Normal normal_of(std::vector<Residual>& residuals, const Loss& loss) {
+  std::sort(residuals.begin(), residuals.end(),
+            [](const Residual& a, const Residual& b) { return a.cosine < b.cosine; });
+  Normal n;
+  for (std::size_t k = 0; k < kAngles; ++k) {
+    const std::size_t first = k * residuals.size() / kAngles;
+    const std::size_t end = (k + 1) * residuals.size() / kAngles;
+    Matrix6 all = Matrix6::Zero();
+    double square = 0.0;
+    for (std::size_t i = first; i < end; ++i) {
+      const Residual& r = residuals[i];
+      const Matrix6 jj = r.by_pose * r.by_pose.transpose();
+      all += jj;
+      const auto [w, psi, slope] = influence(loss, {r.mm, {}});
+      n.weighted += w * jj;
+      n.bread += slope * jj;
+      n.gradient += psi * r.by_pose;
+      square += psi * psi;
+    }
+    n.meat += square / static_cast<double>(end - first) * all;
+  }
+  return n;
+}
+
+RigidTransform moved_by(const RigidTransform& pose, const StoneFrame& frame, const Vector6& step) {
+  Vector7 all = Vector7::Zero();
+  all.head<6>() = step;
+  return moved({pose, 1.0}, {frame.middle_mm, frame.arm_mm}, all).rigid;
+}
+
+}  // namespace
+
+StoneFit fit_stone(const StoneRanges& seen, const StoneScene& stone,
+                   const heightmap::ModelField& ground, const StoneFrame& frame,
+                   const RigidTransform& start, const StoneNoise& noise) {
+  StoneFit fit;
+  RigidTransform pose = start;
+  double scale = 0.0, damping = 1.0, sigmas = INFINITY;
+  Vector6 last = Vector6::Zero();
+  std::vector<Residual> residuals;
+  for (int i = 0; i < kMostIterations; ++i) {
+    residuals = residuals_at(seen, stone, ground, frame, pose, noise);
+    if (residuals.size() < kLeastRanges) return fit;
+    if (i < kScaleIterations || sigmas > 1.0) scale = scale_of(residuals);
+    const Normal normal = normal_of(residuals, {Loss::Kind::tukey, kTukey * scale});
+    const Eigen::SelfAdjointEigenSolver<Matrix6> eigen(normal.weighted);
+    // A turn that noise alone moves by more than half the stone is not determined by its shape.
+    Eigen::Index held = 0;
+    while (held < 6 && !(scale < 0.5 * frame.arm_mm * std::sqrt(eigen.eigenvalues()(held)))) ++held;
+    if (held == 6) return fit;
+    const Eigen::MatrixXd kept = eigen.eigenvectors().rightCols(6 - held);
+    Vector6 step = -kept * (kept.transpose() * normal.weighted * kept)
+                               .ldlt()
+                               .solve(kept.transpose() * normal.gradient);
+    const Eigen::MatrixXd bread = kept.transpose() * normal.bread * kept;
+    const Eigen::MatrixXd inverse = bread.inverse();
+    const auto n = static_cast<double>(residuals.size());
+    const Eigen::MatrixXd within =
+        inverse * (kept.transpose() * normal.meat * kept) * inverse * (n / (n - 6.0));
+    const Eigen::VectorXd short_step = kept.transpose() * step;
+    sigmas = std::sqrt(std::fmax(0.0, short_step.dot(within.ldlt().solve(short_step))));
+    fit.covariance = kept * within * kept.transpose();
+    fit.kept = kept;
+    if (sigmas < kAtRestSigmas) break;
+    // Beams hop between facets, to and fro: halve until the pose rests between.
+    if (step.dot(last) < 0.0) damping = std::fmax(0.1, 0.5 * damping);
+    last = step;
+    step *= damping * std::fmin(1.0, 0.2 * frame.arm_mm / std::fmax(1e-300, step.norm()));
+    pose = moved_by(pose, frame, step);
+  }
+  if (!(sigmas < kNearlySigmas)) return fit;
+  fit.actual_from_planned = pose;
+  fit.noise_mm = scale_of(residuals);
+  for (const Residual& r : residuals) fit.points.push_back(r.point);
+  return fit;
+}
+
+double chance_of_standing(const StoneRanges& seen, const StoneScene& stone,
+                          const heightmap::ModelField& ground, const StoneFrame& frame,
+                          const StoneFit& fit, const Matrix6& scan_pose, const StoneNoise& noise) {
+  auto residuals = residuals_at(seen, stone, ground, frame, {}, noise);
+  if (residuals.size() < kLeastRanges) return 0.0;
+  const Normal at_plan = normal_of(residuals, {Loss::Kind::huber, kHuber * fit.noise_mm});
+  const Matrix6 variance = at_plan.meat + at_plan.bread * scan_pose * at_plan.bread;
+  const Eigen::VectorXd score = fit.kept.transpose() * at_plan.gradient;
+  const Eigen::MatrixXd within = fit.kept.transpose() * variance * fit.kept;
+  return chi_squared_tail(score.dot(within.ldlt().solve(score)), static_cast<int>(score.size()));
+}
+
+}  // namespace maquette::scan::detail

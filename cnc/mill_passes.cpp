@@ -87,50 +87,69 @@ class Milling {
     if (!frame_.along_an_axis())
       for (PlannedCut& side : planner_.outline())
         pieces.push_back({std::move(side), {}, false, {}, {}});
-    // A row waits for the gaps on both its sides.
-    PlannedRow before;
+    // Rows that wait for the gaps on both their sides; gap i lies behind row i.
+    std::vector<PlannedRow> waiting;
+    std::vector<PlannedGap> gaps;
+    std::size_t written = 0, settled = 0;  // rows with care, gaps looked at again
     RowCare care_before;
+    // By what both gaps ask for.
+    const auto care_of = [&](std::size_t i) {
+      RowCare care = i > 0 ? gaps[i - 1].for_b : care_before;
+      if (i < gaps.size()) {
+        const RowCare& more = gaps[i].for_a;
+        care.cuts.insert(care.cuts.end(), more.cuts.begin(), more.cuts.end());
+        care.closer.insert(care.closer.end(), more.closer.begin(), more.closer.end());
+      }
+      return care;
+    };
+    const auto rows_in_parallel = [&](std::size_t from, std::size_t to, const auto& work) {
+      in_parallel(to - from, run, [&](std::size_t i) { work(from + i); });
+    };
     for (std::size_t first = 0; first < rows.size(); first += kPassesAtATime) {
       const std::size_t size = std::min(kPassesAtATime, rows.size() - first);
-      std::vector<PlannedRow> batch(size + 1);
-      batch[0] = std::move(before);
-      const bool has_before = first > 0;
-      in_parallel(size, run,
-                  [&](std::size_t i) { batch[i + 1] = planner_.plan_row(rows[first + i]); });
-      std::vector<PlannedGap> gaps(size);  // gap i lies before row i + 1 of the batch
-      in_parallel(size, run, [&](std::size_t i) {
-        if (i > 0 || has_before) gaps[i] = planner_.plan_gap(batch[i], batch[i + 1]);
-      });
-      if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
-      for (const PlannedGap& gap : gaps)
-        report_.side_cuts += gap.for_a.cuts.size() + gap.for_b.cuts.size();
       const bool last = first + size == rows.size();
-      std::vector<std::vector<PlannedCut>> cuts(size + 1);
-      const std::size_t ready = last ? size + 1 : size;
-      in_parallel(ready, run, [&](std::size_t i) {
-        if (i == 0 && !has_before) return;
-        RowCare care = i > 0 ? std::move(gaps[i - 1].for_b) : std::move(care_before);
-        if (i < size) {
-          const RowCare& more = gaps[i].for_a;
-          care.cuts.insert(care.cuts.end(), more.cuts.begin(), more.cuts.end());
-          care.closer.insert(care.closer.end(), more.closer.begin(), more.closer.end());
-        }
-        arrange(care);
-        if (care.cuts.empty() && care.closer.empty())
-          cuts[i].push_back(std::move(batch[i].cut));
-        else
-          cuts[i] = planner_.plan_with_care(batch[i].row, care);
+      const std::size_t old = waiting.size(), known = gaps.size();
+      waiting.resize(old + size);
+      rows_in_parallel(old, old + size, [&](std::size_t i) {
+        waiting[i] = planner_.plan_row(rows[first + i - old]);
       });
+      gaps.resize(waiting.size() - 1);
+      rows_in_parallel(known, gaps.size(), [&](std::size_t i) {
+        gaps[i] = planner_.plan_gap(waiting[i], waiting[i + 1]);
+      });
+      // Of rows, all but the last know both their gaps, and so on.
+      const auto all_but_one = [last](std::size_t n) { return last || n == 0 ? n : n - 1; };
+      const std::size_t with_care = all_but_one(waiting.size());
+      rows_in_parallel(written, with_care, [&](std::size_t i) {
+        planner_.write_with_care(waiting[i], care_of(i), false);
+      });
+      written = with_care;
+      const std::size_t sure = written == 0 ? 0 : written - 1;
+      rows_in_parallel(settled, sure, [&](std::size_t i) {
+        planner_.look_again(waiting[i], waiting[i + 1], gaps[i]);
+      });
+      settled = sure;
+      const std::size_t ready = last ? waiting.size() : settled;
+      rows_in_parallel(
+          0, ready, [&](std::size_t i) { planner_.write_with_care(waiting[i], care_of(i), true); });
       if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
       for (std::size_t i = 0; i < ready; ++i) {
-        put_in_order(cuts[i], pieces);
-        if (i == size) break;
-        if (i > 0 || has_before) count_gap(batch[i], batch[i + 1], gaps[i]);
+        PlannedRow& row = waiting[i];
+        report_.side_cuts += row.care.cuts.size();
+        std::vector<PlannedCut> ways = std::move(row.with_care);
+        if (ways.empty()) ways.push_back(std::move(row.cut));
+        put_in_order(ways, pieces);
+        if (i == gaps.size()) break;
+        count_gap(row, waiting[i + 1], gaps[i]);
         report_.extra_passes += gaps[i].added.size();
         put_in_order(gaps[i].added, pieces);
       }
-      before = std::move(batch[size]);
-      care_before = std::move(gaps[size - 1].for_b);
+      if (ready > 0 && !last) care_before = std::move(gaps[ready - 1].for_b);
+      waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(ready));
+      gaps.erase(gaps.begin(),
+                 gaps.begin() + static_cast<std::ptrdiff_t>(std::min(ready, gaps.size())));
+      written -= std::min(written, ready);
+      settled -= std::min(settled, ready);
       connect(pieces);
       in_parallel(pieces.size(), run,
                   [&](std::size_t i) { assemble(pieces[i], last && i + 1 == pieces.size()); });

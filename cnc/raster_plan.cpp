@@ -17,7 +17,8 @@ constexpr double kAddedOverlap_mm = 1.0;  // added passes reach this far beyond 
 constexpr int kMostHalvings = 3;
 // Of the tolerance: how far rows that are written closer stand above at most, and what of it
 // samples may miss.
-constexpr double kCloserShare = 0.2, kCloserDipShare = 0.05;
+constexpr double kCloserShare = 0.1, kCloserDipShare = 0.05;
+constexpr float kAsHigh_mm = 0.0005F;  // what is written again may be higher than known by this
 
 std::int64_t tick_inside_from(double mm) {
   return static_cast<std::int64_t>(std::ceil(mm * 1000.0 - 1e-4)) * kResolution;
@@ -38,10 +39,13 @@ RasterArea area_of(const ModelField& design, const MillOptions& o) {
   return area;
 }
 
-/// Heights of moves every RowHeights::kStep places from the first on.
-std::vector<float> heights_of(const std::vector<FittedMove>& moves, double step_mm) {
-  std::vector<float> heights;
-  std::int64_t place = moves.front().place;
+/// Calls visit(place, height) for those of first, first + RowHeights::kStep, ... that the moves
+/// pass, which lie in the order of their places.
+template <class Visit>
+void for_each_height(const std::vector<FittedMove>& moves, double step_mm, std::int64_t first,
+                     Visit&& visit) {
+  constexpr std::int64_t kStep = RowHeights::kStep;
+  std::int64_t place = first + (moves.front().place - first + kStep - 1) / kStep * kStep;
   for (std::size_t k = 1; k < moves.size(); ++k) {
     const FittedMove &from = moves[k - 1], &to = moves[k];
     const double z0 = mm_of_ticks(from.z), rise = mm_of_ticks(to.z - from.z);
@@ -49,18 +53,16 @@ std::vector<float> heights_of(const std::vector<FittedMove>& moves, double step_
     const double r = mm_of_ticks(to.radius);
     const bool over = to.shape == FittedMove::Shape::over;
     const PlanePoint centre = r > 0.0 ? centre_by_radius({run, rise}, r, !over) : PlanePoint{};
-    for (; place < to.place || (k + 1 == moves.size() && place == to.place);
-         place += RowHeights::kStep) {
+    for (; place < to.place || (k + 1 == moves.size() && place == to.place); place += kStep) {
       const double t = step_mm * static_cast<double>(place - from.place);
       double z = z0 + rise * t / run;
       if (r > 0.0) {
         const double depth = std::sqrt(std::max(0.0, r * r - (t - centre.u) * (t - centre.u)));
         z = z0 + centre.v + (over ? depth : -depth);
       }
-      heights.push_back(static_cast<float>(z));
+      visit(place, static_cast<float>(z));
     }
   }
-  return heights;
 }
 
 }  // namespace
@@ -135,7 +137,9 @@ PlannedRow RasterPlanner::plan_row(const RasterRow& row) {
   }
   if (finder_) {
     RowHeights& heights = out.heights;
-    heights = {row.across, row.first, row.last, heights_of(out.cut.moves, frame_.step_mm()), {}};
+    heights = {row.across, row.first, row.last, {}, {}};
+    for_each_height(out.cut.moves, frame_.step_mm(), row.first,
+                    [&](std::int64_t, float z) { heights.written_mm.push_back(z); });
     k = 1;
     for (std::int64_t place = row.first; place <= row.last; place += RowHeights::kStep) {
       while (samples[k].place < place) ++k;
@@ -148,7 +152,8 @@ PlannedRow RasterPlanner::plan_row(const RasterRow& row) {
   return out;
 }
 
-std::vector<PlannedCut> RasterPlanner::plan_with_care(const RasterRow& row, const RowCare& care) {
+std::vector<PlannedCut> RasterPlanner::plan_with_care(const RasterRow& row, const RowCare& care,
+                                                      const RowHeights* known) {
   const LatticeLine line = frame_.row(row.across);
   std::vector<std::int64_t> ends{row.first, row.last};
   for (const SideCut& cut : care.cuts) ends.push_back(cut.place);
@@ -170,11 +175,47 @@ std::vector<PlannedCut> RasterPlanner::plan_with_care(const RasterRow& row, cons
     }
     if (i + 1 == ends.size()) break;
     while (stretch != care.closer.end() && stretch->to <= ends[i]) ++stretch;
+    const LineSegment piece{line, ends[i], ends[i + 1]};
     const bool closer = stretch != care.closer.end() && stretch->from <= ends[i];
-    pieces.push_back(plan({line, ends[i], ends[i + 1]}, row.across, samples,
-                          closer ? Written::closer : Written::normally));
+    pieces.push_back(
+        plan(piece, row.across, samples, closer ? Written::closer : Written::normally));
+    if (closer || known == nullptr) continue;
+    bool higher = false;
+    for_each_height(pieces.back().moves, frame_.step_mm(), known->first,
+                    [&](std::int64_t place, float z) {
+                      higher |= z > known->written_mm[known->index(place)] + kAsHigh_mm;
+                    });
+    if (higher) pieces.back() = plan(piece, row.across, samples, Written::closer);
   }
   return pieces;
+}
+
+void RasterPlanner::write_with_care(PlannedRow& row, RowCare care, bool finally) {
+  arrange(care);
+  if (care == row.care) return;
+  row.with_care.clear();
+  if (!care.cuts.empty() || !care.closer.empty())
+    row.with_care = plan_with_care(row.row, care, finally ? &row.heights : nullptr);
+  row.care = std::move(care);
+  RowHeights& heights = row.heights;
+  for (const PlannedCut& piece : row.with_care)
+    if (piece.cut.line.dx == frame_.dx && piece.cut.line.dy == frame_.dy)
+      for_each_height(piece.moves, frame_.step_mm(), heights.first,
+                      [&](std::int64_t place, float z) {
+                        float& written = heights.written_mm[heights.index(place)];
+                        written = std::max(written, z);
+                      });
+  // What will be written once more may be written closer, but no closer than that.
+  const auto closer = static_cast<float>(kCloserShare * options_.tolerance.value());
+  if (!row.with_care.empty())
+    for (std::size_t i = 0; i < heights.written_mm.size(); ++i)
+      heights.written_mm[i] = std::max(heights.written_mm[i], heights.exact_mm[i] + closer);
+}
+
+void RasterPlanner::look_again(const PlannedRow& a, const PlannedRow& b, PlannedGap& gap) {
+  gap.for_a = {};
+  gap.for_b = {};
+  if (finder_ && gap.ridges.size() >= 2) finder_->find(a.heights, b.heights, gap.for_a, gap.for_b);
 }
 
 /// What the ridge will be between two rows, and what must be cut besides.

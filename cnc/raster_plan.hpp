@@ -45,7 +45,10 @@ struct PlannedRow {
   PlannedCut cut;
   std::int64_t first_index = 0;
   std::vector<float> tips;
-  RowHeights heights;  ///< with an excess limit
+  // With an excess limit:
+  RowHeights heights;                 ///< of all that was written so far, the highest
+  RowCare care;                       ///< with which it was written last
+  std::vector<PlannedCut> with_care;  ///< ways that follow each other; none: `cut`
 };
 
 /// Between two rows.
@@ -71,9 +74,12 @@ class RasterPlanner {
   [[nodiscard]] PlannedRow plan_row(const RasterRow& row);
   /// Of two neighbouring rows.
   [[nodiscard]] PlannedGap plan_gap(const PlannedRow& a, const PlannedRow& b);
-  /// The row once more, written closer and left for cuts across where it must be; ways that follow
-  /// each other.
-  [[nodiscard]] std::vector<PlannedCut> plan_with_care(const RasterRow& row, const RowCare& care);
+  /// The row once more, written closer and left for cuts across where it must be; `finally` nowhere
+  /// higher than its heights say.
+  void write_with_care(PlannedRow& row, RowCare care, bool finally);
+  /// What must be cut besides, by the heights that both rows have now: a row that is left for a cut
+  /// is written otherwise to both sides of it.
+  void look_again(const PlannedRow& a, const PlannedRow& b, PlannedGap& gap);
   /// The four sides, counter-clockwise; nothing if the area has no width.
   [[nodiscard]] std::vector<PlannedCut> outline();
 
@@ -81,6 +87,8 @@ class RasterPlanner {
   enum class Written : std::uint8_t { normally, closer, across };
   PlannedCut plan(const LineSegment& cut, std::int64_t across, std::vector<PathSample>& samples,
                   Written written = Written::normally);
+  [[nodiscard]] std::vector<PlannedCut> plan_with_care(const RasterRow& row, const RowCare& care,
+                                                       const RowHeights* known);
   void add_passes(const PlannedRow& a, const PlannedRow& b, const std::vector<int>& halved,
                   PlannedGap& gap);
 

@@ -54,13 +54,18 @@ struct SideCutFinder::Gap {
     const double z = static_cast<double>(heights[i]);
     return z + (t - static_cast<double>(i)) * (static_cast<double>(heights[i + 1]) - z);
   }
-  /// The least that a row leaves over a point, of places beside the ball's own.
-  [[nodiscard]] double least(const RowHeights& row, const std::vector<float>& heights,
-                             const Open& p, double R) const {
-    double least = INFINITY;
+  /// The least that a row leaves over a point, of places beside the ball's own, and where.
+  struct Least {
+    double left = INFINITY, u = 0.0;
+  };
+  [[nodiscard]] Least least(const RowHeights& row, const std::vector<float>& heights, const Open& p,
+                            double R) const {
+    Least least;
     const double v = across_mm(row);
-    for (double off = -kLookAlong_mm; off <= kLookAlong_mm + 1e-9; off += kLookStep_mm)
-      least = std::min(least, p.left_by(p.u + off, v, height(row, heights, p.u + off), R));
+    for (double off = -kLookAlong_mm; off <= kLookAlong_mm + 1e-9; off += kLookStep_mm) {
+      const double left = p.left_by(p.u + off, v, height(row, heights, p.u + off), R);
+      if (left < least.left) least = {left, p.u + off};
+    }
     return least;
   }
 };
@@ -218,8 +223,8 @@ void SideCutFinder::open_points(const Gap& gap, DropCutter& cutter, std::vector<
               continue;
             if (!reached(f, share * j, share * i, cutter, p)) continue;
             p.allowed = p.pz + most;
-            const double left = std::min(gap.least(gap.a, gap.a.written_mm, p, R_),
-                                         gap.least(gap.b, gap.b.written_mm, p, R_));
+            const double left = std::min(gap.least(gap.a, gap.a.written_mm, p, R_).left,
+                                         gap.least(gap.b, gap.b.written_mm, p, R_).left);
             if (left <= p.allowed) continue;
             p.over = left - p.allowed;
             open.push_back(p);
@@ -239,12 +244,13 @@ void SideCutFinder::find(const RowHeights& a, const RowHeights& b, RowCare& for_
   // What the rows clear when they are written closer.
   const std::int64_t around = std::llround(kCloser_mm / step_mm_);
   std::erase_if(open, [&](const Open& p) {
-    const double by_a = gap.least(a, a.exact_mm, p, R_), by_b = gap.least(b, b.exact_mm, p, R_);
-    if (std::min(by_a, by_b) + written_.closer_mm > p.allowed) return false;
-    const RowHeights& row = by_a <= by_b ? a : b;
-    const std::int64_t m = place_of(p.u);
+    const Gap::Least by_a = gap.least(a, a.exact_mm, p, R_), by_b = gap.least(b, b.exact_mm, p, R_);
+    const bool is_a = by_a.left <= by_b.left;
+    if ((is_a ? by_a : by_b).left + written_.closer_mm > p.allowed) return false;
+    const RowHeights& row = is_a ? a : b;
+    const std::int64_t m = place_of((is_a ? by_a : by_b).u);
     const RowStretch stretch{std::max(row.first, m - around), std::min(row.last, m + around)};
-    if (stretch.from < stretch.to) (by_a <= by_b ? for_a : for_b).closer.push_back(stretch);
+    if (stretch.from < stretch.to) (is_a ? for_a : for_b).closer.push_back(stretch);
     return true;
   });
   std::sort(open.begin(), open.end(), [](const Open& p, const Open& q) {

@@ -14,9 +14,12 @@
 /// cutter location says that the ball need not rise by more than kReachTolerance_mm to touch, there
 /// or somewhere up to half the points' distance away, the point is open. Open points that the exact
 /// rows would clear make the row be written closer around; of the others the highest gets a cut
-/// across from the nearer row to its own place, until none is open.
+/// across from the nearer row to its own place, until none is open. A row that is left for a cut is
+/// written otherwise to both sides of it, so all is looked at once more with the higher of both
+/// ways to write it, and written no higher than that (raster_plan.hpp).
 ///
-/// Accuracy. Of the points looked at, none stays open (but by rounding, kept back from the limit);
+/// Accuracy. Of the points looked at, the nodes of a grid of 0.1 mm among them, none stays open in
+/// the program (but by rounding, kept back from the limit);
 /// between them the surface bends by what a ball of radius R may: with points d apart, less than
 /// d sqrt(L / R) for material L above the facet.
 /// Cost. 0.1 us a point, some 0.5 us where rows leave too much.
@@ -33,7 +36,7 @@
 
 namespace maquette::cnc {
 
-inline constexpr double kContactsApart_mm = 0.0625;
+inline constexpr double kContactsApart_mm = 0.05;
 inline constexpr double kLookAlong_mm = 0.4;
 
 /// Heights of a row every kStep places, from its first on: as written, and exact.
@@ -41,20 +44,26 @@ struct RowHeights {
   static constexpr std::int64_t kStep = 50;
   std::int64_t across = 0, first = 0, last = 0;
   std::vector<float> written_mm, exact_mm;
+  [[nodiscard]] std::size_t index(std::int64_t place) const {
+    return static_cast<std::size_t>((place - first) / kStep);
+  }
 };
 
 /// From the row at `place` straight to row `across` of the lattice.
 struct SideCut {
   std::int64_t place = 0, across = 0;
+  bool operator==(const SideCut&) const = default;
 };
 /// Places of a row, ends included.
 struct RowStretch {
   std::int64_t from = 0, to = 0;
+  bool operator==(const RowStretch&) const = default;
 };
 /// What a row needs besides, in order of place; stretches apart.
 struct RowCare {
   std::vector<SideCut> cuts;
   std::vector<RowStretch> closer;
+  bool operator==(const RowCare&) const = default;
 };
 
 class SideCutFinder {

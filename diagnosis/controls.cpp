@@ -18,7 +18,7 @@ namespace maquette::diagnosis {
 namespace {
 
 constexpr std::size_t kFields = 4;  // three scales of details, and means of cells
-constexpr int kNodes = 1024;  // of a side of the field's grid, which repeats
+constexpr int kNodes = 1024;        // of a side of the field's grid, which repeats
 
 /// Correlation at a distance, and its spectrum up to a factor.
 struct Law {
@@ -63,17 +63,15 @@ class Field {
     Eigen::Matrix<Complex, kNodes, 1> line, turned;
     std::vector<Complex> v(kNodes * kNodes);
     for (std::size_t i = 0; i < v.size(); ++i)
-      v[i] = std::sqrt(power[i]) *
-             Complex(random_normal(seed, 2 * i), random_normal(seed, 2 * i + 1));
+      v[i] =
+          std::sqrt(power[i]) * Complex(random_normal(seed, 2 * i), random_normal(seed, 2 * i + 1));
     Eigen::FFT<double> fft;
     for (const bool rows : {true, false})
       for (std::size_t a = 0; a < kNodes; ++a) {
         const auto at = [&](std::size_t b) { return rows ? a * kNodes + b : b * kNodes + a; };
-        for (std::size_t b = 0; b < kNodes; ++b)
-          line(static_cast<Eigen::Index>(b)) = v[at(b)];
+        for (std::size_t b = 0; b < kNodes; ++b) line(static_cast<Eigen::Index>(b)) = v[at(b)];
         fft.fwd(turned, line);
-        for (std::size_t b = 0; b < kNodes; ++b)
-          v[at(b)] = turned(static_cast<Eigen::Index>(b));
+        for (std::size_t b = 0; b < kNodes; ++b) v[at(b)] = turned(static_cast<Eigen::Index>(b));
       }
     for (const Complex& c : v) value_.push_back(static_cast<float>(c.real()));
   }
@@ -139,7 +137,8 @@ Field field_of(const std::array<double, kFields>& wanted, double cell, double de
                double& white) {
   std::vector<Law> laws{{process.smooth_mm2, process.length_mm, process.gauss}};
   const auto variance = field_variances(wanted, cell, density, process);
-  for (std::size_t t = 0; t < kFields; ++t) laws.push_back({variance[t], field_length(t, cell), true});
+  for (std::size_t t = 0; t < kFields; ++t)
+    laws.push_back({variance[t], field_length(t, cell), true});
   for (const Law& law : laws)
     white -= law.variance * (1.0 - within(cell / 8.0, law.length, law.gauss));
   return {box, laws, blur_mm, seed};
@@ -177,13 +176,13 @@ std::vector<double> simulated_noise(const std::vector<Observation>& places, std:
   common.smooth_mm2 = std::fmax(0.0, common.smooth_mm2 - own.smooth_mm2 / n);
   const auto shared =
       field_of(beyond(noise.common_mm2, common.white_mm2, noise.own_mm2, own.white_mm2),
-                noise.cell_mm, density, common, box, blur, mix64(seed + 1), white);
+               noise.cell_mm, density, common, box, blur, mix64(seed + 1), white);
   std::vector<Field> of_set_up;
   for (std::size_t s = 0; s < set_ups; ++s) {
     double own_white = white;
-    of_set_up.push_back(
-        field_of(beyond(noise.own_mm2, own.white_mm2, white_base, noise.point_mm2), noise.cell_mm,
-                 density / n, own, box, blur, mix64(seed + 100 + s), own_white));
+    of_set_up.push_back(field_of(beyond(noise.own_mm2, own.white_mm2, white_base, noise.point_mm2),
+                                 noise.cell_mm, density / n, own, box, blur, mix64(seed + 100 + s),
+                                 own_white));
     if (s + 1 == set_ups) white = own_white;
   }
   // What fields vary by between close points is part of their scatter.
@@ -220,8 +219,8 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
     const RigidTransform& start = m.set_ups[o.set_up].model_from_file;
     const Vec3 centre = m.set_ups[o.set_up].centre_mm;
     const Vec3 shift = p.shift_mm + (centre - start.inverse().point(centre));
-    const Vec3 turn = p.turn_urad +
-                      2e6 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
+    const Vec3 turn =
+        p.turn_urad + 2e6 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
     noise[i] += dot(o.along, shift + cross(1e-6 * turn, o.place - centre));
   }
   std::vector<Vec3> centres;

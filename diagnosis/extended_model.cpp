@@ -52,12 +52,22 @@ Result<ExtendedModel> ExtendedModel::make(const CaseInput& input, const RunConte
   return ExtendedModel(std::move(parts));
 }
 
-std::optional<double> ExtendedModel::raised_mm(double x, double y) const {
-  const auto o = parts_->surface->observe(x, y);
+std::optional<Observation> ExtendedModel::place(double x, double y) const {
+  auto o = parts_->surface->observe(x, y);
   if (!o) return std::nullopt;
-  double along = parts_->coat_mm;
-  for (const KnownTerm& t : parts_->built) along += t.coefficient * t.value(*o);
-  return along / o->normal.z;
+  o->residual_mm = parts_->coat_mm;
+  for (const KnownTerm& t : parts_->built) o->residual_mm += t.coefficient * t.value(*o);
+  return o;
+}
+
+std::optional<double> ExtendedModel::raised_mm(double x, double y) const {
+  const auto o = place(x, y);
+  return o ? std::optional(o->residual_mm / o->normal.z) : std::nullopt;
+}
+
+std::optional<double> ExtendedModel::height_mm(double x, double y) const {
+  const auto o = place(x, y);
+  return o ? std::optional(o->place.z + o->residual_mm / o->normal.z) : std::nullopt;
 }
 
 void ExtendedModel::build(heightmap::ModelField& surface) const {

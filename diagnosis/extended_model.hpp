@@ -51,6 +51,10 @@ class ExtendedModel {
   /// By how much the part as built stands above what the programs cut at (x, y): declared coat and
   /// causes. none: beside the design, over a void, or not reached by the program.
   [[nodiscard]] std::optional<double> raised_mm(double x_mm, double y_mm) const;
+  /// Height of the part as built; none: as above.
+  [[nodiscard]] std::optional<double> height_mm(double x_mm, double y_mm) const;
+  /// The place on the cut surface, as causes see it; the residual is what coat and causes move.
+  [[nodiscard]] std::optional<Observation> place(double x_mm, double y_mm) const;
   /// Raises the nodes of a surface that the programs cut (the design, an as-milled field), where
   /// it is known by how much.
   void build(heightmap::ModelField& surface) const;

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "core/files.hpp"
+#include "diagnosis/compensation.hpp"
 #include "diagnosis/controls.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
@@ -55,6 +56,12 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
   text = moved(text, fs::absolute(case_path).parent_path(), folder) + diagnosis::extension_toml(d);
   MAQUETTE_TRY_VOID(write_file(result.outputs[1], text));
   MAQUETTE_TRY_VOID(write_file(result.outputs[2], diagnosis::to_html(d)));
+  const fs::path compensation = folder / "compensation.toml";
+  fs::remove(compensation, ec);  // of an earlier diagnosis
+  if (const auto toml = diagnosis::compensation_toml(d, measurements.scene); !toml.empty()) {
+    MAQUETTE_TRY_VOID(write_file(compensation, toml));
+    result.outputs.push_back(compensation);
+  }
   result.figures_json = diagnosis::to_json(d);
   result.note = d.verdict;
   for (const auto& cause : d.causes) {

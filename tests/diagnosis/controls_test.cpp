@@ -115,9 +115,8 @@ TEST(Controls, BringBackWhatIsThereAndSayWhatIsLost) {
   EXPECT_FALSE(lost->passed());
   EXPECT_TRUE(lost->recoveries.at(0).named_as.empty());
   // Nor one that stands for something else.
-  d->causes[0] = {"stock.swelling", "isotropic", {{"growth_um_per_m", 900.0, 50.0}},
-                  {},               1.0,         1e-9,
-                  {},               ""};
+  d->causes[0] = {
+      "stock.swelling", "isotropic", {{"growth_um_per_m", 900.0, 50.0}}, {}, 1.0, 1e-9, {}, ""};
   const auto other = controls(m, *d, 1);
   ASSERT_TRUE(other.has_value());
   EXPECT_EQ(other->recoveries.at(0).named_as, "stock.swelling");

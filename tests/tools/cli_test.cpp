@@ -825,9 +825,10 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
 
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
-       {"init",    "run",    "fuse",     "stones",   "mesh",          "bands",   "mill",
-        "spheres", "verify", "backplot", "export",   "render",        "compare", "scan",
-        "clean",   "merge",  "deviate",  "diagnose", "detectability", "info",    "doctor"}) {
+       {"init",       "run",           "fuse",   "stones",   "mesh",    "bands",
+        "mill",       "spheres",       "verify", "backplot", "export",  "render",
+        "compare",    "scan",          "clean",  "merge",    "deviate", "diagnose",
+        "compensate", "detectability", "info",   "doctor"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));

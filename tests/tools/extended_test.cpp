@@ -137,7 +137,7 @@ TEST_F(ExtendedModels, ActOnCutAndScanAsDiagnosed) {
   EXPECT_NEAR(mean, kBias_mm, 0.02);
 
   text("case.toml", part());
-  const Outcome found = run("diagnose case.toml --out found --quiet");
+  const Outcome found = run("diagnose case.toml --out found --no-controls --quiet");
   ASSERT_EQ(found.exit_code, 0) << found.err;
   const json d = json::parse(slurp(scratch / "found/diagnosis.json"));
   ASSERT_EQ(d["causes"].size(), 2U) << d.dump(1).substr(0, 3000);
@@ -152,7 +152,7 @@ TEST_F(ExtendedModels, ActOnCutAndScanAsDiagnosed) {
 
   // With what was found, and with what was hidden, nothing is left.
   for (const char* model : {"found/extended.toml", "extended.toml"}) {
-    const Outcome again = run(fmt::format("diagnose {} --out again --quiet", model));
+    const Outcome again = run(fmt::format("diagnose {} --out again --no-controls --quiet", model));
     ASSERT_EQ(again.exit_code, 0) << again.err;
     const json j = json::parse(slurp(scratch / "again/diagnosis.json"));
     EXPECT_EQ(j["verdict"], "consistent") << model;

@@ -54,6 +54,7 @@ Command add_scan(CLI::App& root, const CommonOptions& common);
 Command add_clean(CLI::App& root, const CommonOptions& common);
 Command add_merge(CLI::App& root, const CommonOptions& common);
 Command add_deviate(CLI::App& root, const CommonOptions& common);
+Command add_compensate(CLI::App& root, const CommonOptions& common);
 Command add_detectability(CLI::App& root, const CommonOptions& common);
 Command add_diagnose(CLI::App& root, const CommonOptions& common);
 Command add_info(CLI::App& root, const CommonOptions& common);

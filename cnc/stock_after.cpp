@@ -2,9 +2,9 @@
 #include "cnc/stock_after.hpp"
 
 #include <cmath>
-#include <limits>
 
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 
 #include "cnc/gcode_reader.hpp"
 #include "cnc/milling_sim.hpp"
@@ -17,18 +17,22 @@ namespace {
 
 constexpr std::size_t kMovesPerCut = std::size_t{1} << 18;
 
-Grid<float> heights_before(const heightmap::ModelField& like, const Block& block) {
-  Grid<float> z(like.z_mm.rows(), like.z_mm.cols(), static_cast<float>(block.top.value()));
+}  // namespace
+
+Grid<float> block_heights(const Block& block, Millimetres x0, Millimetres y0, Millimetres spacing,
+                          std::ptrdiff_t first_row, std::ptrdiff_t end_row, std::ptrdiff_t cols) {
+  Grid<float> z(end_row - first_row, cols, static_cast<float>(block.top.value()));
   if (block.stock == nullptr) return z;
-  for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < z.cols(); ++c) {
-      const double h = heightmap::height_at(*block.stock, like.x_mm(c), like.y_mm(r));
-      if (std::isfinite(h)) z(r, c) = static_cast<float>(h);
+  tbb::parallel_for(first_row, end_row, [&](std::ptrdiff_t r) {
+    const double y = y0.value() + spacing.value() * static_cast<double>(r);
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      const double x = x0.value() + spacing.value() * static_cast<double>(c);
+      const double h = heightmap::height_at(*block.stock, x, y);
+      if (std::isfinite(h)) z(r - first_row, c) = static_cast<float>(h);
     }
+  });
   return z;
 }
-
-}  // namespace
 
 Result<heightmap::ModelField> stock_after(std::span<const std::filesystem::path> programs,
                                           std::span<const Tool> tools,
@@ -43,8 +47,9 @@ Result<heightmap::ModelField> stock_after(std::span<const std::filesystem::path>
     cutter.flute_length_mm = 0.0;
     cutters.push_back(cutter);
   }
-  MillingSim sim({like.x0.value(), like.y0.value(), like.spacing.value(), 0, 0}, cutters,
-                 heights_before(like, block));
+  MillingSim sim(
+      {like.x0.value(), like.y0.value(), like.spacing.value(), 0, 0}, cutters,
+      block_heights(block, like.x0, like.y0, like.spacing, 0, like.z_mm.rows(), like.z_mm.cols()));
   std::vector<ToolMove> moves;
   std::uint32_t motions = 0;  // of the batch
   const auto flush = [&] {

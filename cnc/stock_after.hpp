@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "cnc/tool.hpp"
+#include "core/grid.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/units.hpp"
@@ -27,6 +28,12 @@ struct Block {
   /// What an earlier operation left, instead of the flat top; beyond it and in its voids `top`.
   const heightmap::ModelField* stock = nullptr;
 };
+
+/// Heights of the block at nodes `spacing` apart, of a grid that begins at (x0, y0); the rows from
+/// `first_row` to before `end_row`.
+[[nodiscard]] Grid<float> block_heights(const Block& block, Millimetres x0, Millimetres y0,
+                                        Millimetres spacing, std::ptrdiff_t first_row,
+                                        std::ptrdiff_t end_row, std::ptrdiff_t cols);
 
 /// @param like  a field over the part: its nodes
 /// @return heights at those nodes; the errors of read_gcode(); CNC_TOOL_NOT_IN_TABLE with file and

@@ -7,7 +7,6 @@
 #include <memory>
 
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 
 #include "cnc/certificate.hpp"
 #include "cnc/cutter_proof.hpp"
@@ -15,6 +14,7 @@
 #include "cnc/mill.hpp"
 #include "cnc/milling_sim.hpp"
 #include "cnc/motion_store.hpp"
+#include "cnc/stock_after.hpp"
 #include "cnc/stone_clearance.hpp"
 #include "cnc/tool_moves.hpp"
 #include "core/files.hpp"
@@ -144,7 +144,6 @@ class Verifying {
   Result<void> take(std::span<const Motion> motions, std::size_t program);
   [[nodiscard]] CutterError error() const;
   [[nodiscard]] ComparisonOptions comparison_options() const;
-  [[nodiscard]] Grid<float> stock_rows(std::ptrdiff_t first, std::ptrdiff_t end) const;
   Result<void> cut_band(Comparison& comparison, std::ptrdiff_t b0, std::ptrdiff_t b1,
                         MoveEffects& effects, const RowSink& rows);
   void sum_up(const MoveEffects& effects);
@@ -387,20 +386,6 @@ ComparisonOptions Verifying::comparison_options() const {
   return o;
 }
 
-Grid<float> Verifying::stock_rows(std::ptrdiff_t first, std::ptrdiff_t end) const {
-  Grid<float> stock(end - first, plan_.cols, static_cast<float>(top_mm_));
-  if (options_.stock == nullptr) return stock;
-  tbb::parallel_for(first, end, [&](std::ptrdiff_t r) {
-    const double y = design_.y0.value() + plan_.cell_mm * static_cast<double>(r);
-    for (std::ptrdiff_t c = 0; c < plan_.cols; ++c) {
-      const double x = design_.x0.value() + plan_.cell_mm * static_cast<double>(c);
-      const double h = heightmap::height_at(*options_.stock, x, y);
-      if (std::isfinite(h)) stock(r - first, c) = static_cast<float>(h);
-    }
-  });
-  return stock;
-}
-
 Result<void> Verifying::cut_band(Comparison& comparison, std::ptrdiff_t b0, std::ptrdiff_t b1,
                                  MoveEffects& effects, const RowSink& rows) {
   const std::ptrdiff_t n = comparison.block_nodes();
@@ -411,7 +396,9 @@ Result<void> Verifying::cut_band(Comparison& comparison, std::ptrdiff_t b0, std:
   SimGrid grid{design_.x0.value(), design_.y0.value(), plan_.cell_mm, first, 0};
   grid.counted_from_row = b0 * n / 8 * 8;
   if (!northernmost) grid.counted_to_row = b1 * n / 8 * 8;
-  MillingSim sim(grid, cutters_, stock_rows(first, end));
+  MillingSim sim(grid, cutters_,
+                 block_heights({Millimetres{top_mm_}, options_.stock}, design_.x0, design_.y0,
+                               Millimetres{plan_.cell_mm}, first, end, plan_.cols));
   const double y_min = design_.y0.value() + plan_.cell_mm * static_cast<double>(first);
   const double y_max = design_.y0.value() + plan_.cell_mm * static_cast<double>(end);
   double reach = 0.0;

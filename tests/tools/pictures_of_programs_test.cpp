@@ -309,6 +309,15 @@ addEventListener('load', () => {
   tick('part');
   out.none = look();
   tick('part'); tick('part_2');
+  const ticked = () => ['part', 'part_2'].map((text) => all('label')
+    .find((l) => l.textContent.trim() === text).querySelector('input').checked);
+  out.offered = [...all('select')[2].options].map((o) => o.textContent);
+  choose(2, 'part_2');
+  out.only = look();
+  out.only_ticked = ticked();
+  choose(2, '');
+  out.again = look();
+  out.again_ticked = ticked();
   const range = root.querySelector('input[type=range]');
   range.value = 300;
   range.dispatchEvent(new Event('input'));
@@ -366,6 +375,11 @@ addEventListener('load', () => {
     EXPECT_GT(number("rapids", "pink"), 20.0);
     EXPECT_NEAR(number("without", "ink"), 2.0 / 3.0 * number("feed", "ink"), 10.0);
     EXPECT_EQ(number("none", "ink"), 0.0);
+    EXPECT_EQ(out["offered"], json({"all", "part", "part_2"})) << "an operation each";
+    EXPECT_NEAR(number("only", "ink"), 1.0 / 3.0 * number("feed", "ink"), 10.0);
+    EXPECT_EQ(out["only_ticked"], json({false, true}));
+    EXPECT_EQ(number("again", "sum"), number("feed", "sum"));
+    EXPECT_EQ(out["again_ticked"], json({true, true}));
     EXPECT_LT(number("begun", "ink"), 0.9 * number("feed", "ink"));
     EXPECT_GT(number("begun", "ink"), 0.0);
     EXPECT_LT(number("far", "x1") - number("far", "x0"), 0.7 * 100.0 * unit);

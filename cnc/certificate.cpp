@@ -19,6 +19,8 @@ constexpr std::size_t kClasses = kClassEdges_deg.size() - 1;
 // Histogram of heights over the design: what lies beyond counts in the last bin.
 constexpr double kBin_mm = 0.0002, kFirstBin_mm = -0.04;
 constexpr std::size_t kBins = 1200;
+// Of the nodes sampled that stand above the scallop, the share that is compared with the closing.
+constexpr std::ptrdiff_t kClosingEvery = 4;
 
 std::size_t class_of(double slope) {
   const double deg = std::atan(slope) * 180.0 / std::numbers::pi;
@@ -90,6 +92,8 @@ struct Comparison::Strip {
   std::uint64_t gouged = 0;
   double max_over_scallop = -INFINITY;  // where there is room
   std::uint64_t tight = 0, unreached = 0;
+  double max_over_closing = -INFINITY;
+  std::uint64_t over_closing = 0;
   std::vector<Gouge> gouges;                       // the deepest of each block
   std::vector<std::uint64_t> bins;                 // kClasses x kBins
   std::array<std::vector<float>, kReaches> reach;  // per block
@@ -267,6 +271,11 @@ void Comparison::add_over_scallop(const MilledBand& band, std::ptrdiff_t block_r
       const double over = value(over_scallop, row, col, excess, slope);
       const bool counts = over > kOverScallop_mm;
       if (!counts && over <= strip.max_over_scallop) continue;
+      if (counts && (row / sampling_ + col / sampling_) % kClosingEvery == 0) {
+        const double by_path = over - reach_.closing_mm(row, col);
+        strip.max_over_closing = std::max(strip.max_over_closing, by_path);
+        strip.over_closing += by_path > kOverScallop_mm;
+      }
       const BallReach reach = reach_.at(row, col, room);
       if (reach == BallReach::roomy)
         strip.max_over_scallop = std::fmax(strip.max_over_scallop, over);
@@ -367,6 +376,8 @@ void Comparison::finish(Certificate& c) {
     all.max_over_scallop = std::fmax(all.max_over_scallop, strip.max_over_scallop);
     all.tight += strip.tight;
     all.unreached += strip.unreached;
+    all.max_over_closing = std::max(all.max_over_closing, strip.max_over_closing);
+    all.over_closing += strip.over_closing;
     gouges.insert(gouges.end(), strip.gouges.begin(), strip.gouges.end());
   }
   const double cell = options_.cell_mm;
@@ -384,6 +395,8 @@ void Comparison::finish(Certificate& c) {
     c.max_tight_over_scallop_mm = best_[over_scallop];
     c.tight_area_mm2 = static_cast<double>(all.tight) * sample;
     c.unreached_area_mm2 = static_cast<double>(all.unreached) * sample;
+    c.max_over_closing_mm = all.max_over_closing;
+    c.over_closing_area_mm2 = static_cast<double>(all.over_closing) * sample * kClosingEvery;
   }
   c.mean_excess_mm = all.sum / nodes;
   c.rms_excess_mm = std::sqrt(all.sum_of_squares / nodes);

@@ -101,6 +101,8 @@ std::string to_json(const Certificate& c) {
                      {"max_tight_over_scallop_mm", finite(c.max_tight_over_scallop_mm)},
                      {"tight_area_mm2", c.tight_area_mm2},
                      {"unreached_area_mm2", c.unreached_area_mm2},
+                     {"max_over_closing_mm", finite(c.max_over_closing_mm)},
+                     {"over_closing_area_mm2", c.over_closing_area_mm2},
                      {"mean_excess_mm", c.mean_excess_mm},
                      {"rms_excess_mm", c.rms_excess_mm},
                      {"scallops", scallops},

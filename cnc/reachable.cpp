@@ -2,7 +2,8 @@
 
 // Whether the ball can touch the design at a node: it is put there along the normal of a facet
 // that holds the node, and the exact cutter location says how far it would have to rise. Whether it
-// has room: the same around, on the facet's plane.
+// has room: the same around, on the facet's plane. What it leaves there at best: a search for the
+// lowest place of its underside over the node.
 
 #include <algorithm>
 #include <array>
@@ -28,6 +29,12 @@ constexpr std::array<std::array<double, 2>, 8> kAround{{{1.0, 0.0},
                                                         {-kHalf, -kHalf},
                                                         {0.0, -1.0},
                                                         {kHalf, -kHalf}}};
+
+constexpr double kWidestLook_mm = 0.16, kFinestLook_mm = 0.008;  // for the ball's best place
+
+struct PlanPlaceMm {
+  double x, y;
+};
 
 struct Candidate {
   double value;
@@ -74,29 +81,12 @@ struct ReachSearch::State {
     return false;
   }
 
-  /// @param room_mm  0: whether there is room does not matter
-  [[nodiscard]] BallReach reach(std::ptrdiff_t row, std::ptrdiff_t col, double room_mm,
-                                DropCutter& cutter) const {
+  /// Calls visit(height of the node, slope along x, along y) for each facet that holds the node,
+  /// until it returns false.
+  template <class Visit>
+  void for_each_facet(std::ptrdiff_t row, std::ptrdiff_t col, Visit&& visit) const {
     const Grid<float>& z = design.z_mm;
-    const double d = design.spacing.value(), step = d / static_cast<double>(k);
-    const double x = design.x0.value() + step * static_cast<double>(col);
-    const double y = design.y0.value() + step * static_cast<double>(row);
-    BallReach best = BallReach::none;
-    const auto touches = [&](double height, double gx, double gy) {
-      const double steep = std::sqrt(1.0 + gx * gx + gy * gy);
-      const double tip = height + R / steep - R;
-      const double px = x - R * gx / steep, py = y - R * gy / steep;
-      if (vertex_above(px, py, tip + kReachTolerance_mm)) return;
-      if (cutter.drop(px, py).tip_mm > tip + kReachTolerance_mm) return;
-      best = BallReach::tight;
-      for (const auto& [ux, uy] : kAround) {
-        if (room_mm == 0.0) break;
-        const double dx = room_mm * ux, dy = room_mm * uy;
-        const double slid = tip + gx * dx + gy * dy + kRoomTolerance_mm;
-        if (cutter.drop(px + dx, py + dy).tip_mm > slid) return;
-      }
-      best = BallReach::roomy;
-    };
+    const double d = design.spacing.value();
     for (std::ptrdiff_t r = std::max<std::ptrdiff_t>(0, (row + k - 1) / k - 1);
          r <= std::min(z.rows() - 2, row / k); ++r)
       for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, (col + k - 1) / k - 1);
@@ -105,14 +95,70 @@ struct ReachSearch::State {
         const double v = static_cast<double>(i) / static_cast<double>(k);
         const double u = static_cast<double>(j) / static_cast<double>(k);
         const double z00 = z(r, c), z10 = z(r, c + 1), z01 = z(r + 1, c), z11 = z(r + 1, c + 1);
-        if (j >= i)
-          touches(z00 + u * (z10 - z00) + v * (z11 - z10), (z10 - z00) / d, (z11 - z10) / d);
-        if (best == BallReach::roomy) return best;
-        if (i >= j)
-          touches(z00 + v * (z01 - z00) + u * (z11 - z01), (z11 - z01) / d, (z01 - z00) / d);
-        if (best == BallReach::roomy) return best;
+        if (j >= i &&
+            !visit(z00 + u * (z10 - z00) + v * (z11 - z10), (z10 - z00) / d, (z11 - z10) / d))
+          return;
+        if (i >= j &&
+            !visit(z00 + v * (z01 - z00) + u * (z11 - z01), (z11 - z01) / d, (z01 - z00) / d))
+          return;
       }
+  }
+  [[nodiscard]] PlanPlaceMm place(std::ptrdiff_t row, std::ptrdiff_t col) const {
+    const double step = design.spacing.value() / static_cast<double>(k);
+    return {design.x0.value() + step * static_cast<double>(col),
+            design.y0.value() + step * static_cast<double>(row)};
+  }
+
+  /// @param room_mm  0: whether there is room does not matter
+  [[nodiscard]] BallReach reach(std::ptrdiff_t row, std::ptrdiff_t col, double room_mm,
+                                DropCutter& cutter) const {
+    const auto [x, y] = place(row, col);
+    BallReach best = BallReach::none;
+    for_each_facet(row, col, [&, x = x, y = y](double height, double gx, double gy) {
+      const double steep = std::sqrt(1.0 + gx * gx + gy * gy);
+      const double tip = height + R / steep - R;
+      const double px = x - R * gx / steep, py = y - R * gy / steep;
+      if (vertex_above(px, py, tip + kReachTolerance_mm)) return true;
+      if (cutter.drop(px, py).tip_mm > tip + kReachTolerance_mm) return true;
+      best = BallReach::tight;
+      for (const auto& [ux, uy] : kAround) {
+        if (room_mm == 0.0) break;
+        const double dx = room_mm * ux, dy = room_mm * uy;
+        const double slid = tip + gx * dx + gy * dy + kRoomTolerance_mm;
+        if (cutter.drop(px + dx, py + dy).tip_mm > slid) return true;
+      }
+      best = BallReach::roomy;
+      return false;
+    });
     return best;
+  }
+
+  [[nodiscard]] double closing(std::ptrdiff_t row, std::ptrdiff_t col, DropCutter& cutter) const {
+    const auto [x, y] = place(row, col);
+    double design_mm = 0.0, left = INFINITY, bx = 0.0, by = 0.0;
+    const auto look = [&, x = x, y = y](double px, double py) {
+      const double q = R * R - (px - x) * (px - x) - (py - y) * (py - y);
+      if (!(q > 0.0)) return false;
+      const double over = cutter.drop(px, py).tip_mm + R - std::sqrt(q) - design_mm;
+      if (over >= left) return false;
+      left = over;
+      bx = px;
+      by = py;
+      return true;
+    };
+    for_each_facet(row, col, [&, x = x, y = y](double height, double gx, double gy) {
+      const double steep = std::sqrt(1.0 + gx * gx + gy * gy);
+      design_mm = height;
+      look(x - R * gx / steep, y - R * gy / steep);
+      return true;
+    });
+    for (double step = kWidestLook_mm; step > kFinestLook_mm; step *= 0.5)
+      for (bool moved = true; moved && left > 0.0;) {
+        const double cx = bx, cy = by;
+        moved = false;
+        for (const auto& [ux, uy] : kAround) moved |= look(cx + step * ux, cy + step * uy);
+      }
+    return std::max(0.0, left);
   }
 };
 
@@ -128,6 +174,10 @@ ReachSearch::~ReachSearch() = default;
 
 BallReach ReachSearch::at(std::ptrdiff_t row, std::ptrdiff_t col, double room_mm) const {
   return state_ ? state_->reach(row, col, room_mm, state_->cutters.local()) : BallReach::roomy;
+}
+
+double ReachSearch::closing_mm(std::ptrdiff_t row, std::ptrdiff_t col) const {
+  return state_ ? state_->closing(row, col, state_->cutters.local()) : 0.0;
 }
 
 Result<double> ReachSearch::raise(

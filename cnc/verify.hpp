@@ -129,6 +129,10 @@ struct Certificate {
   /// Area, in plan, that stands more than kOverScallop_mm above the stated scallop because the ball
   /// has no room, and because it does not reach at all (map_rest() in rest.hpp shows where).
   double tight_area_mm2 = 0.0, unreached_area_mm2 = 0.0;
+  /// The same above what no path of the ball can better, the closing of the design by the ball:
+  /// whether it touches or rests on the rims of a pit. At a quarter of those nodes; the highest is
+  /// -INFINITY where none stands more than kOverScallop_mm above the stated scallop.
+  double max_over_closing_mm = NAN, over_closing_area_mm2 = 0.0;
   double max_excess_anywhere_mm = 0.0;  ///< also where it cannot (concave below the radius)
   /// Of as-milled minus design, gouges negative, over all nodes.
   double mean_excess_mm = 0.0, rms_excess_mm = 0.0;

@@ -23,6 +23,7 @@
 #include <tbb/global_control.h>
 
 #include "cnc/certificate.hpp"
+#include "cnc/cutter_location.hpp"
 #include "cnc/gcode_reader.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/path_pieces.hpp"
@@ -260,7 +261,12 @@ TEST(Verify, BesideACreaseTheBallHasNoRoom) {
     }
     return left - std::abs(off);
   };
+  // The ball rests in the crease, or touches one wall.
+  const auto closing = [&](double off) {
+    return std::abs(off) > touch ? 0.0 : lift + 3.0 - std::sqrt(9.0 - off * off) - std::abs(off);
+  };
   double room = -INFINITY, tight = -INFINITY, tight_mm = 0.0, unreached_mm = 0.0;
+  double over_closing = -INFINITY, over_closing_mm = 0.0;
   for (double off = -5.0; off < 5.0; off += 0.0005) {
     const double over = excess(off) - stated, from_touch = std::abs(off) - touch;
     // Half a stepover of room, less what 3 um let the ball slide up: it rises 2 for 1.
@@ -268,6 +274,8 @@ TEST(Verify, BesideACreaseTheBallHasNoRoom) {
     const bool reached = from_touch > -0.5 * kReachTolerance_mm;
     if (reached) tight = std::fmax(tight, over);
     if (over > kOverScallop_mm) (reached ? tight_mm : unreached_mm) += 0.0005;
+    over_closing = std::fmax(over_closing, over - closing(off));
+    if (over - closing(off) > kOverScallop_mm) over_closing_mm += 0.0005;
   }
   EXPECT_GT(tight, 0.03) << "twice the stated scallop";
   EXPECT_NEAR(c.max_tight_over_scallop_mm, tight, 0.006);  // the last node may be 0.02 mm off
@@ -279,6 +287,50 @@ TEST(Verify, BesideACreaseTheBallHasNoRoom) {
   EXPECT_NEAR(c.tight_area_mm2, tight_mm * length, 0.07 * length);
   EXPECT_GT(unreached_mm, 4.0);
   EXPECT_NEAR(c.unreached_area_mm2, unreached_mm * length, 0.13 * length);
+  EXPECT_GT(over_closing, 0.05);
+  EXPECT_NEAR(c.max_over_closing_mm, over_closing, 0.006);
+  EXPECT_LT(over_closing_mm, tight_mm + unreached_mm) << "some of it no path can take";
+  EXPECT_NEAR(c.over_closing_area_mm2, over_closing_mm * length, 0.13 * length);
+}
+
+// Against a ball tried every 0.02 mm: no place of those is better than what the search finds by
+// more than the search may leave.
+TEST(Verify, ClosingIsWhatNoPlaceBetters) {
+  ModelField design = testing_support::ground(testing_support::Ground::rough, 3, 41, 0.5);
+  for (float& z : design.z_mm.cells()) z = 5.0F + 0.4F * (z - 5.0F);
+  const double R = 3.0, step = 0.02;
+  const ReachSearch reach(design, 5, R);
+  DropCutter cutter(design, Cutter::ball(R));
+  constexpr int kSide = 400;  // places of the ball, from 6 mm on along both axes
+  Grid<double> tips(kSide, kSide);
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c)
+      tips(r, c) =
+          cutter.drop(design.x0.value() + 6.0 + step * c, design.y0.value() + 6.0 + step * r)
+              .tip_mm;
+  const DividedDesign divided(design, 5);
+  double most = 0.0;
+  int missed = 0, nodes = 0;
+  for (int row = 92; row < 108; ++row)  // 9.2 to 10.8 mm
+    for (int col = 92; col < 108; ++col) {
+      double least = INFINITY;
+      for (int r = 0; r < kSide; ++r)
+        for (int c = 0; c < kSide; ++c) {
+          const double dx = 6.0 + step * c - 0.1 * col, dy = 6.0 + step * r - 0.1 * row;
+          const double q = R * R - dx * dx - dy * dy;
+          if (q > 0.0) least = std::fmin(least, tips(r, c) + R - std::sqrt(q));
+        }
+      least -= divided.at(row, col);
+      const double found = reach.closing_mm(row, col);
+      most = std::fmax(most, least);
+      ++nodes;
+      missed += found > least + 0.001;
+      // Slopes of the tip are below 1 here: half a step's diagonal.
+      ASSERT_GT(found, least - 0.015) << row << " " << col;
+      ASSERT_LT(found, least + 0.02) << row << " " << col;
+    }
+  EXPECT_GT(most, 0.03);
+  EXPECT_LT(missed, nodes / 20);
 }
 
 // ---- tools, stock, stones, travel --------------------------------------------------

@@ -294,6 +294,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         o.has_station = true;
         o.range_mm = norm(foot - *station);
         o.beam = beam;
+        o.spot = surface.spot(o.place, o.normal, beam);
       }
       made[i] = std::move(o);
       good[i] = 1;

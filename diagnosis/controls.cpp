@@ -242,8 +242,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   const auto again = [&](const std::vector<KnownTerm>& with, double sign) {
     for (std::size_t i = 0; i < kept; ++i) {
       Observation& o = few.observations[i];
-      o.residual_mm = noise[i];
-      for (const KnownTerm& t : with) o.residual_mm += sign * t.coefficient * t.value(o);
+      o.residual_mm = noise[i] + sign * moved_mm(o, with, m.scene.ball_radius_mm);
     }
     return diagnose(few, seed, quiet);
   };

@@ -6,6 +6,7 @@
 #include <set>
 
 #include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
@@ -34,8 +35,11 @@ using detail::kEquivalent;
 constexpr double kEquivalentShare = 0.01;
 /// What the simulated surface is not believed below, mm rms: ridges between passes, resampling.
 constexpr double kSimulationFloor_mm = 0.0025;
-/// What a linear signature may be wrong by, as a share of what all causes together move.
-constexpr double kLinearError = 0.08;
+/// Two causes whose fits differ by less are not told apart: the simulation of what they differ in
+/// (ridges, creases, the steepest slopes) is not better than that, mm rms.
+constexpr double kTellApart_mm = 0.0015;
+/// What signatures may be wrong by, as a share of what all causes together move.
+constexpr double kSignatureError = 0.08;
 
 /// Plain sums of products over some sets, every point alike, the residual last.
 Eigen::MatrixXd plain_sums(const Bank& bank, const std::vector<int>& model,
@@ -132,6 +136,34 @@ std::vector<Observation> outside(const std::vector<Observation>& all, const deta
   return kept;
 }
 
+/// What cutting anew with all causes together moves beyond the sum of their signatures, mm.
+std::vector<double> beyond_linear(const std::vector<Observation>& all,
+                                  const std::vector<Member>& members, const Bank& bank,
+                                  const Fit& f, double ball_radius_mm) {
+  struct Term {
+    const Column& column;
+    double coefficient;
+  };
+  std::vector<Term> terms;
+  const auto model = detail::columns_of(bank, members);
+  for (std::size_t k = static_cast<std::size_t>(bank.nuisances); k < model.size(); ++k) {
+    const Column& c = bank.columns[static_cast<std::size_t>(model[k])];
+    if (c.cut) terms.push_back({c, f.coefficients(static_cast<Eigen::Index>(k))});
+  }
+  std::vector<double> beyond(all.size(), 0.0);
+  if (terms.empty()) return beyond;
+  oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+    const Observation& o = all[i];
+    beyond[i] = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
+      CutChange together;
+      for (const Term& t : terms) together += t.coefficient * t.column.cut(o, s, n);
+      return together;
+    });
+    for (const Term& t : terms) beyond[i] -= t.coefficient * t.column.value(o);
+  });
+  return beyond;
+}
+
 std::vector<double> residuals_of(const std::vector<Observation>& all,
                                  const std::vector<Member>& members, const Bank& bank,
                                  const Fit& f) {
@@ -207,7 +239,7 @@ void add_dependences(Diagnosis& d, const std::vector<Observation>& all,
 
 }  // namespace
 
-Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunContext& run) {
+Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext& run) {
   Diagnosis d;
   d.notes = m.notes;
   Scene scene = m.scene;
@@ -232,6 +264,62 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.3);
 
+  const auto empty = detail::columns_of(bank, {});
+  const Fit null_fit = detail::fit(bank, empty, kAll);
+  const auto r_before = residuals_of(m.observations, {}, bank, null_fit);
+  const double null_squares = squares(bank, empty, null_fit.coefficients, kAll, nullptr);
+  {
+    const Fit report_null = detail::fit(bank, empty, {kReport});
+    double n = 0.0;
+    d.rms_before_mm = std::sqrt(squares(bank, empty, report_null.coefficients, {kReport}, &n) /
+                                std::fmax(1.0, n));
+    d.n_report = static_cast<std::size_t>(n);
+  }
+  std::vector<double> given(m.observations.size());
+  for (std::size_t i = 0; i < given.size(); ++i) given[i] = m.observations[i].residual_mm;
+  // Residuals less what the members' cut moves beyond their signatures; kept while they are the
+  // same.
+  std::vector<std::string> straight_for;
+  const auto straighten = [&](const std::vector<Member>& with) {
+    std::vector<std::string> keys;
+    for (const Member& k : with)
+      for (const Column& c : k.form.columns)
+        if (c.cut) keys.push_back(c.key);
+    if (keys.empty() && straight_for.empty()) return;
+    if (keys == straight_for && !keys.empty()) return;
+    straight_for = std::move(keys);
+    for (int round = 0; round < (straight_for.empty() ? 1 : 2); ++round) {
+      const Fit f = detail::fit(bank, detail::columns_of(bank, with), kAll);
+      auto straight = beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm);
+      for (std::size_t i = 0; i < given.size(); ++i)
+        m.observations[i].residual_mm = straight[i] = given[i] - straight[i];
+      detail::exchange_residuals(bank, straight);
+    }
+  };
+  // Members without which the rest, cut anew, does as well: straightened residuals favour what they
+  // were straightened for.
+  const auto pruned = [&](std::vector<Member> with) {
+    while (!with.empty()) {
+      straighten(with);
+      const auto score = [&](const std::vector<Member>& of) {
+        straighten(of);
+        return detail::fit(bank, detail::columns_of(bank, of), {kChoose}).objective +
+               detail::price(bank, of);
+      };
+      double least = score(with);
+      std::size_t drop = with.size();
+      for (std::size_t k = 0; k < with.size(); ++k)
+        if (const double fewer = score(without(with, k)); fewer < least) {
+          least = fewer;
+          drop = k;
+        }
+      if (drop == with.size()) break;
+      with = without(with, drop);
+    }
+    straighten(with);
+    return with;
+  };
+
   // What details are worth, from what the nuisances leave and again from what the chosen leave.
   const auto weigh = [&](const std::vector<Member>& with) {
     const auto model = detail::columns_of(bank, with);
@@ -240,23 +328,22 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
   weigh({});
   auto members = detail::choose(search, bank, d.ranking, run);
   if (!members.empty()) {
+    members = pruned(members);
     weigh(members);
     d.ranking.clear();
     members = detail::choose(search, bank, d.ranking, run);
+    members = pruned(members);
     weigh(members);
   }
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
-  auto confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected);
+  auto confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected, straighten);
 
   // What remains, and whether the causes stand without the odd places.
-  const auto empty = detail::columns_of(bank, {});
-  const Fit null_fit = detail::fit(bank, empty, kAll);
-  const auto r_before = residuals_of(m.observations, {}, bank, null_fit);
   detail::Squares odd;
-  double null_squares = squares(bank, empty, null_fit.coefficients, kAll, nullptr);
   while (true) {
     members = members_of(confirmed);
+    straighten(members);
     const auto model = detail::columns_of(bank, members);
     const Fit f = detail::fit(bank, model, kAll);
     const auto r = residuals_of(m.observations, members, bank, f);
@@ -264,7 +351,7 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     double points = 0.0;
     const double left_squares = squares(bank, model, f.coefficients, kAll, &points);
     const double moved = std::sqrt(std::fmax(0.0, null_squares - left_squares) / points);
-    if (d.remainder.structured_rms_mm < std::fmax(kSimulationFloor_mm, kLinearError * moved))
+    if (d.remainder.structured_rms_mm < std::fmax(kSimulationFloor_mm, kSignatureError * moved))
       d.remainder.found = false;
     const double structured =
         d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
@@ -273,23 +360,26 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     d.remainder.share = structured / excess;
     std::size_t drop = members.size();
     std::string why;
+    double least = INFINITY;
     for (std::size_t k = 0; k < members.size(); ++k) {
       const auto fewer = without(members, k);
+      straighten(fewer);
       const auto small = detail::columns_of(bank, fewer);
       const Fit g = detail::fit(bank, small, kAll);
       const double explained = squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
-      const double floor =
-          std::fmax(kSimulationFloor_mm,
-                    kLinearError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points));
-      if (!(explained > points * floor * floor)) {
-        drop = k;
+      const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * moved);
+      if (explained >= least) continue;
+      if (!(explained > points * floor * floor))
         why = fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
                           floor);
-      } else if (d.remainder.found && explained < 0.5 * structured) {
-        drop = k;
+      else if (d.remainder.found && explained < structured)
         why = "explains less than what remains unexplained beside it";
-      }
+      else
+        continue;
+      drop = k;
+      least = explained;
     }
+    straighten(members);
     if (drop == members.size() && d.remainder.found && odd.count() > 0 && !members.empty()) {
       const auto kept = outside(m.observations, odd);
       std::vector<Column> columns;
@@ -314,7 +404,6 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
   }
   run.progress(0.8);
 
-  members = members_of(confirmed);
   const auto model = detail::columns_of(bank, members);
   const Fit f = detail::fit(bank, model, kAll);
   const auto r_after = residuals_of(m.observations, members, bank, f);
@@ -324,10 +413,15 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
       d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
                         : 0.0;
   const double excess = std::fmax(1e-300, null_squares - left_squares + structured);
+  // Names hang on differences between fits: those must stand out of what nothing explains.
+  const double tell_apart =
+      std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
+                kSignatureError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points)});
   std::set<std::string> named;
   for (std::size_t k = 0; k < members.size(); ++k) {
     const Member& member = members[k];
     const auto others = without(members, k);
+    straighten(others);
     const auto small = detail::columns_of(bank, others);
     const Fit g = detail::fit(bank, small, kAll);
     Cause c;
@@ -352,8 +446,16 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
                       [&](const Member& x) { return x.effect == other.effect; }))
         continue;
       const auto found = detail::best_form(bank, others, other, kAll, false);
+      if (!std::isfinite(found.objective)) continue;
       const double worse = found.objective - f.objective;
-      if (worse < std::fmax(kEquivalent, kEquivalentShare * gain))
+      auto instead = others;
+      instead.push_back({other.effect, other.forms[found.form]});
+      const auto wide = detail::columns_of(bank, instead);
+      const double apart =
+          squares(bank, wide, detail::fit(bank, wide, kAll).coefficients, kAll, nullptr) -
+          left_squares;
+      if (worse < std::fmax(kEquivalent, kEquivalentShare * gain) ||
+          apart < points * tell_apart * tell_apart)
         c.equivalent.push_back(other.effect->name);
       else if (g.objective - found.objective > 20.0)
         d.rejected.push_back(
@@ -364,19 +466,15 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     named.insert(c.effect);
     d.causes.push_back(std::move(c));
   }
+  straighten(members);
   std::sort(d.causes.begin(), d.causes.end(),
             [](const Cause& a, const Cause& b) { return a.share > b.share; });
 
   // Gain on blocks that had no part in choosing or confirming; causes held as fitted elsewhere.
   {
     const Fit trained = detail::fit(bank, model, {kChoose, kConfirm});
-    const Fit report_null = detail::fit(bank, empty, {kReport});
-    double n = 0.0;
-    d.rms_before_mm = std::sqrt(squares(bank, empty, report_null.coefficients, {kReport}, &n) /
-                                std::fmax(1.0, n));
-    d.n_report = static_cast<std::size_t>(n);
-    const Eigen::VectorXd& b = trained.coefficients;
-    d.rms_after_mm = std::sqrt(squares(bank, model, b, {kReport}, nullptr) / std::fmax(1.0, n));
+    d.rms_after_mm = std::sqrt(squares(bank, model, trained.coefficients, {kReport}, nullptr) /
+                               std::fmax(1.0, static_cast<double>(d.n_report)));
     const Fit free_fit = detail::fit(bank, model, {kReport});
     d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kPointGroup]);
   }
@@ -402,7 +500,8 @@ Result<Diagnosis> diagnose(const Measurements& m, std::uint64_t seed, const RunC
     d.poses.push_back(std::move(p));
   }
   d.noise = noise_of(bank, f, layout);
-  detail::add_pose_causes(m, bank, members, search.candidates, f, d);
+  // Poses of a model that does not hold are those of the misfit.
+  if (!d.remainder.found) detail::add_pose_causes(m, bank, members, search.candidates, f, d);
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   add_dependences(d, m.observations, r_before, r_after);
   d.verdict = d.causes.empty() ? (d.remainder.found ? "unexplained" : "consistent")

@@ -14,6 +14,10 @@
 /// - Noise is what the residuals say, scale by scale (detail/sums.hpp); at the largest scale a
 ///   stationary process, of the part or of each set-up, whose size and length are refitted in each
 ///   model (restricted to a grid). A cause must beat that process.
+/// - Signatures are of one cause alone and to first order. Causes that act through the cut are cut
+///   anew together, at their estimated sizes, and what that moves beyond the sum of their
+///   signatures is taken off the residuals before the next round (Gauss and Newton with a fixed
+///   Jacobian).
 /// - Choosing: beam search over combinations on one third of the blocks, backward steps included.
 /// - Confirming: each cause must earn its place on another third, with all others refitted, at a
 ///   level that shares 1 % over all tests that can be made; and what was fitted on the first third
@@ -142,7 +146,7 @@ struct Diagnosis {
   std::optional<Controls> controls;
 };
 
-[[nodiscard]] Result<Diagnosis> diagnose(const Measurements& measurements, std::uint64_t seed,
+[[nodiscard]] Result<Diagnosis> diagnose(Measurements measurements, std::uint64_t seed,
                                          const RunContext& run = {});
 
 /// Law of causes that residuals do not show.

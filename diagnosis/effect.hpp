@@ -28,6 +28,9 @@ struct Column {
   std::string key;  ///< columns of one key are the same column
   Parameter parameter;
   std::function<double(const Observation&)> value;
+  /// Of causes that act through the cut: what one unit of the coefficient does to a pass, so that
+  /// several together can be cut anew (recut_mm) where `value` is to first order. Empty: others.
+  std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
 };
 
 struct Form {

@@ -55,8 +55,7 @@ Result<ExtendedModel> ExtendedModel::make(const CaseInput& input, const RunConte
 std::optional<Observation> ExtendedModel::place(double x, double y) const {
   auto o = parts_->surface->observe(x, y);
   if (!o) return std::nullopt;
-  o->residual_mm = parts_->coat_mm;
-  for (const KnownTerm& t : parts_->built) o->residual_mm += t.coefficient * t.value(*o);
+  o->residual_mm = parts_->coat_mm + moved_mm(*o, parts_->built, parts_->scene.ball_radius_mm);
   return o;
 }
 
@@ -84,11 +83,12 @@ void ExtendedModel::build(heightmap::ModelField& surface) const {
 Vec3 ExtendedModel::seen(Vec3 p, Vec3 station, std::size_t scan) const {
   auto o = parts_->surface->observe(p.x, p.y);
   if (!o) return p;
-  o->place = p;
   o->set_up = static_cast<std::uint32_t>(scan);
   o->has_station = true;
   o->range_mm = norm(p - station);
   o->beam = (1.0 / o->range_mm) * (p - station);
+  o->spot = parts_->surface->spot(o->place, o->normal, o->beam);
+  o->place = p;
   const auto moved = [&](Vec3 along) {
     o->along = along;
     double sum = 0.0;

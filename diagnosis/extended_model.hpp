@@ -30,7 +30,12 @@ struct KnownTerm {
   double coefficient = 0.0;
   std::function<double(const Observation&)> value;
   bool scanner = false;  ///< moves points, not the part
+  /// Of causes that act through the cut, as of Column.
+  std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
 };
+/// By how much an observation moves by all of them, those that act through the cut cut together.
+[[nodiscard]] double moved_mm(const Observation& o, const std::vector<KnownTerm>& terms,
+                              double ball_radius_mm);
 /// Causes as functions of an observation.
 /// @param centres  of each set-up's points, about which scanner.registration turns
 /// @return DIAGNOSIS_UNKNOWN_CAUSE for a name, law or scan that is not there

@@ -64,7 +64,8 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
       return 0.0;
     };
     if (k.effect == "tool.length_offset") {
-      terms.push_back({value("offset_mm"), [](const Observation& o) { return o.along.z; }, false});
+      terms.push_back(
+          {value("offset_mm"), [](const Observation& o) { return o.along.z; }, false, {}});
       continue;
     }
     if (k.effect == "scanner.registration") {
@@ -79,7 +80,8 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
                                     ? 0.0
                                     : dot(o.along, shift + cross(1e-6 * turn, o.place - centre));
                        },
-                       true});
+                       true,
+                       {}});
       continue;
     }
     Scene scene = of;
@@ -101,17 +103,32 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
                                                  : ""));
     for (std::size_t c = 0; c < std::min(form->columns.size(), k.parameters.size()); ++c)
       terms.push_back({k.parameters[c].second / form->columns[c].parameter.per_column,
-                       form->columns[c].value, effect->acts_on == "scanner"});
+                       form->columns[c].value, effect->acts_on == "scanner", form->columns[c].cut});
   }
   return terms;
+}
+
+double moved_mm(const Observation& o, const std::vector<KnownTerm>& terms, double ball_radius_mm) {
+  double sum = 0.0;
+  bool cut = false;
+  for (const KnownTerm& t : terms) {
+    cut |= static_cast<bool>(t.cut);
+    if (!t.cut) sum += t.coefficient * t.value(o);
+  }
+  if (!cut) return sum;
+  return sum + recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
+           CutChange together;
+           for (const KnownTerm& t : terms)
+             if (t.cut) together += t.coefficient * t.cut(o, s, n);
+           return together;
+         });
 }
 
 Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
   std::vector<Vec3> centres;
   for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
   MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres));
-  for (Observation& o : m.observations)
-    for (const KnownTerm& t : terms) o.residual_mm -= t.coefficient * t.value(o);
+  for (Observation& o : m.observations) o.residual_mm -= moved_mm(o, terms, m.scene.ball_radius_mm);
   return {};
 }
 

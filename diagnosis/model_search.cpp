@@ -16,12 +16,6 @@ namespace {
 constexpr std::size_t kBeam = 4;
 constexpr std::size_t kMostCauses = 5;
 
-double price(const Bank& bank, const std::vector<Member>& members) {
-  return kPricePerColumn * static_cast<double>(columns_of(bank, members).size() -
-                                               static_cast<std::size_t>(bank.nuisances)) +
-         kPricePerCause * static_cast<double>(members.size());
-}
-
 bool physical(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f) {
   for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
     const Column& c = member.form.columns[k];
@@ -79,6 +73,12 @@ void refine(const Search& search, const Bank& bank, State& state) {
 }
 
 }  // namespace
+
+double price(const Bank& bank, const std::vector<Member>& members) {
+  return kPricePerColumn * static_cast<double>(columns_of(bank, members).size() -
+                                               static_cast<std::size_t>(bank.nuisances)) +
+         kPricePerCause * static_cast<double>(members.size());
+}
 
 std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members) {
   std::vector<int> model;
@@ -154,8 +154,20 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
       if (s.members.back().form.columns[0].key == before) continue;
       added.insert(added.end(), s.members.back().form.columns.begin(),
                    s.members.back().form.columns.end());
+      // Other causes that have columns of this kind (a step is one whoever made it) have it too, or
+      // they would seem worse by not being refined.
+      const Form& refined = s.members.back().form;
+      const auto kind = [](const Form& f) {
+        return f.columns.size() == 1
+                   ? f.columns[0].key.substr(0, f.columns[0].key.find_first_of("0123456789"))
+                   : std::string();
+      };
       for (Candidate& c : search.candidates)
-        if (c.effect == s.members.back().effect) c.forms.push_back(s.members.back().form);
+        if (c.effect == s.members.back().effect ||
+            (!kind(refined).empty() &&
+             std::any_of(c.forms.begin(), c.forms.end(),
+                         [&](const Form& f) { return kind(f) == kind(refined); })))
+          c.forms.push_back(refined);
     }
     add_columns(bank, search.observations, added);
     for (State& s : kept) s.score = score_of(bank, s.members, {kChoose}, true);
@@ -174,6 +186,20 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
       }
     std::sort(kept.begin(), kept.end(),
               [](const State& a, const State& b) { return a.score < b.score; });
+    // The best again with other forms of its causes, now that it has them all.
+    for (std::size_t k = 0; k < kept.front().members.size() && kept.front().members.size() > 1;
+         ++k) {
+      State& s = kept.front();
+      auto others = s.members;
+      others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
+      const auto same =
+          std::find_if(search.candidates.begin(), search.candidates.end(),
+                       [&](const Candidate& c) { return c.effect == s.members[k].effect; });
+      const BestForm found = best_form(bank, others, *same, {kChoose}, true);
+      if (!(found.objective < s.score)) continue;
+      s.members[k].form = same->forms[found.form];
+      s.score = found.objective;
+    }
     const bool better =
         kept.front().score < best.score - kPriceOfGain * std::fmax(0.0, null - best.score);
     if (better) best = kept.front();
@@ -184,10 +210,11 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
 }
 
 std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, double level,
-                               std::vector<Rejected>& rejected) {
+                               std::vector<Rejected>& rejected, const Settle& settle) {
   std::vector<Confirmed> good;
   while (!members.empty()) {
     good.clear();
+    settle(members);
     const auto model = columns_of(bank, members);
     const double full = fit(bank, model, {kConfirm}).objective;
     const Fit chosen = fit(bank, model, {kChoose});
@@ -200,6 +227,7 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     for (std::size_t k = 0; k < members.size(); ++k) {
       auto fewer = members;
       fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
+      settle(fewer);
       const auto small = columns_of(bank, fewer);
       const double gain = fit(bank, small, {kConfirm}).objective - full;
       const int degrees = static_cast<int>(model.size() - small.size());

@@ -22,20 +22,21 @@
 
 namespace maquette::diagnosis {
 
-/// Scales at which the surface's curvature is taken, mm (standard deviation of the Gaussian).
-inline constexpr std::array<double, 4> kCurvatureScales_mm{0.5, 1.0, 2.0, 4.0};
+/// Lengths over which a film levels, mm (standard deviation of the Gaussian); what lies between two
+/// is a mixture of both, good to a hundredth at this step.
+inline constexpr std::array<double, 13> kFilmLengths_mm{0.5, 0.6, 0.75, 0.9, 1.1, 1.35, 1.6,
+                                                        1.9, 2.3, 2.8,  3.4, 4.1, 5.0};
 /// Widths of lost motion for which the play of the axes is followed, mm: small play is taken up
 /// at once, wide play eats short moves.
 inline constexpr std::array<double, 5> kPlayWidths_mm{0.02, 0.05, 0.1, 0.2, 0.4};
 /// Distances by which the machine trails the command, mm.
-inline constexpr std::array<double, 3> kLagLengths_mm{0.3, 1.0, 2.5};
+inline constexpr std::array<double, 6> kLagLengths_mm{0.3, 0.6, 1.0, 1.4, 1.9, 2.6};
+
+/// Widths (standard deviations) of a scanner's spot for which its mean is taken, mm.
+inline constexpr std::array<double, 7> kSpotWidths_mm{0.6, 0.8, 1.05, 1.4, 1.8, 2.3, 3.0};
 
 /// Passes that are higher by more than this are taken to stay out of the surface.
 inline constexpr double kRivalHeight_mm = 0.2;
-
-struct Curvature {
-  float xx = 0.0F, xy = 0.0F, yy = 0.0F;  ///< second derivatives of height, 1/mm
-};
 
 /// What the machine did at a place of the program.
 struct CutState {
@@ -70,7 +71,9 @@ struct Rival {
 struct Observation : CutState {
   Vec3 place;   ///< on the simulated surface
   Vec3 normal;  ///< outward
-  Vec3 along;   ///< direction of the residual
+  /// The same of the surface levelled over 0.5 mm: the slope without the ridges between passes.
+  Vec3 slope_normal;
+  Vec3 along;  ///< direction of the residual
   double residual_mm = 0.0;
   double sigma_mm = 0.05;               ///< as declared
   std::uint32_t set_up = 0;             ///< scan or probe list it belongs to
@@ -84,24 +87,55 @@ struct Observation : CutState {
   bool has_station = false;
   Vec3 beam;  ///< unit, from the station to the place
   double range_mm = 0.0;
-  std::array<Curvature, kCurvatureScales_mm.size()> curvature;
+  /// The surface levelled over each of the film lengths less the surface, upwards, mm.
+  std::array<float, kFilmLengths_mm.size()> levelled{};
+  /// Mean range over a spot of each width less that of its middle, mm.
+  std::array<float, kSpotWidths_mm.size()> spot{};
 };
 
-/// By how much the residual moves if each pass leaves its surface rise(state, normal of its ball at
-/// the place) higher: the lowest is what remains.
-template <class Rise>
-[[nodiscard]] double recut_mm(const Observation& o, const Rise& rise) {
-  double lowest = rise(o, o.normal);
+/// What a cause does to a pass: the tip is elsewhere, the ball larger (its tip where it is).
+struct CutChange {
+  Vec3 tip_mm;
+  double radius_mm = 0.0;
+  CutChange& operator+=(const CutChange& o) {
+    tip_mm += o.tip_mm;
+    radius_mm += o.radius_mm;
+    return *this;
+  }
+  friend CutChange operator*(double k, const CutChange& c) {
+    return {k * c.tip_mm, k * c.radius_mm};
+  }
+};
+
+/// By how much a pass leaves its surface higher where its ball has the normal `n`, upwards, mm. The
+/// pass is straight there: its ball sweeps a cylinder along the feed, and the lower of the two
+/// heights at which the upright through the place meets the changed cylinder is the new surface.
+/// Exact for straight passes; where the changed ball does not reach, to first order.
+[[nodiscard]] inline double rise_mm(const CutState& s, Vec3 n, double radius_mm,
+                                    const CutChange& c) {
+  const Vec3 along = s.feed - dot(s.feed, n) * n;
+  const double length = norm(along);
+  const Vec3 f = length > 1e-9 ? (1.0 / length) * along : Vec3{};
+  const auto across = [&](Vec3 v) { return v - dot(v, f) * f; };
+  const Vec3 up = across({0.0, 0.0, 1.0});
+  const Vec3 from = across(-radius_mm * n - c.tip_mm - Vec3{0.0, 0.0, c.radius_mm});
+  const double r = radius_mm + c.radius_mm, a = dot(up, up), b = dot(from, up),
+               d = dot(from, from) - r * r, root = b * b - a * d;
+  if (!(root > 0.0) || !(r > 0.0)) return dot(n, c.tip_mm) / n.z + c.radius_mm * (1.0 - 1.0 / n.z);
+  return d / (std::sqrt(root) - b);
+}
+
+/// By how much the residual moves if each pass is changed by change(state, normal of its ball at
+/// the place): the lowest is what remains.
+template <class Change>
+[[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change) {
+  if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
+  double lowest = rise_mm(o, o.normal, radius_mm, change(o, o.normal));
   if (o.rivals)
     for (const Rival& r : *o.rivals)
-      lowest = std::fmin(lowest, r.above_mm + rise(r.state, r.normal));
+      lowest = std::fmin(
+          lowest, r.above_mm + rise_mm(r.state, r.normal, radius_mm, change(r.state, r.normal)));
   return lowest * dot(o.along, o.normal) * o.normal.z;
-}
-/// The same if every tip is displaced by d(state, normal): its surface moves by normal . d.
-template <class Displacement>
-[[nodiscard]] double displaced_mm(const Observation& o, const Displacement& d) {
-  if (!o.on_surface) return dot(o.along, d(o, o.normal));
-  return recut_mm(o, [&](const CutState& s, Vec3 n) { return dot(n, d(s, n)) / n.z; });
 }
 
 /// What all observations of a case have in common.

@@ -75,9 +75,15 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
   };
   const Vec3 axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   Eigen::MatrixXd free(size, 0);
+  // Also of causes that may stand in the place of those named.
+  const auto shifts = [&](const std::string& effect, int axis) {
+    return find_effect(effect)->unknown_shift.find(kAxisName[axis]) != std::string::npos;
+  };
   for (int axis = 0; axis < 3; ++axis)
-    if (std::any_of(members.begin(), members.end(), [&](const Member& x) {
-          return x.effect->unknown_shift.find(kAxisName[axis]) != std::string::npos;
+    if (std::any_of(d.causes.begin(), d.causes.end(), [&](const Cause& c) {
+          return shifts(c.effect, axis) ||
+                 std::any_of(c.equivalent.begin(), c.equivalent.end(),
+                             [&](const std::string& e) { return shifts(e, axis); });
         })) {
       free.conservativeResize(Eigen::NoChange, free.cols() + 1);
       free.rightCols(1) = shift([&](std::size_t) { return axes[axis]; });

@@ -11,7 +11,8 @@
 namespace maquette::diagnosis {
 namespace {
 using heightmap::ModelField;
-constexpr double kMostNodes = 640.0;  // of a side, of the grids that curvature is taken from
+constexpr double kMostNodes =
+    2400.0;  // of a side, of the grids that films and spots are taken from
 
 /// Separable Gaussian; nodes without height count for nothing.
 Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
@@ -86,7 +87,8 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
     : design_(design), path_(path) {
   const double wide = design.x_mm(design.z_mm.cols() - 1) - design.x0.value();
   const double high = design.y_mm(design.z_mm.rows() - 1) - design.y0.value();
-  const double step = std::fmax(design.spacing.value(), std::fmax(wide, high) / kMostNodes);
+  // Half the design's spacing: between passes as well as on them, or ridges would be missed.
+  const double step = std::fmax(0.5 * design.spacing.value(), std::fmax(wide, high) / kMostNodes);
   ModelField cut{Grid<float>(static_cast<std::ptrdiff_t>(high / step) + 1,
                              static_cast<std::ptrdiff_t>(wide / step) + 1, NAN),
                  Millimetres{step}, design.x0, design.y0};
@@ -108,7 +110,8 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
   cut_share_ = static_cast<double>(d.size()) / static_cast<double>(off.cells().size());
   misfit_ = d.empty() ? INFINITY : nmad(std::move(d));
   for (std::size_t k = 0; k < smooth_.size(); ++k)
-    smooth_[k] = {smoothed(cut.z_mm, kCurvatureScales_mm[k] / step), cut.spacing, cut.x0, cut.y0};
+    smooth_[k] = {smoothed(cut.z_mm, kFilmLengths_mm[k] / step), cut.spacing, cut.x0, cut.y0};
+  cut_ = std::move(cut);
 }
 
 std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
@@ -124,37 +127,64 @@ std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
     static_cast<CutState&>(o) = *place->contact;
     o.rivals = std::move(rivals);
   }
-  o.curvature = curvature(x, y);
+  o.slope_normal = slope_normal(x, y).value_or(o.normal);
+  o.levelled = levelled(x, y, o.place.z);
   return o;
 }
 
-std::array<Curvature, kCurvatureScales_mm.size()> SimulatedSurface::curvature(double x,
-                                                                              double y) const {
-  std::array<Curvature, kCurvatureScales_mm.size()> all;
+std::optional<Vec3> SimulatedSurface::slope_normal(double x, double y) const {
+  const ModelField& f = smooth_[0];
+  const double h = f.spacing.value();
+  const auto z = [&](double dx, double dy) { return heightmap::height_at(f, x + dx, y + dy); };
+  const double gx = (z(h, 0.0) - z(-h, 0.0)) / (2.0 * h), gy = (z(0.0, h) - z(0.0, -h)) / (2.0 * h);
+  if (std::isnan(gx) || std::isnan(gy)) return std::nullopt;
+  return normalized(Vec3{-gx, -gy, 1.0});
+}
+
+std::array<float, kFilmLengths_mm.size()> SimulatedSurface::levelled(double x, double y,
+                                                                     double height) const {
+  std::array<float, kFilmLengths_mm.size()> all{};
   for (std::size_t k = 0; k < all.size(); ++k) {
-    const ModelField& f = smooth_[k];
-    const double s = f.spacing.value();
-    const double u = (x - f.x0.value()) / s, v = (y - f.y0.value()) / s;
-    const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
-    if (rows < 4 || cols < 4) continue;
-    const auto c = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(u), 1, cols - 3);
-    const auto r = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(v), 1, rows - 3);
-    const double a = std::clamp(u - static_cast<double>(c), 0.0, 1.0),
-                 b = std::clamp(v - static_cast<double>(r), 0.0, 1.0);
-    double xx = 0.0, xy = 0.0, yy = 0.0;
-    for (const std::ptrdiff_t i : {0, 1})
-      for (const std::ptrdiff_t j : {0, 1}) {
-        const double w = (i == 0 ? 1.0 - b : b) * (j == 0 ? 1.0 - a : a);
-        const auto z = [&](std::ptrdiff_t dr, std::ptrdiff_t dc) {
-          return static_cast<double>(f.z_mm(r + i + dr, c + j + dc));
-        };
-        xx += w * (z(0, 1) - 2.0 * z(0, 0) + z(0, -1));
-        yy += w * (z(1, 0) - 2.0 * z(0, 0) + z(-1, 0));
-        xy += w * 0.25 * (z(1, 1) - z(1, -1) - z(-1, 1) + z(-1, -1));
+    const double d = heightmap::height_at(smooth_[k], x, y) - height;
+    if (std::isfinite(d)) all[k] = static_cast<float>(d);
+  }
+  return all;
+}
+
+std::array<float, kSpotWidths_mm.size()> SimulatedSurface::spot(Vec3 place, Vec3 normal,
+                                                                Vec3 beam) const {
+  std::array<float, kSpotWidths_mm.size()> all{};
+  const double across = dot(normal, beam);
+  if (!(across < -0.2)) return all;
+  const Vec3 e1 = normalized(cross(beam, std::abs(beam.z) < 0.9 ? Vec3{0, 0, 1} : Vec3{1, 0, 0}));
+  const Vec3 e2 = cross(beam, e1);
+  // By how much further than to the tangent plane a beam goes that is moved by `v`, along itself:
+  // to where it meets the surface, by two steps with the slope of the plane.
+  const auto further = [&](Vec3 v) {
+    Vec3 at = place + v - (dot(normal, v) / across) * beam;
+    double way = 0.0;
+    for (int step = 0; step < 2; ++step) {
+      const double more = (heightmap::height_at(cut_, at.x, at.y) - at.z) * normal.z / across;
+      way += more;
+      at += more * beam;
+    }
+    return way;
+  };
+  // Three rings of six, radii and weights of Gauss and Laguerre in r^2 / 2.
+  constexpr double kRadius[3] = {0.9118933743, 2.1420848537, 3.5468141428};
+  constexpr double kWeight[3] = {0.7110930099 / 6.0, 0.2785177336 / 6.0, 0.0103892565 / 6.0};
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    double sum = 0.0, weight = 0.0;
+    for (int ring = 0; ring < 3; ++ring)
+      for (int i = 0; i < 3; ++i) {
+        const double a = (i + 0.5 * (ring % 2)) * 1.0471975511965976;
+        const Vec3 v = kSpotWidths_mm[k] * kRadius[ring] * (std::cos(a) * e1 + std::sin(a) * e2);
+        const double both = further(v) + further(-1.0 * v);
+        if (std::isnan(both)) continue;
+        sum += kWeight[ring] * both;
+        weight += 2.0 * kWeight[ring];
       }
-    const double q = 1.0 / (s * s);
-    const auto safe = [](double h) { return std::isfinite(h) ? static_cast<float>(h) : 0.0F; };
-    all[k] = {safe(q * xx), safe(q * xy), safe(q * yy)};
+    if (weight > 0.5) all[k] = static_cast<float>(sum / weight);
   }
   return all;
 }

@@ -36,20 +36,31 @@ class SimulatedSurface {
   /// @param rivals  as of CutPath::at
   [[nodiscard]] std::optional<Place> at(double x_mm, double y_mm,
                                         std::vector<Rival>* rivals = nullptr) const;
-  /// The place as causes see it: what cut it, other passes beside, curvature; residual 0 along the
-  /// normal. none: as above.
+  /// The place as causes see it: what cut it, other passes beside, slope, films; residual 0 along
+  /// the normal. none: as above.
   [[nodiscard]] std::optional<Observation> observe(double x_mm, double y_mm) const;
-  /// Second derivatives of the surface smoothed at each of kCurvatureScales_mm.
-  [[nodiscard]] std::array<Curvature, kCurvatureScales_mm.size()> curvature(double x_mm,
-                                                                            double y_mm) const;
   /// NMAD of cut minus design over a sample of nodes, and the share of nodes that were cut.
   [[nodiscard]] double program_misfit_mm() const { return misfit_; }
   [[nodiscard]] double cut_share() const { return cut_share_; }
 
+  /// Normal of the surface levelled over the shortest of kFilmLengths_mm, by central differences;
+  /// none: at a border or void.
+  [[nodiscard]] std::optional<Vec3> slope_normal(double x_mm, double y_mm) const;
+  /// The surface levelled over each of kFilmLengths_mm less `height_mm`, which it has there;
+  /// upwards, mm.
+  [[nodiscard]] std::array<float, kFilmLengths_mm.size()> levelled(double x_mm, double y_mm,
+                                                                   double height_mm) const;
+  /// By how much further than the beam itself those of a Gaussian spot around it go on average, for
+  /// each of kSpotWidths_mm across the beam, mm. 18 beams a width, in pairs, so that a plane gives
+  /// 0.
+  [[nodiscard]] std::array<float, kSpotWidths_mm.size()> spot(Vec3 place, Vec3 normal,
+                                                              Vec3 beam) const;
+
  private:
   const heightmap::ModelField& design_;
   const CutPath* path_;
-  std::array<heightmap::ModelField, kCurvatureScales_mm.size()> smooth_;
+  heightmap::ModelField cut_;
+  std::array<heightmap::ModelField, kFilmLengths_mm.size()> smooth_;
   double misfit_ = 0.0, cut_share_ = 1.0;
 };
 

@@ -17,6 +17,31 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
                                    std::function<double(const Observation&)> value) {
   return {std::move(key), std::move(parameter), std::move(value)};
 }
+/// What an even film of 1 mm moves: along the slope's normal, whatever the ridges do.
+[[nodiscard]] inline double film(const Observation& o) {
+  return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;
+}
+/// A column of tips that are displaced by d(state), small and alike for neighbouring passes.
+template <class Displacement>
+[[nodiscard]] Column tip_column(std::string key, Parameter parameter, Displacement d) {
+  Column c{std::move(key), std::move(parameter),
+           [d](const Observation& o) { return dot(o.along, d(static_cast<const CutState&>(o))); }};
+  c.cut = [d](const Observation&, const CutState& s, Vec3) { return CutChange{d(s), 0.0}; };
+  return c;
+}
+/// A column of passes that are changed against each other by change(o, state, normal) for one unit
+/// of the coefficient: the secant at `size` units, for other passes come to make the surface.
+template <class Change>
+[[nodiscard]] Column cut_column(std::string key, Parameter parameter, double size, double radius_mm,
+                                Change change) {
+  Column c{std::move(key), std::move(parameter), [=](const Observation& o) {
+             return recut_mm(o, radius_mm,
+                             [&](const CutState& s, Vec3 n) { return size * change(o, s, n); }) /
+                    size;
+           }};
+  c.cut = change;
+  return c;
+}
 /// Legendre polynomial of degree 0 .. 8.
 [[nodiscard]] inline double legendre(int degree, double u) {
   double before = 1.0, now = u;
@@ -29,12 +54,16 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
   return now;
 }
 
+[[nodiscard]] inline Vec3 along_axis(int axis, double value) {
+  return {axis == 0 ? value : 0.0, axis == 1 ? value : 0.0, axis == 2 ? value : 0.0};
+}
+
 /// From a moment of the program on, the tip is off by a constant along one axis.
 [[nodiscard]] inline Column step_after(int axis, double share, std::string name) {
-  return column(fmt::format("step_{}{:.6f}", kAxisName[axis], share), {std::move(name), 1.0, 5.0},
-                [axis, share](const Observation& o) {
-                  return o.path_share > share ? component(o.along, axis) : 0.0;
-                });
+  return tip_column(fmt::format("step_{}{:.6f}", kAxisName[axis], share),
+                    {std::move(name), 1.0, 5.0}, [axis, share](const CutState& s) {
+                      return along_axis(axis, s.path_share > share ? 1.0 : 0.0);
+                    });
 }
 /// The same as a form whose moment is refined; `step`: distance to the next such form.
 [[nodiscard]] Form step_form(int axis, double share, double step, double minutes);

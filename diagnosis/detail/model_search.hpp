@@ -3,6 +3,7 @@
 
 // Which causes together: beam search on one set, confirmation on another.
 
+#include <functional>
 #include <vector>
 
 #include "core/run_context.hpp"
@@ -31,9 +32,9 @@ struct Candidate {
 /// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
 inline constexpr double kPricePerColumn = 10.0;
 inline constexpr double kPricePerCause = 10.0;
-/// And as a share of what the causes before it gain: signatures are linear, and what a large cause
-/// leaves of second order is not to be named after a small one.
-inline constexpr double kPriceOfGain = 0.02;
+/// And as a share of what the causes before it gain: what a large cause leaves because its
+/// signature is not exact is not to be named after a small one.
+inline constexpr double kPriceOfGain = 0.01;
 
 /// Six directions of each set-up's pose, and the difference between cut and designed surface.
 [[nodiscard]] std::vector<Column> nuisances_of(const Measurements& measurements);
@@ -54,6 +55,12 @@ struct Search {
 [[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
                                          const RunContext& run);
 
+/// What a model costs while choosing.
+[[nodiscard]] double price(const Bank& bank, const std::vector<Member>& members);
+
+/// Makes the bank's residuals those that a model of these members is fitted to.
+using Settle = std::function<void(const std::vector<Member>&)>;
+
 struct Confirmed {
   Member member;
   double p_value = 1.0;
@@ -61,7 +68,8 @@ struct Confirmed {
 /// Those of `members` that hold on the confirming blocks.
 /// @param rejected  the others, and why
 [[nodiscard]] std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members,
-                                             double level, std::vector<Rejected>& rejected);
+                                             double level, std::vector<Rejected>& rejected,
+                                             const Settle& settle);
 
 /// Best objective over the forms of a candidate beside `others`, on `sets`.
 struct BestForm {

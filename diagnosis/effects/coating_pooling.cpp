@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// A wet film levels: thick in hollows, thin on ridges, in proportion to the mean curvature at the
-// length over which it flows. Orchard, Appl. Sci. Res. A 11 (1963), doi:10.1007/BF03184629.
+// A wet film levels: thick in hollows, thin on ridges: the surface smoothed over the
+// length over which the film flows, less the surface. Orchard, Appl. Sci. Res. A 11 (1963),
+// doi:10.1007/BF03184629.
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -18,18 +19,26 @@ void add_coating_pooling(std::vector<Effect>& all) {
   e.correction = "thinner coats, dried lying flat";
   e.forms = [](const Scene&) {
     std::vector<Form> forms;
-    for (std::size_t k = 0; k < kCurvatureScales_mm.size(); ++k) {
-      const double length = kCurvatureScales_mm[k] * std::sqrt(2.0);
-      Form f{fmt::format("over {:.2g} mm", length),
-             {column(fmt::format("pooling{}", k), {"levelled_share", 1.0, 10.0},
-                     [=](const Observation& o) {
-                       return o.on_surface
-                                  ? 0.5 * length * length * o.normal.z * dot(o.along, o.normal) *
-                                        static_cast<double>(o.curvature[k].xx + o.curvature[k].yy)
-                                  : 0.0;
-                     })}};
+    for (std::size_t k = 0; k < kFilmLengths_mm.size(); ++k) {
+      const double length = kFilmLengths_mm[k];
+      const auto levelled = [](std::size_t at) {
+        return column(
+            fmt::format("pooling{}", at),
+            {fmt::format("levelled_share_over_{:.2g}_mm", kFilmLengths_mm[at]), 1.0, 10.0},
+            [=](const Observation& o) {
+              return o.on_surface
+                         ? dot(o.along, o.normal) * o.normal.z * static_cast<double>(o.levelled[at])
+                         : 0.0;
+            });
+      };
+      Form f{fmt::format("over {:.2g} mm", length), {levelled(k)}};
       f.sign = 1;
       f.fixed = {{"length_mm", length}};
+      forms.push_back(f);
+      if (k + 1 == kFilmLengths_mm.size()) continue;
+      f.law = fmt::format("over {:.2g} to {:.2g} mm", length, kFilmLengths_mm[k + 1]);
+      f.columns.push_back(levelled(k + 1));
+      f.fixed.clear();
       forms.push_back(std::move(f));
     }
     return forms;

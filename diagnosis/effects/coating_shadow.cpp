@@ -24,17 +24,16 @@ void add_coating_shadow(std::vector<Effect>& all) {
         const double h = elevation * 3.14159265358979323846 / 180.0;
         const Vec3 s{std::cos(h) * std::cos(a), std::cos(h) * std::sin(a), std::sin(h)};
         const auto wet = [s](const Observation& o) {
-          return o.on_surface ? dot(o.along, o.normal) * std::fmax(0.0, dot(o.normal, s)) : 0.0;
+          return film(o) * std::fmax(0.0, dot(o.slope_normal, s));
         };
         Form f{fmt::format("sprayed from azimuth {} at {} degrees", azimuth, elevation),
                {column(fmt::format("shadow{}_{}", azimuth, elevation), {"film_facing_mm", 1.0, 1.0},
                        wet)}};
         f.fixed = {{"azimuth_deg", azimuth}, {"elevation_deg", elevation}};
+        f.sign = 1;
         forms.push_back(f);
         f.law += ", beside an even film";
-        f.columns.push_back(column("film", {"film_even_mm", 1.0, 1.0}, [](const Observation& o) {
-          return o.on_surface ? dot(o.along, o.normal) : 0.0;
-        }));
+        f.columns.push_back(column("film", {"film_even_mm", 1.0, 1.0}, film));
         forms.push_back(std::move(f));
       }
     return forms;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// A film thicker or thinner than declared by t: t along the normal. 25 to 200 um.
+// A film thicker or thinner than declared by t: t along the normal of the surface without its
+// ridges, over which it levels. 25 to 200 um.
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -16,10 +17,7 @@ void add_coating_thickness(std::vector<Effect>& all) {
   e.separate_by = "a pad left uncoated, or a film gauge";
   e.correction = "declare the measured thickness, mill deeper by it";
   e.forms = [](const Scene&) {
-    return std::vector<Form>{
-        {"even film", {column("film", {"excess_mm", 1.0, 1.0}, [](const Observation& o) {
-           return o.on_surface ? dot(o.along, o.normal) : 0.0;
-         })}}};
+    return std::vector<Form>{{"even film", {column("film", {"excess_mm", 1.0, 1.0}, film)}}};
   };
   all.push_back(std::move(e));
 }

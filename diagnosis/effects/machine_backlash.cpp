@@ -24,24 +24,16 @@ void add_machine_backlash(std::vector<Effect>& all) {
     e.separate_by = "one-way passes on a test strip";
     e.correction = "backlash compensation of the " + a + " axis, or one-way passes";
     e.needs = Needs::path;
-    e.forms = [axis, a](const Scene&) {
+    e.forms = [axis, a](const Scene& scene) {
       std::vector<Form> forms;
       for (std::size_t k = 0; k < kPlayWidths_mm.size(); ++k)
-        forms.push_back({fmt::format("play of about {} mm", kPlayWidths_mm[k]),
-                         {column(fmt::format("backlash_{}{}", a, k), {"width_mm", 2.0, 1.0},
-                                 [=](const Observation& o) {
-                                   return displaced_mm(o,
-                                                       [=](const CutState& s, Vec3) {
-                                                         Vec3 d;
-                                                         (axis == 0   ? d.x
-                                                          : axis == 1 ? d.y
-                                                                      : d.z) =
-                                                             -0.5 * kPlayWidths_mm[k] *
-                                                             component(s.play[k], axis);
-                                                         return d;
-                                                       }) /
-                                          (0.5 * kPlayWidths_mm[k]);
-                                 })}});
+        forms.push_back(
+            {fmt::format("play of about {} mm", kPlayWidths_mm[k]),
+             {cut_column(fmt::format("backlash_{}{}", a, k), {"width_mm", 2.0, 1.0},
+                         0.5 * kPlayWidths_mm[k], scene.ball_radius_mm,
+                         [=](const Observation&, const CutState& s, Vec3) {
+                           return CutChange{along_axis(axis, -component(s.play[k], axis)), 0.0};
+                         })}});
       return forms;
     };
     all.push_back(std::move(e));

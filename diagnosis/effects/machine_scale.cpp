@@ -21,11 +21,12 @@ void add_machine_scale(std::vector<Effect>& all) {
     e.correction = "scale " + a + " in the control or in the program";
     e.forms = [axis, a](const Scene& scene) {
       const double half = scene.half_mm(), c = component(scene.centre(), axis);
-      return std::vector<Form>{
-          {"proportional",
-           {column("scale_" + a, {"error_um_per_m", 1e6 / half, 5000.0}, [=](const Observation& o) {
-             return component(o.along, axis) * (component(o.tip, axis) - c) / half;
-           })}}};
+      return std::vector<Form>{{"proportional",
+                                {tip_column("scale_" + a, {"error_um_per_m", 1e6 / half, 5000.0},
+                                            [=](const CutState& s) {
+                                              return along_axis(
+                                                  axis, (component(s.tip, axis) - c) / half);
+                                            })}}};
     };
     all.push_back(std::move(e));
   }

@@ -18,17 +18,16 @@ void add_machine_servo_lag(std::vector<Effect>& all) {
   e.separate_by = "a patch at half the feed";
   e.correction = "lower feed, higher gain, or feed forward";
   e.needs = Needs::path;
-  e.forms = [](const Scene&) {
+  e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
     for (std::size_t k = 0; k < kLagLengths_mm.size(); ++k) {
       const double scale = 0.5 * kLagLengths_mm[k] * kLagLengths_mm[k];
       // The coefficient is e^2 / 2 over that of the grid; reported as is.
       Form f{fmt::format("lag of about {} mm", kLagLengths_mm[k]),
-             {column(fmt::format("lag{}", k), {"half_square_lag_mm2", scale, 10.0},
-                     [=](const Observation& o) {
-                       return displaced_mm(
-                           o, [k](const CutState& s, Vec3) -> Vec3 { return s.lag[k]; });
-                     })}};
+             {cut_column(fmt::format("lag{}", k), {"half_square_lag_mm2", scale, 10.0}, 1.0,
+                         scene.ball_radius_mm, [k](const Observation&, const CutState& s, Vec3) {
+                           return CutChange{s.lag[k], 0.0};
+                         })}};
       f.sign = 1;
       forms.push_back(std::move(f));
     }

@@ -24,14 +24,14 @@ void add_machine_straightness(std::vector<Effect>& all) {
       const double c = component(scene.centre(), axis);
       const double half = 0.5 * component(scene.box.max - scene.box.min, axis);
       const auto part = [=](int out, int degree) {
-        return column("straight_" + a + kAxisName[out] + std::to_string(degree),
-                      {std::string(out == 2 ? "vertical" : "sideways") + "_p" +
-                           std::to_string(degree) + "_mm",
-                       1.0, 2.0},
-                      [=](const Observation& o) {
-                        return component(o.along, out) *
-                               legendre(degree, (component(o.tip, axis) - c) / half);
-                      });
+        return tip_column("straight_" + a + kAxisName[out] + std::to_string(degree),
+                          {std::string(out == 2 ? "vertical" : "sideways") + "_p" +
+                               std::to_string(degree) + "_mm",
+                           1.0, 2.0},
+                          [=](const CutState& s) {
+                            return along_axis(
+                                out, legendre(degree, (component(s.tip, axis) - c) / half));
+                          });
       };
       std::vector<Form> forms;
       for (const int out : {2, 1 - axis})

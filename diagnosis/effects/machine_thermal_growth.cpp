@@ -24,10 +24,10 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
       double minutes;
       Form operator()(double tau, double step) const {
         Form f{fmt::format("time constant {:.3g} of the program", tau),
-               {column(fmt::format("thermal{:.5f}", tau), {"growth_mm", 1.0, 1.0},
-                       [tau](const Observation& o) {
-                         return -o.along.z * (1.0 - std::exp(-o.path_share / tau));
-                       })}};
+               {tip_column(fmt::format("thermal{:.5f}", tau), {"growth_mm", 1.0, 1.0},
+                           [tau](const CutState& s) {
+                             return along_axis(2, std::expm1(-s.path_share / tau));
+                           })}};
         f.fixed = {{"time_constant_min", tau * minutes}};
         if (step > 1.01)
           f.finer = [make = *this, tau, step] {

@@ -24,16 +24,16 @@ void add_process_chatter(std::vector<Effect>& all) {
       double span;
       Form operator()(double waves, double step) const {
         const double k = 2.0 * 3.14159265358979323846 * waves / span;
-        const auto phase = [along = along, k](const Observation& o) {
-          return k * (along == 0 ? o.tip.x : along == 1 ? o.tip.y : o.path_mm);
+        const auto phase = [along = along, k](const CutState& s) {
+          return k * (along == 0 ? s.tip.x : along == 1 ? s.tip.y : s.path_mm);
         };
         const auto key = fmt::format("chatter{}{:.4f}", along, waves);
         const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
         Form f{fmt::format("wavelength {:.4f} mm along {}", span / waves, where),
-               {column(key + "s", {"sine_mm", 1.0, 1.0},
-                       [=](const Observation& o) { return o.along.z * std::sin(phase(o)); }),
-                column(key + "c", {"cosine_mm", 1.0, 1.0},
-                       [=](const Observation& o) { return o.along.z * std::cos(phase(o)); })}};
+               {tip_column(key + "s", {"sine_mm", 1.0, 1.0},
+                           [=](const CutState& s) { return along_axis(2, std::sin(phase(s))); }),
+                tip_column(key + "c", {"cosine_mm", 1.0, 1.0},
+                           [=](const CutState& s) { return along_axis(2, std::cos(phase(s))); })}};
         f.fixed = {{"wavelength_mm", span / waves}};
         if (step > 0.02)
           f.finer = [make = *this, waves, step] {

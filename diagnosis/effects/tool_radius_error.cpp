@@ -2,7 +2,6 @@
 
 // The ball is larger than said by dR, its tip touched off right: the surface moves by dR (n_z - 1)
 // along its normal, nothing on flats. Up to a shift in z this is a coat of -dR. 10 to 100 um.
-#include "diagnosis/detail/ball.hpp"
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -20,15 +19,13 @@ void add_tool_radius_error(std::vector<Effect>& all) {
   e.correction = "program with the measured radius";
   e.forms = [](const Scene& scene) {
     // Sizes for themselves: at hollows and ridges another pass comes to make the surface.
-    const double radius = scene.ball_radius_mm;
     std::vector<Form> forms;
     for (const double size : {0.02, -0.02, 0.06, -0.06, 0.15, -0.15}) {
-      const auto rise = [=](const CutState&, Vec3 n) { return ball_rise(radius, n, size); };
-      Form f{
-          fmt::format("about {} mm, tip held", size),
-          {column(fmt::format("radius{}", size), {"error_mm", 1.0, 1.0}, [=](const Observation& o) {
-            return o.on_surface ? recut_mm(o, rise) / size : 0.0;
-          })}};
+      Form f{fmt::format("about {} mm, tip held", size),
+             {cut_column(fmt::format("radius{}", size), {"error_mm", 1.0, 1.0}, size,
+                         scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {
+                           return CutChange{{}, 1.0};
+                         })}};
       f.sign = size > 0.0 ? 1 : -1;
       forms.push_back(std::move(f));
     }

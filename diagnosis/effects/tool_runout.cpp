@@ -16,19 +16,20 @@ void add_tool_runout(std::vector<Effect>& all) {
   e.looks_like = {"tool.radius_error", "tool.deflection"};
   e.separate_by = "dial gauge on the cutter; marks at one tooth per turn under a microscope";
   e.correction = "clean or change the collet";
-  e.forms = [](const Scene&) {
+  e.forms = [](const Scene& scene) {
+    // The body swept by a ball that runs out is that of balls moved towards the place.
+    const double radius = scene.ball_radius_mm;
     std::vector<Form> forms;
     for (const double size : {0.01, 0.05}) {
       Form f{fmt::format("eccentric by about {} mm", size),
-             {column(fmt::format("runout{}", size), {"eccentricity_mm", 1.0, 0.5},
-                     [size](const Observation& o) {
-                       if (!o.on_surface) return 0.0;
-                       return recut_mm(o,
-                                       [size](const CutState&, Vec3 n) {
-                                         return -size * std::hypot(n.x, n.y) / n.z;
-                                       }) /
-                              size;
-                     })}};
+             {cut_column(fmt::format("runout{}", size), {"eccentricity_mm", 1.0, 0.5}, size, radius,
+                         [=](const Observation&, const CutState&, Vec3 n) {
+                           const double h = std::hypot(n.x, n.y);
+                           // Closer to its middle than it runs out the ball is flat.
+                           const double share = -std::fmin(1.0, radius * h / size);
+                           return h > 0.0 ? CutChange{{share * n.x / h, share * n.y / h, 0.0}, 0.0}
+                                          : CutChange{};
+                         })}};
       f.sign = 1;
       forms.push_back(std::move(f));
     }

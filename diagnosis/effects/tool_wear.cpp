@@ -3,7 +3,6 @@
 // The ball loses w over the program, evenly with the cut length, fast at first, or late. What is
 // worn from all sides leaves the surface higher by w along the normal; after wear the tip is still
 // where the control thinks it is if lengths are measured again: w (1 - n_z). 10 to 100 um.
-#include "diagnosis/detail/ball.hpp"
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -34,17 +33,11 @@ void add_tool_wear(std::vector<Effect>& all) {
       for (const bool tip_held : {true, false})
         forms.push_back(
             {fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
-             {column(fmt::format("wear{}{}", law.power, tip_held), {"radius_loss_mm", 1.0, 1.0},
-                     [=](const Observation& o) {
-                       if (!o.on_surface) return 0.0;
-                       return recut_mm(
-                                  o,
-                                  [=](const CutState& s, Vec3 n) {
-                                    const double loss = kSize_mm * std::pow(s.cut_share, law.power);
-                                    return ball_rise(radius, n, -loss) + (tip_held ? 0.0 : loss);
-                                  }) /
-                              kSize_mm;
-                     })}});
+             {cut_column(fmt::format("wear{}{}", law.power, tip_held), {"radius_loss_mm", 1.0, 1.0},
+                         kSize_mm, radius, [=](const Observation&, const CutState& s, Vec3) {
+                           const double loss = std::pow(s.cut_share, law.power);
+                           return CutChange{{0.0, 0.0, tip_held ? 0.0 : loss}, -loss};
+                         })}});
     return forms;
   };
   all.push_back(std::move(e));

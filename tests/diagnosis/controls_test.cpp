@@ -31,7 +31,7 @@ Measurements places(std::uint64_t seed, std::size_t points) {
       const double x = 2.0 + 156.0 * random_uniform(seed, 2 * k),
                    y = 2.0 + 156.0 * random_uniform(seed, 2 * k + 1);
       o.place = {x, y, 10.0 + 2.45 * std::sin(x / 7.0) - 2.7 * std::cos(y / 9.0)};
-      o.normal = o.along =
+      o.normal = o.along = o.slope_normal =
           normalized(Vec3{-0.35 * std::cos(x / 7.0), -0.3 * std::sin(y / 9.0), 1.0});
       o.tip = o.place + 3.0 * (o.normal - Vec3{0, 0, 1});
       o.set_up = s;

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "diagnosis/effect.hpp"
+#include "diagnosis/surface.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -28,7 +29,7 @@ Scene scene() {
 Observation place() {
   Observation o;
   o.place = {120, 40, 10};
-  o.normal = o.along = normalized(Vec3{-0.3, 0.2, 1.0});
+  o.normal = o.along = o.slope_normal = normalized(Vec3{-0.3, 0.2, 1.0});
   o.tip = {121, 41, 9};
   o.feed = normalized(Vec3{1, 0, 0.3});
   o.path_share = 0.6;
@@ -39,7 +40,8 @@ Observation place() {
   o.has_station = true;
   o.beam = normalized(Vec3{40, 940, -890});
   o.range_mm = norm(Vec3{40, 940, -890});
-  for (auto& c : o.curvature) c = {0.01F, 0.002F, -0.02F};
+  o.levelled.fill(0.02F);
+  o.spot.fill(0.03F);
   return o;
 }
 
@@ -111,10 +113,12 @@ TEST(Library, MovesMaterialAsItsPhysicsSays) {
   EXPECT_NEAR(value("machine.scale_x", 0, o), n.x * (121.0 - 80.0) / 80.0, 1e-12);
   EXPECT_NEAR(value("machine.squareness_xz", 0, o), n.x * (9.0 - 10.0) / 80.0, 1e-12);
   EXPECT_NEAR(value("machine.backlash_x", 0, o), -n.x, 1e-6) << "moving up x, the table trails";
-  // A ball of 3.02 mm in the place of one of 3 mm, its tip held, by its circle.
-  const double rho2 = 9.0 * (1.0 - n.z * n.z);
+  // A cylinder of 3.02 mm in the place of one of 3 mm, lowest line held: across the feed it is a
+  // circle whose lowest point is up.across / |across| away.
+  const double c2 = 1.0 - o.feed.z * o.feed.z, side2 = 9.0 * (1.0 - n.z * n.z / c2);
   EXPECT_NEAR(value("tool.radius_error", 0, o),
-              (3.02 - std::sqrt(3.02 * 3.02 - rho2) - 3.0 + std::sqrt(9.0 - rho2)) / 0.02 * n.z,
+              (0.02 - (std::sqrt(3.02 * 3.02 - side2) - std::sqrt(9.0 - side2)) / std::sqrt(c2)) /
+                  0.02 * n.z,
               1e-9);
   EXPECT_NEAR(value("tool.radius_error", 0, o), n.z - 1.0, 1e-3) << "to first order";
   EXPECT_NEAR(value("coating.thickness", 0, o), 1.0, 1e-12);
@@ -125,7 +129,7 @@ TEST(Library, MovesMaterialAsItsPhysicsSays) {
   EXPECT_NEAR(value("machine.step_loss_z", 9, o), 0.0, 1e-12)
       << "lost later than this place was cut";
   Observation flat = o;
-  flat.normal = flat.along = {0, 0, 1};
+  flat.normal = flat.along = flat.slope_normal = {0, 0, 1};
   EXPECT_EQ(value("tool.radius_error", 0, flat), 0.0) << "nothing on flats";
   EXPECT_EQ(value("machine.backlash_x", 0, flat), 0.0);
 }
@@ -137,18 +141,36 @@ TEST(Library, CoatAndRadiusDifferByAShiftOnly) {
       << "to first order";
 }
 
-TEST(Library, BlursASphereByItsCurvature) {
-  // Seen straight from above the footprint is round: half w^2 times the sum of curvatures.
+TEST(Library, BlursABowlByItsCurvature) {
+  // z = q (x^2 + y^2) / 2: the mean over a spot or a film of width w is higher by q w^2, seen from
+  // straight above; at 60 degrees along x the footprint is twice as long there: q w^2 (4 + 1) / 2.
+  constexpr double kBowl = 0.01;  // 1/mm
+  heightmap::ModelField bowl{Grid<float>(161, 161), Millimetres{0.5}, Millimetres{-40.0},
+                             Millimetres{-40.0}};
+  for (std::ptrdiff_t r = 0; r < 161; ++r)
+    for (std::ptrdiff_t c = 0; c < 161; ++c)
+      bowl.z_mm(r, c) = static_cast<float>(
+          0.5 * kBowl * (bowl.x_mm(c) * bowl.x_mm(c) + bowl.y_mm(r) * bowl.y_mm(r)));
+  const SimulatedSurface surface(bowl, nullptr, {});
   Observation o = place();
+  o.place = {0, 0, 0};
   o.normal = o.along = {0, 0, 1};
-  o.beam = {0, 0, -1};
-  const double w = kCurvatureScales_mm[1] * std::sqrt(2.0);
-  EXPECT_NEAR(value("scanner.spot_blur", 1, o), 0.5 * w * w * (0.01 - 0.02), 1e-9);
-  EXPECT_NEAR(value("coating.pooling", 1, o), value("scanner.spot_blur", 1, o), 1e-9)
-      << "and the same as a levelled film";
-  // At 60 degrees along x the footprint is twice as long there.
-  o.beam = {std::sqrt(0.75), 0, -0.5};
-  EXPECT_NEAR(value("scanner.spot_blur", 1, o), 0.5 * w * w * (4.0 * 0.01 - 0.02), 1e-7);
+  o.levelled = surface.levelled(0, 0, 0);
+  for (const auto& [beam, stretch] :
+       {std::pair{Vec3{0, 0, -1}, 1.0}, {Vec3{std::sqrt(0.75), 0, -0.5}, 2.5}}) {
+    o.beam = beam;
+    o.spot = surface.spot(o.place, o.normal, beam);
+    for (std::size_t k = 0; k < kSpotWidths_mm.size(); ++k)
+      // A grid of 0.25 mm, linear between its nodes, is higher by q 0.25^2 / 6 along each axis. At
+      // 60 degrees beams meet the bowl before or behind the plane: the fourth order in width.
+      EXPECT_NEAR(value("scanner.spot_blur", 2 * k, o),
+                  kBowl * stretch * kSpotWidths_mm[k] * kSpotWidths_mm[k],
+                  3e-4 * stretch + 0.02 * kBowl * stretch * kSpotWidths_mm[k] * kSpotWidths_mm[k]);
+  }
+  for (std::size_t k = 0; k < kFilmLengths_mm.size(); ++k)
+    // The Gaussian ends at 3.5 lengths, which leaves 0.6 % of its variance out.
+    EXPECT_NEAR(value("coating.pooling", 2 * k, o), kBowl * kFilmLengths_mm[k] * kFilmLengths_mm[k],
+                3e-4 + 0.006 * kBowl * kFilmLengths_mm[k] * kFilmLengths_mm[k]);
 }
 
 TEST(Library, MarksAreMovedByMachinesOnly) {

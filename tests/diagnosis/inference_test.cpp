@@ -70,7 +70,7 @@ Measurements part(std::uint64_t seed, const Noise& noise,
       o.place = {x, y,
                  10.0 + 2.45 * std::sin(x / 7.0) - 2.7 * std::cos(y / 9.0) +
                      2.2 * std::sin(0.09 * x + 0.13 * y)};
-      o.normal = o.along = normalized(Vec3{-gx, -gy, 1.0});
+      o.normal = o.along = o.slope_normal = normalized(Vec3{-gx, -gy, 1.0});
       o.tip = o.place + 3.0 * (o.normal - Vec3{0, 0, 1});
       const double pass = std::floor(y / 0.5), way = std::fmod(pass, 2.0) == 0.0 ? 1.0 : -1.0;
       o.feed = normalized(Vec3{way, 0.0, way * gx});

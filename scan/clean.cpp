@@ -11,6 +11,7 @@
 
 #include "scan/detail/cloud_parts.hpp"
 #include "scan/detail/range_image.hpp"
+#include "scan/detail/thinned_cloud.hpp"
 #include "scan/detail/voxel_statistics.hpp"
 
 namespace maquette::scan {
@@ -38,7 +39,7 @@ class Cleaner {
 
   Result<void> judge();
   /// The points that stay; with normals where they were asked for.
-  Result<void> write(const std::function<Result<void>(const ScanStation&, const PointBatch&)>& out);
+  Result<void> write(const detail::StationSink& out);
   [[nodiscard]] const CleanFigures& figures() const { return figures_; }
 
  private:
@@ -250,25 +251,7 @@ void pick(PointBatch& b, const std::vector<std::uint32_t>& wanted) {
   pick(b.spread_mm, wanted);
 }
 
-ScanStation thinned_station(const std::vector<ScanStation>& from, bool intensity, bool colour) {
-  ScanStation s;
-  s.name = "thinned";
-  if (from.size() == 1) {
-    s = from.front();
-    s.model_from_station = {};
-    s.rows = s.columns = 0;
-    s.points = 0;
-  }
-  s.fields = {};
-  s.fields.normals = s.fields.statistics = true;
-  s.fields.intensity = intensity;
-  s.fields.colour = colour;
-  for (const ScanStation& f : from) s.colour_bits = std::max(s.colour_bits, f.colour_bits);
-  return s;
-}
-
-Result<void> Cleaner::write(
-    const std::function<Result<void>(const ScanStation&, const PointBatch&)>& out) {
+Result<void> Cleaner::write(const detail::StationSink& out) {
   std::unique_ptr<VoxelStatistics> thin;
   if (o_.thin_mm > 0.0) {
     detail::VoxelGrid grid;
@@ -331,31 +314,8 @@ Result<void> Cleaner::write(
                             "look at the part's box and its unit",
                             figures_.points, figures_.mixed, figures_.isolated, figures_.off_part));
   if (!thin) return {};
-  const ScanStation station = thinned_station(stations, intensity, colour);
-  constexpr std::size_t kBatch = 65'536;
-  PointBatch b;
-  for (std::size_t from = 0; from < thin->size(); from += kBatch) {
-    const std::size_t n = std::min(kBatch, thin->size() - from);
-    b.clear();
-    b.begins_station = from == 0;
-    b.points_mm.resize(n);
-    b.normals.resize(n);
-    b.counts.resize(n);
-    b.spread_mm.resize(n);
-    if (intensity) b.intensity.resize(n);
-    if (colour) b.colours.resize(n);
-    oneapi::tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
-      const detail::VoxelSummary s = thin->summary(from + i);
-      b.points_mm[i] = s.mean_mm;
-      b.normals[i] = s.normal;
-      b.counts[i] = s.points;
-      b.spread_mm[i] = static_cast<float>(s.spread_mm);
-      if (intensity) b.intensity[i] = static_cast<float>(s.intensity);
-      if (colour) b.colours[i] = s.colour;
-    });
-    figures_.written += n;
-    MAQUETTE_TRY_VOID(out(station, b));
-  }
+  MAQUETTE_TRY_VOID(detail::write_thinned(*thin, stations, intensity, colour, out));
+  figures_.written += thin->size();
   return {};
 }
 
@@ -384,11 +344,7 @@ Result<CleanFigures> clean_cloud(const std::filesystem::path& from, const std::f
   Cleaner cleaner([&] { return open_cloud(from); }, options, run);
   MAQUETTE_TRY_VOID(cleaner.judge());
   MAQUETTE_TRY(const auto writer, create_cloud(to));
-  MAQUETTE_TRY_VOID(
-      cleaner.write([&](const ScanStation& station, const PointBatch& batch) -> Result<void> {
-        if (batch.begins_station) MAQUETTE_TRY_VOID(writer->begin_station(station));
-        return writer->write(batch);
-      }));
+  MAQUETTE_TRY_VOID(cleaner.write(detail::into(*writer)));
   MAQUETTE_TRY_VOID(writer->finish());
   run.progress(1.0);
   return cleaner.figures();
@@ -399,26 +355,7 @@ Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options, cons
   Cleaner cleaner([&] { return detail::reader_of(cloud); }, options, run);
   MAQUETTE_TRY_VOID(cleaner.judge());
   Cloud kept;
-  const auto add = [](auto& to, const auto& some) {
-    to.insert(to.end(), some.begin(), some.end());
-  };
-  MAQUETTE_TRY_VOID(
-      cleaner.write([&](const ScanStation& station, const PointBatch& batch) -> Result<void> {
-        if (batch.begins_station) {
-          kept.stations.push_back(station);
-          kept.stations.back().points = 0;
-        }
-        kept.stations.back().points += batch.size();
-        const RigidTransform& pose = station.model_from_station;
-        for (const Vec3& p : batch.points_mm) kept.points_mm.push_back(pose.point(p));
-        for (const Vec3& n : batch.normals) kept.normals.push_back(pose.direction(n));
-        add(kept.intensity, batch.intensity);
-        add(kept.colours, batch.colours);
-        add(kept.grid, batch.grid);
-        add(kept.counts, batch.counts);
-        add(kept.spread_mm, batch.spread_mm);
-        return {};
-      }));
+  MAQUETTE_TRY_VOID(cleaner.write(detail::into(kept)));
   kept.station_mm = cloud.station_mm;
   cloud = std::move(kept);
   run.progress(1.0);

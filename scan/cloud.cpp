@@ -1,15 +1,26 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "scan/cloud.hpp"
 
+#include <cmath>
+
 #include <fmt/format.h>
 
 #include "core/check.hpp"
+#include "core/random.hpp"
 #include "scan/detail/cloud_parts.hpp"
 
 namespace maquette::scan {
 namespace {
 
 constexpr std::size_t kBatch = 65'536;
+constexpr std::uint64_t kShareSeed = 0x53686172;
+
+/// Of n points, and some more than chance may add.
+std::size_t kept_of(std::uint64_t n, double share) {
+  if (share >= 1.0) return n;
+  const double mean = share * static_cast<double>(n);
+  return static_cast<std::size_t>(mean + 5.0 * std::sqrt(mean));
+}
 
 void make_room(Cloud& cloud, std::size_t n, const CloudFields& fields) {
   if (n <= cloud.points_mm.capacity()) return;
@@ -103,8 +114,10 @@ std::unique_ptr<CloudReader> reader_of(const Cloud& cloud) {
   return std::make_unique<MemoryReader>(cloud);
 }
 
-Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunContext& run) {
+Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunContext& run,
+                       double share) {
   Cloud cloud;
+  std::uint64_t record = 0;
   PointBatch batch;
   // A part counts only if every station with points has it.
   std::optional<CloudFields> common;
@@ -125,10 +138,13 @@ Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunCo
     common->grid &= f.grid;
     common->statistics &= f.statistics;
     // The reader has compared the count with the file's size.
-    if (batch.begins_station) make_room(cloud, cloud.points_mm.size() + station.points, *common);
+    if (batch.begins_station)
+      make_room(cloud, cloud.points_mm.size() + kept_of(station.points, share), *common);
     const RigidTransform& pose = station.model_from_station;
     const bool moves = pose != RigidTransform{};
     for (std::size_t i = 0; i < batch.size(); ++i) {
+      const std::uint64_t number = record++;
+      if (share < 1.0 && random_uniform(kShareSeed, number) >= share) continue;
       if (!batch.has_position(i)) continue;
       cloud.points_mm.push_back(moves ? pose.point(batch.points_mm[i]) : batch.points_mm[i]);
       ++kept[batch.station];
@@ -208,9 +224,34 @@ Result<void> write_all(const Cloud& cloud, const RigidTransform* transform, Clou
 
 }  // namespace detail
 
-Result<Cloud> read_cloud(const std::filesystem::path& path, const RunContext& run) {
+namespace {
+
+/// Of those that the reader says it has; of formats that say it station by station, those met.
+Result<std::uint64_t> points_in(const std::filesystem::path& path, const CloudReader& reader,
+                                std::uint64_t most_points, const RunContext& run) {
+  constexpr std::uint64_t kLeastBytes = 6;  // "1 2 3\n"
+  std::error_code ec;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, ec);
+  if (!ec && bytes / kLeastBytes < most_points) return 0;
+  std::uint64_t said = 0;
+  for (const ScanStation& s : reader.stations()) said += s.points;
+  if (reader.format() == "E57" || reader.format() == "LAS" || said > most_points) return said;
+  MAQUETTE_TRY(const CloudInfo info, inspect_cloud(path, {}, run));
+  return info.points;
+}
+
+}  // namespace
+
+Result<Cloud> read_cloud(const std::filesystem::path& path, const RunContext& run,
+                         std::uint64_t most_points) {
   MAQUETTE_TRY(const auto reader, open_cloud(path));
-  return detail::read_all(*reader, path.string(), run);
+  double share = 1.0;
+  if (most_points < UINT64_MAX) {
+    MAQUETTE_TRY(const std::uint64_t points, points_in(path, *reader, most_points, run));
+    if (points > most_points)
+      share = static_cast<double>(most_points) / static_cast<double>(points);
+  }
+  return detail::read_all(*reader, path.string(), run, share);
 }
 
 Result<void> write_cloud(const Cloud& cloud, const std::filesystem::path& path) {

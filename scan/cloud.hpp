@@ -96,8 +96,11 @@ inline constexpr double kLargestCoordinateMm = 1e9;
 ///   SCAN_CLOUD_EMPTY       no points
 ///   SCAN_CLOUD_NOT_FINITE  a coordinate is not a number or absurd: index of the first
 ///   CORE_CANCELLED
+/// @param most_points  of a file with more, an even random share stays (each point by its number,
+///                     so the same every time): about that many
 [[nodiscard]] Result<Cloud> read_cloud(const std::filesystem::path& path,
-                                       const RunContext& run = {});
+                                       const RunContext& run = {},
+                                       std::uint64_t most_points = UINT64_MAX);
 /// By extension, with the options' defaults of scan/cloud_stream.hpp. PLY: double coordinates
 /// and normals, float intensity; reading gives the same bits. E57 and PTX keep every
 /// station with its pose; the other formats hold one frame, and a scanner position only if

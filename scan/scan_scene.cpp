@@ -126,12 +126,15 @@ StationSink into(Cloud& cloud) {
     cloud.stations.back().points += batch.size();
     const RigidTransform& pose = station.model_from_station;
     for (const Vec3& p : batch.points_mm) cloud.points_mm.push_back(pose.point(p));
+    for (const Vec3& n : batch.normals) cloud.normals.push_back(pose.direction(n));
     const auto add = [](auto& to, const auto& from) {
       to.insert(to.end(), from.begin(), from.end());
     };
     add(cloud.intensity, batch.intensity);
     add(cloud.colours, batch.colours);
     add(cloud.grid, batch.grid);
+    add(cloud.counts, batch.counts);
+    add(cloud.spread_mm, batch.spread_mm);
     return {};
   };
 }

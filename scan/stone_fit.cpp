@@ -20,9 +20,6 @@ constexpr std::size_t kLeastRanges = 25;
 constexpr int kMostIterations = 25;
 // Seen flatter than this (the mean cosine) a range says more of the facet than of the stone.
 constexpr double kLeastCosine = 0.25;
-// How well the beam's shape is known, and a few rays stand for it: that much of the depth within a
-// beam is uncertain.
-constexpr double kBeamShape = 0.1;
 constexpr std::size_t kAngles = 4;
 constexpr int kScaleIterations = 5;  // later, and near its rest, the limit is kept
 constexpr double kAtRestSigmas = 0.05;

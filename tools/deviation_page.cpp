@@ -196,6 +196,7 @@ void add_registration(Document& doc, const json& s) {
   doc.emplace_back(Heading{2, "Registration"});
   add_table(doc, s["registrations"],
             {{"points", "scan"},
+             {"points_used", "points"},
              {"iterations", "iterations"},
              {"rms_before_mm", "RMS before, mm"},
              {"rms_after_mm", "RMS after, mm"},
@@ -207,6 +208,13 @@ void add_registration(Document& doc, const json& s) {
              {"sigma_rotation_rad", "rad"},
              {"effective_points", "independent points"},
              {"free_directions", "not determined"}});
+  if (s.contains("beam"))
+    doc.emplace_back(Paragraph{fmt::format(
+        "A beam measures a mean over its width. What that does on the expected surface was taken "
+        "out of the ranges: {:.2g} mm RMS, {:.2g} mm at most; {} points beside edges within their "
+        "beam are left out.",
+        s["beam"]["rms_mm"].get<double>(), s["beam"]["largest_mm"].get<double>(),
+        s["beam"]["at_edges"].get<std::uint64_t>())});
   if (!s["spheres"].empty()) {
     doc.emplace_back(Paragraph{"Reference spheres found in the clouds and matched to datums:"});
     add_table(doc, s["spheres"],
@@ -273,7 +281,9 @@ Document document_of(const scan::Deviation& deviation, const heightmap::ModelFie
   Document doc;
   add_figures(doc, s, {kDeviationFigures.begin(), kDeviationFigures.end()});
   doc.emplace_back(Heading{2, "Deviation"});
-  doc.emplace_back(Picture{map_png, "measured minus design along the normal; grey: not measured"});
+  doc.emplace_back(Picture{map_png,
+                           "measured minus design along the normal, over the hillshade of the "
+                           "design; dark grey: not measured"});
   doc.emplace_back(Picture{significant_png,
                            fmt::format("{}, where it is more than noise (1 % false discoveries); "
                                        "white: not significant",

@@ -3,6 +3,7 @@
 // Scans against the design: poses, deviations, what of them is more than noise, and the report.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -16,6 +17,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
+#include "scan/beam_shift.hpp"
 #include "scan/clean.hpp"
 #include "scan/deviate.hpp"
 #include "scan/expected_surface.hpp"
@@ -38,6 +40,8 @@ using nlohmann::json;
 namespace {
 
 constexpr double kOfSphere = 1.1;  // radii: points of a reference sphere, not of the part
+// Of all scans together, some 4 GB here. Of larger files an even share is compared.
+constexpr std::uint64_t kMostPoints = 30'000'000;
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 std::vector<scan::Datum> datums_of(const Case& input) {
@@ -123,6 +127,11 @@ struct Measured {
   };
   std::vector<Where> part;
   std::size_t at_rim = 0;  ///< left out: part of their beam passed the rim
+  void make_room(std::size_t points) {
+    cloud.points_mm.reserve(points);
+    for (std::vector<float>* of : {&cloud.intensity, &range_mm, &incidence_deg, &slope_deg})
+      of->reserve(points);
+  }
   json registrations = json::array(), datums = json::array(), spheres = json::array();
 };
 
@@ -203,7 +212,7 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   const auto within = [&](Error error) {
     return tl::unexpected(std::move(error).within(entry.points.string()));
   };
-  MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points));
+  MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points, run, kMostPoints / input.scans.size()));
   if (!std::isnan(entry.scanner_position_mm.x)) cloud.station_mm = entry.scanner_position_mm;
   // What floats between two surfaces belongs to neither. Rays meet one surface: of their points
   // only noise would be taken for mixed, beside steep stones and to one side.
@@ -211,6 +220,8 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   if (entry.beam_diameter_mm > 0.0) {
     scan::CleanOptions edges;
     edges.least_neighbours = 0;
+    edges.beam_diameter_mm = entry.beam_diameter_mm;
+    edges.beam_divergence_mrad = 0.0;  // the diameter is that at the part
     MAQUETTE_TRY(cleaned, scan::clean_cloud(cloud, edges, run));
   }
   scan::RegisterOptions options;
@@ -233,6 +244,7 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   if (!best) return within(std::move(best.error()));
   all.registrations.push_back(registration_row(*best, name));
   all.registrations.back()["mixed_points_taken_out"] = cleaned.mixed;
+  all.registrations.back()["points_used"] = cloud.points_mm.size();
   if (input.scale) {
     for (Vec3& p : cloud.points_mm) p = best->scale * p;
     if (cloud.station_mm) *cloud.station_mm = best->scale * *cloud.station_mm;
@@ -256,6 +268,7 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   }
   const bool bright = cloud.intensity.size() == cloud.points_mm.size();
   const std::size_t before = all.cloud.points_mm.size();
+  all.make_room(before + cloud.points_mm.size());
   std::size_t i = 0;
   for (const scan::Viewpoint& view : views_of(cloud, used.model_from_scan, entry)) {
     const std::size_t first = all.cloud.points_mm.size();
@@ -280,6 +293,49 @@ Result<void> add_scan(Measured& all, const CaseScan& entry, const Case& input,
   }
   all.scans.push_back({used, all.cloud.points_mm.size() - before});
   return {};
+}
+
+/// Every point as a ray in the middle of its beam would have measured it on what is expected; what
+/// lies beside an edge is left out.
+/// @return how far points were moved, or null where all were rays
+Result<json> take_out_beams(Measured& all, const ModelField& surface, double noise_mm,
+                            const RunContext& run) {
+  if (std::none_of(all.views.begin(), all.views.end(),
+                   [](const scan::Viewpoint& v) { return v.beam_diameter_mm > 0.0; }))
+    return json();
+  auto& points = all.cloud.points_mm;
+  MAQUETTE_TRY(const auto shifts, scan::beam_shifts_mm(points, all.views, surface, noise_mm, run));
+  const std::array columns{&all.cloud.intensity, &all.range_mm, &all.incidence_deg, &all.slope_deg};
+  double square = 0.0, largest = 0.0;
+  std::size_t to = 0, i = 0, scan = 0;
+  std::size_t scan_end = all.scans.front().points;
+  std::vector<std::size_t> left(all.scans.size(), 0);
+  for (scan::Viewpoint& v : all.views) {
+    const std::size_t first = to;
+    for (const std::size_t end = i + v.points; i < end; ++i) {
+      while (i >= scan_end) scan_end += all.scans[++scan].points;
+      if (std::isnan(shifts[i])) continue;
+      const auto shift = static_cast<double>(shifts[i]);
+      const Vec3 look = v.station_mm ? normalized(points[i] - *v.station_mm) : Vec3{0.0, 0.0, -1.0};
+      points[to] = points[i] - shift * look;
+      for (std::vector<float>* of : columns) (*of)[to] = (*of)[i];
+      square += shift * shift;
+      largest = std::fmax(largest, std::abs(shift));
+      ++left[scan];
+      ++to;
+    }
+    v.points = to - first;
+  }
+  const std::size_t edges = points.size() - to;
+  points.resize(to);
+  for (std::vector<float>* of : columns) of->resize(to);
+  for (std::size_t k = 0; k < left.size(); ++k) all.scans[k].points = left[k];
+  if (to == 0)
+    return fail(scan::kTooFewPoints,
+                "every point lies beside an edge within its beam: is beam_diameter_mm in mm?");
+  return json{{"rms_mm", std::sqrt(square / static_cast<double>(to))},
+              {"largest_mm", largest},
+              {"at_edges", edges}};
 }
 
 /// The deviation where its cell is significant, zero where it is not, on the design's nodes.
@@ -394,6 +450,17 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
                 "every point lies within half a beam of the part's rim: is "
                 "beam_diameter_mm in mm?");
   const scan::Registration joint = scan::joint_pose(all.scans);
+  // Of stones before what the beam does to the surface as it is expected is taken out: one that has
+  // moved is not where it is expected.
+  std::vector<scan::StoneFinding> stones;
+  if (nominal.ground) {
+    MAQUETTE_TRY(stones, scan::find_stones(all.cloud.points_mm, all.views, *nominal.ground,
+                                           nominal.stone_plan, joint.noise_mm, &joint));
+  }
+  json beam;
+  if (!nominal.mesh) {  // of any shape: its upper side does not say what a beam meets
+    MAQUETTE_TRY(beam, take_out_beams(all, nominal.to_meet(), joint.noise_mm, run));
+  }
   const RigidTransform in_model;  // every cloud has been brought there above
   const Millimetres reach{input->reach_mm};
   scan::MeshDeviation deviation;
@@ -417,12 +484,6 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
     expected = expected_json(from_expected.statistics, nominal, *input);
   }
   const scan::Significance& significance = by_expected ? *by_expected : by_design;
-  std::vector<scan::StoneFinding> stones;
-  if (nominal.ground) {
-    MAQUETTE_TRY(stones, scan::find_stones(points, all.views, *nominal.ground, nominal.stone_plan,
-                                           deviation.statistics.nmad_mm, &joint));
-  }
-
   // Beside planned stones, or where one of them is missing.
   std::vector<int> missing;
   for (const scan::StoneFinding& f : stones)
@@ -444,6 +505,7 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   json summary = json::parse(scan::to_json(deviation.statistics, &all.scans.front().registration));
   if (!expected.is_null()) summary["expected"] = expected;
   summary["at_rim"] = all.at_rim;
+  if (!beam.is_null()) summary["beam"] = beam;
   summary["registrations"] = all.registrations;
   summary["datums"] = all.datums;
   summary["spheres"] = all.spheres;
@@ -498,9 +560,10 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
     MAQUETTE_TRY_VOID(scan::write_deviation_mesh(*nominal.mesh, deviation, result.outputs.back()));
   }
   const double limit = colour_limit(deviation.map_mm, 0.05);
-  MAQUETTE_TRY_VOID(camera::write_png(signed_picture(deviation.map_mm, limit), result.outputs[3]));
-  MAQUETTE_TRY_VOID(camera::write_png(signed_picture(significant_map(significance, design), limit),
-                                      significant_png));
+  MAQUETTE_TRY_VOID(
+      camera::write_png(signed_picture(deviation.map_mm, limit, &design), result.outputs[3]));
+  MAQUETTE_TRY_VOID(camera::write_png(
+      signed_picture(significant_map(significance, design), limit, &design), significant_png));
   result.outputs.push_back(folder / "report.pdf");
   MAQUETTE_TRY_VOID(write_deviation_report(deviation, design, summary.dump(), limit,
                                            result.outputs[3], significant_png, result.outputs[4],

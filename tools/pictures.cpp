@@ -58,14 +58,24 @@ Grid<std::uint8_t> hillshade_picture(const heightmap::ModelField& field, int lon
   return picture;
 }
 
-Grid<camera::Rgb8> signed_picture(const Grid<float>& values, double limit, int longest_px) {
+Grid<camera::Rgb8> signed_picture(const Grid<float>& values, double limit,
+                                  const heightmap::ModelField* relief, int longest_px) {
+  constexpr camera::Rgb8 kNone{128, 128, 128}, kNoneOnRelief{70, 70, 70};
+  constexpr double kDarkest = 0.55;
   const Grid<float> small = shrink(values, longest_px);
-  Grid<camera::Rgb8> picture(small.rows(), small.cols());
-  std::transform(small.cells().begin(), small.cells().end(), picture.cells().begin(),
-                 [limit](float v) {
-                   return std::isnan(v) ? camera::Rgb8{128, 128, 128}
-                                        : signed_colour(static_cast<double>(v) / limit);
-                 });
+  Grid<camera::Rgb8> picture(small.rows(), small.cols(), relief != nullptr ? kNoneOnRelief : kNone);
+  Grid<std::uint8_t> shade;
+  if (relief != nullptr) shade = hillshade_picture(*relief, longest_px);
+  for (std::ptrdiff_t r = 0; r < small.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < small.cols(); ++c) {
+      if (std::isnan(small(r, c))) continue;
+      camera::Rgb8 colour = signed_colour(static_cast<double>(small(r, c)) / limit);
+      if (relief != nullptr)
+        for (std::uint8_t& part : colour)
+          part = static_cast<std::uint8_t>(
+              std::lround(part * (kDarkest + (1.0 - kDarkest) * shade(r, c) / 255.0)));
+      picture(r, c) = colour;
+    }
   return picture;
 }
 

@@ -20,7 +20,10 @@ namespace maquette::tools {
 
 /// Signed values on a field's nodes: blue below, white zero, red above, grey where
 /// there is none; full colour at +-limit. Averaged down to at most `longest_px`.
+/// @param relief  of the same nodes: its shading lies under the colours, and nothing is as dark as
+///                what has no value
 [[nodiscard]] Grid<camera::Rgb8> signed_picture(const Grid<float>& values, double limit,
+                                                const heightmap::ModelField* relief = nullptr,
                                                 int longest_px = 1000);
 
 /// The same scale as a bar with labels, as SVG.

@@ -142,9 +142,9 @@ using ReaderResult = Result<std::unique_ptr<CloudReader>>;
                                      bool is_csv);
 /// By the extension of the source's name.
 [[nodiscard]] ReaderResult open_source(ByteSource source, const CloudReadOptions& options);
-/// All that a reader gives.
+/// All that a reader gives, or an even random share of it.
 [[nodiscard]] Result<Cloud> read_all(CloudReader& reader, const std::string& file,
-                                     const RunContext& run);
+                                     const RunContext& run, double share = 1.0);
 
 /// For writers of one record layout and one frame: refuses a station of another layout,
 /// brings batches to the model frame and drops points without position.

@@ -14,6 +14,10 @@
 
 namespace maquette::scan::detail {
 
+/// How well the beam's shape is known, and few rays stand for it: that much of the depth within a
+/// beam is uncertain.
+inline constexpr double kBeamShape = 0.1;
+
 /// The line from the scanner to a point.
 struct Sight {
   Vec3 from_mm, direction;  ///< unit

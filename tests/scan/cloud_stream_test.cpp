@@ -224,6 +224,38 @@ TEST(Inspect, CountsAndBoundsAWholeFile) {
   EXPECT_THAT(inspect_cloud(folder / "a.ply", {}, run), FailsWith(kCancelled));
 }
 
+// Of 200 000 about 20 000 stay, the same every time, evenly in the order of the file,
+// whether the format says how many it has or not; a file with fewer is read as it is.
+TEST(ReadShare, KeepsAnEvenPartOfALargeFile) {
+  const ScratchFolder folder;
+  Cloud cloud;
+  for (int i = 0; i < 200'000; ++i) {
+    cloud.points_mm.push_back({0.001 * i, 1.0, 2.0});
+    cloud.intensity.push_back(static_cast<float>(i % 7));
+  }
+  for (const char* name : {"a.ply", "a.e57", "a.xyz", "a.pts"}) {
+    ASSERT_THAT(write_cloud(cloud, folder / name), Succeeds());
+    const auto whole = read_cloud(folder / name, {}, 200'000);
+    ASSERT_THAT(whole, Succeeds());
+    EXPECT_EQ(whole->points_mm.size(), 200'000U) << name;
+    const auto some = read_cloud(folder / name, {}, 20'000);
+    ASSERT_THAT(some, Succeeds());
+    EXPECT_NEAR(static_cast<double>(some->points_mm.size()), 20'000.0, 4.0 * std::sqrt(20'000.0))
+        << name;
+    ASSERT_EQ(some->intensity.size(), some->points_mm.size()) << name;
+    std::array<int, 10> tenths{};
+    for (std::size_t i = 0; i < some->points_mm.size(); ++i) {
+      const double number = some->points_mm[i].x / 0.001;
+      ++tenths[static_cast<std::size_t>(std::min(9.0, number / 20'000.0))];
+      ASSERT_TRUE(i == 0 || some->points_mm[i].x > some->points_mm[i - 1].x) << name;
+    }
+    for (const int n : tenths) EXPECT_NEAR(n, 2'000, 5.0 * std::sqrt(1'800.0)) << name;
+    const auto again = read_cloud(folder / name, {}, 20'000);
+    ASSERT_THAT(again, Succeeds());
+    EXPECT_EQ(again->points_mm, some->points_mm) << name;
+  }
+}
+
 TEST(CloudStations, SurviveInACloudOnlyAsFarAsAllHaveTheSameParts) {
   const ScratchFolder folder;
   Cloud cloud;

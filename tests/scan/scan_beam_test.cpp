@@ -13,6 +13,9 @@
 //                            faces take collimation, trunnion and index away
 //   errors of range ........ each alone, on a plane
 //   turned stations ........ points stay on the part; directions are those of the station's grid
+//   taken out again ........ (scan/beam_shift.hpp) waves of two beams' width, then less than a
+//   tenth is
+//                            left; planes are not touched; what lies beside a step is given up
 //   files .................. the streamed points are those of the cloud, with time and colour,
 //                            several stations in one E57
 
@@ -23,6 +26,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "scan/beam_shift.hpp"
 #include "scan/detail/beam.hpp"
 #include "scan/scanner_sim.hpp"
 #include "support/matchers.hpp"
@@ -191,6 +195,72 @@ TEST(Beam, MixesTheTwoSidesOfAnEdge) {
     if (expected > near_mm + 30.0 && expected < far_mm - 30.0) ++mixed;
   }
   EXPECT_GT(mixed, 30);
+}
+
+TEST(BeamShift, TakesOutWhatTheBeamDoes) {
+  // Waves of 12 mm under a beam of 6 mm; then a plane; then a step of 8 mm.
+  const Vec3 station{60.0, -500.0, 900.0};
+  ScanOptions o = wide_beam(4'000, station, 100);
+  o.scanner.beam_diameter_mm = 6.0;
+  o.scanner.beam_divergence_mrad = 0.0;
+  ModelField waves{Grid<float>(481, 481), Millimetres{0.25}}, plane = waves, step = waves;
+  for (std::ptrdiff_t r = 0; r < 481; ++r)
+    for (std::ptrdiff_t c = 0; c < 481; ++c) {
+      const double x = waves.x_mm(c), y = waves.y_mm(r);
+      waves.z_mm(r, c) =
+          static_cast<float>(0.3 * std::sin(2.0 * kPi * x / 12.0) * std::cos(2.0 * kPi * y / 12.0));
+      plane.z_mm(r, c) = static_cast<float>(0.5 * x - 0.2 * y);
+      step.z_mm(r, c) = x > 60.0 ? 8.0F : 0.0F;
+    }
+  struct Left {
+    double before = 0.0, after = 0.0;
+    int given_up = 0, far_given_up = 0, all = 0;
+  };
+  const auto left_on = [&](const ModelField& f) {
+    const auto cloud = simulate_scan(f, {}, o);
+    EXPECT_THAT(cloud, Succeeds());
+    const Viewpoint view{station, 6.0, cloud->points_mm.size()};
+    const auto shifts = beam_shifts_mm(cloud->points_mm, std::span(&view, 1), f, 0.1);
+    EXPECT_THAT(shifts, Succeeds());
+    Left l;
+    for (std::size_t i = 0; i < shifts->size(); ++i) {
+      const Vec3 p = cloud->points_mm[i];
+      if (p.x < 10 || p.x > 110 || p.y < 10 || p.y > 110) continue;  // the whole beam meets it
+      ++l.all;
+      const float shift = (*shifts)[i];
+      if (std::isnan(shift)) {
+        ++l.given_up;
+        l.far_given_up += std::abs(p.x - 60.0) > 8.0 ? 1 : 0;
+        continue;
+      }
+      const Vec3 as_ray = p - static_cast<double>(shift) * normalized(p - station);
+      l.before += std::pow(p.z - heightmap::height_at(f, p.x, p.y), 2);
+      l.after += std::pow(as_ray.z - heightmap::height_at(f, as_ray.x, as_ray.y), 2);
+    }
+    l.before = std::sqrt(l.before / l.all);
+    l.after = std::sqrt(l.after / l.all);
+    return l;
+  };
+  const Left on_waves = left_on(waves);
+  EXPECT_GT(on_waves.before, 0.03);
+  EXPECT_LT(on_waves.after, 0.1 * on_waves.before);
+  EXPECT_EQ(on_waves.given_up, 0);
+  const Left on_plane = left_on(plane);
+  EXPECT_LT(on_plane.after, 5e-4);
+  EXPECT_EQ(on_plane.given_up, 0);
+  const Left on_step = left_on(step);
+  EXPECT_GT(on_step.given_up, 50);
+  EXPECT_EQ(on_step.far_given_up, 0);
+  EXPECT_LT(on_step.after, 0.05);
+}
+
+TEST(BeamShift, LeavesRaysAlone) {
+  const ModelField part = testing_support::rough_part(5, 61, 61, 2.0);
+  const std::vector<Vec3> points{{50.0, 50.0, 10.0}, {60.0, 40.0, 12.0}};
+  const Viewpoint view{Vec3{0.0, 0.0, 500.0}, 0.0, 2};
+  const auto shifts = beam_shifts_mm(points, std::span(&view, 1), part, 0.1);
+  ASSERT_THAT(shifts, Succeeds());
+  EXPECT_THAT(*shifts, testing::ElementsAre(0.0F, 0.0F));
 }
 
 // ---- signal ----------------------------------------------------------------

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "scan/beam_shift.hpp"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <optional>
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include "heightmap/field_tracer.hpp"
+#include "scan/detail/sight.hpp"
+
+namespace maquette::scan {
+namespace {
+
+constexpr std::size_t kChunk = 1024;
+constexpr std::size_t kMostRays = 32;
+constexpr double kSide = 3.0;
+
+/// Mean range of the rays minus that of the middle, and the depth in the beam beyond a plane's.
+struct Blur {
+  double shift_mm = 0.0, depth_mm = 0.0;
+};
+
+std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
+                            std::span<const detail::BeamSample> samples, std::size_t point,
+                            const heightmap::FieldTracer& tracer) {
+  // The middle goes with the others.
+  std::array<detail::Ray, kMostRays> rays;
+  std::array<std::optional<heightmap::FieldHit>, kMostRays> hits;
+  const std::size_t n = samples.size();
+  detail::spread(sight, view, samples, point, rays);
+  rays[n] = {sight.from_mm, sight.direction};
+  double outermost = 0.0;
+  for (const detail::BeamSample& s : samples)
+    outermost = std::fmax(outermost, std::hypot(s.x, s.y));
+  tracer.trace_bundle(rays[n], 0.505 * outermost * view.beam_diameter_mm,
+                      std::span(rays).first(n + 1), std::span(hits).first(n + 1));
+  if (!hits[n]) return std::nullopt;
+  const double middle = hits[n]->distance_mm;
+  double energy = 0.0, length = 0.0, sum = 0.0, square = 0.0, along_x = 0.0, along_y = 0.0;
+  double xx = 0.0, yy = 0.0, met = 0.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!hits[i]) continue;
+    const double t = hits[i]->distance_mm - middle;
+    const double cosine = std::fmax(0.0, -dot(hits[i]->normal, rays[i].direction));
+    const double nearness = middle / hits[i]->distance_mm;
+    const double answer = samples[i].weight * cosine * nearness * nearness;
+    energy += answer;
+    length += answer * t;
+    sum += t;
+    square += t * t;
+    along_x += t * samples[i].x;
+    along_y += t * samples[i].y;
+    xx += samples[i].x * samples[i].x;
+    yy += samples[i].y * samples[i].y;
+    met += 1.0;
+  }
+  if (!(energy > 0.0)) return std::nullopt;
+  const double tilt = along_x * along_x / xx + along_y * along_y / yy;
+  return Blur{length / energy,
+              std::sqrt(std::fmax(0.0, (square - sum * sum / met - tilt) / met))};
+}
+
+}  // namespace
+
+Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
+                                          std::span<const Viewpoint> views,
+                                          const heightmap::ModelField& surface, double noise_mm,
+                                          const RunContext& run) {
+  std::vector<float> shifts(points.size(), 0.0F);
+  const heightmap::FieldTracer tracer(surface);
+  std::size_t first = 0;
+  for (const Viewpoint& view : views) {
+    const std::size_t end = std::min(points.size(), first + view.points);
+    if (view.beam_diameter_mm > 0.0) {
+      const auto samples = detail::rays_of(view);
+      oneapi::tbb::parallel_for(std::size_t{0}, (end - first + kChunk - 1) / kChunk,
+                                [&](std::size_t k) {
+        if (run.stopped()) return;
+        const std::size_t from = first + k * kChunk;
+        for (std::size_t i = from; i < std::min(end, from + kChunk); ++i) {
+          const auto blur =
+              blur_at(detail::sight_of(view, points[i]), view, samples, i, tracer);
+          if (!blur) continue;
+          // Where the middle itself goes by a steep side, all hangs on where that side stands.
+          const double doubt = std::hypot(blur->depth_mm, kSide * blur->shift_mm);
+          shifts[i] = detail::kBeamShape * doubt > noise_mm
+                          ? NAN
+                          : static_cast<float>(blur->shift_mm);
+        }
+      });
+    }
+    first = end;
+  }
+  if (run.stopped()) return fail(kCancelled, "the beam's share of the ranges was not computed");
+  return shifts;
+}
+
+}  // namespace maquette::scan

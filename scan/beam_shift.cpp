@@ -60,8 +60,7 @@ std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
   }
   if (!(energy > 0.0)) return std::nullopt;
   const double tilt = along_x * along_x / xx + along_y * along_y / yy;
-  return Blur{length / energy,
-              std::sqrt(std::fmax(0.0, (square - sum * sum / met - tilt) / met))};
+  return Blur{length / energy, std::sqrt(std::fmax(0.0, (square - sum * sum / met - tilt) / met))};
 }
 
 }  // namespace
@@ -77,21 +76,20 @@ Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
     const std::size_t end = std::min(points.size(), first + view.points);
     if (view.beam_diameter_mm > 0.0) {
       const auto samples = detail::rays_of(view);
-      oneapi::tbb::parallel_for(std::size_t{0}, (end - first + kChunk - 1) / kChunk,
-                                [&](std::size_t k) {
-        if (run.stopped()) return;
-        const std::size_t from = first + k * kChunk;
-        for (std::size_t i = from; i < std::min(end, from + kChunk); ++i) {
-          const auto blur =
-              blur_at(detail::sight_of(view, points[i]), view, samples, i, tracer);
-          if (!blur) continue;
-          // Where the middle itself goes by a steep side, all hangs on where that side stands.
-          const double doubt = std::hypot(blur->depth_mm, kSide * blur->shift_mm);
-          shifts[i] = detail::kBeamShape * doubt > noise_mm
-                          ? NAN
-                          : static_cast<float>(blur->shift_mm);
-        }
-      });
+      oneapi::tbb::parallel_for(
+          std::size_t{0}, (end - first + kChunk - 1) / kChunk, [&](std::size_t k) {
+            if (run.stopped()) return;
+            const std::size_t from = first + k * kChunk;
+            for (std::size_t i = from; i < std::min(end, from + kChunk); ++i) {
+              const auto blur =
+                  blur_at(detail::sight_of(view, points[i]), view, samples, i, tracer);
+              if (!blur) continue;
+              // Where the middle itself goes by a steep side, all hangs on where that side stands.
+              const double doubt = std::hypot(blur->depth_mm, kSide * blur->shift_mm);
+              shifts[i] =
+                  detail::kBeamShape * doubt > noise_mm ? NAN : static_cast<float>(blur->shift_mm);
+            }
+          });
     }
     first = end;
   }

@@ -12,17 +12,17 @@
 ///
 /// Accuracy  The surface must be known: where the part differs from it, the correction is that of
 ///           the wrong surface. On waves of two beams' width what is left is below a tenth
-///           (tests/scan/scan_beam_test). Beside an edge 19 rays do not know the mean: where a tenth
-///           of the depth in the beam, beyond a plane's, is more than the noise, the point is given
-///           up.
+///           (tests/scan/scan_beam_test). Beside an edge 19 rays do not know the mean: where a
+///           tenth of the depth in the beam, beyond a plane's, is more than the noise, the point is
+///           given up.
 /// Cost      Some 20 us of CPU a point.
 
 #include <cstddef>
 #include <span>
 #include <vector>
 
-#include "core/run_context.hpp"
 #include "core/result.hpp"
+#include "core/run_context.hpp"
 #include "core/vec.hpp"
 #include "heightmap/height_field.hpp"
 #include "scan/viewpoint.hpp"

@@ -19,6 +19,7 @@ namespace {
 
 using detail::KeyMap;
 using detail::RangeImage;
+using detail::VoxelCounts;
 using detail::VoxelStatistics;
 
 enum class Verdict : std::uint8_t { kept, mixed, isolated, off_part, no_position };
@@ -34,8 +35,8 @@ class Cleaner {
       : open_(std::move(open)),
         o_(options),
         run_(run),
-        needs_voxels_(options.least_neighbours > 0 || (options.normals && options.thin_mm == 0.0)) {
-  }
+        needs_normals_(options.normals && options.thin_mm == 0.0),
+        needs_voxels_(options.least_neighbours > 0 || needs_normals_) {}
 
   Result<void> judge();
   /// The points that stay; with normals where they were asked for.
@@ -63,9 +64,10 @@ class Cleaner {
   std::uint64_t sample_step_ = 1;
   Box3 bounds_;
   std::vector<Verdict> verdicts_;
-  std::unique_ptr<VoxelStatistics> voxels_;
-  std::vector<bool> lonely_;  // by voxel
-  bool needs_voxels_;
+  std::unique_ptr<VoxelCounts> counts_;      // where isolated points are sought
+  std::unique_ptr<VoxelStatistics> voxels_;  // where every point shall have a normal
+  std::vector<bool> lonely_;                 // by voxel
+  bool needs_normals_, needs_voxels_;
 };
 
 Result<void> Cleaner::each_batch(int pass, const Take& take) {
@@ -168,7 +170,8 @@ Result<void> Cleaner::gather() {
                 fmt::format("voxels of {} mm do not fit a cloud of {} mm; they must be larger than "
                             "a two-millionth of it",
                             figures_.voxel_mm, norm(bounds_.max - bounds_.min)));
-  voxels_ = std::make_unique<VoxelStatistics>(grid);
+  if (o_.least_neighbours > 0) counts_ = std::make_unique<VoxelCounts>(grid);
+  if (needs_normals_) voxels_ = std::make_unique<VoxelStatistics>(grid);
   verdicts_.reserve(figures_.points + figures_.without_position);
   return each_batch(
       2, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
@@ -200,20 +203,23 @@ Result<void> Cleaner::gather() {
           figures_.off_part += verdict == Verdict::off_part ? 1 : 0;
           figures_.mixed += verdict == Verdict::mixed ? 1 : 0;
           if (!needs_voxels_ || verdict != Verdict::kept) continue;
+          const Vec3 p = station.model_from_station.point(b.points_mm[i]);
+          if (counts_) counts_->add(p);
+          if (!voxels_) continue;
           Vec3 towards;
           if (view.scanner_mm)
             towards =
                 station.model_from_station.direction(normalized(*view.scanner_mm - b.points_mm[i]));
-          voxels_->add(station.model_from_station.point(b.points_mm[i]), towards);
+          voxels_->add(p, towards);
         }
         return {};
       });
 }
 
 void Cleaner::find_isolated() {
-  std::vector<std::uint8_t> lonely(voxels_->size());
+  std::vector<std::uint8_t> lonely(counts_->size());
   oneapi::tbb::parallel_for(std::size_t{0}, lonely.size(), [&](std::size_t v) {
-    lonely[v] = voxels_->around(v, o_.least_neighbours) < o_.least_neighbours ? 1 : 0;
+    lonely[v] = counts_->around(v, o_.least_neighbours) < o_.least_neighbours ? 1 : 0;
   });
   lonely_.assign(lonely.begin(), lonely.end());
 }
@@ -271,7 +277,7 @@ Result<void> Cleaner::write(const detail::StationSink& out) {
         for (std::size_t i = 0; i < b.size(); ++i) {
           Verdict& verdict = verdicts_[first + i];
           if (verdict != Verdict::kept) continue;
-          if (!lonely_.empty() && lonely_[voxels_->find(pose.point(b.points_mm[i]))]) {
+          if (!lonely_.empty() && lonely_[counts_->find(pose.point(b.points_mm[i]))]) {
             verdict = Verdict::isolated;
             ++figures_.isolated;
             continue;

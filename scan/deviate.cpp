@@ -43,15 +43,17 @@ struct NodeSums {
     const auto at = [this](std::ptrdiff_t r, std::ptrdiff_t c) {
       return static_cast<std::size_t>(r * cols + c);
     };
-    const auto c = std::clamp<std::ptrdiff_t>(std::lround(u), 0, cols - 1);
-    const auto r = std::clamp<std::ptrdiff_t>(std::lround(v), 0, rows - 1);
+    // floor and ceil are instructions, lround is a call.
+    const auto whole = [](double x) { return static_cast<std::int64_t>(x); };
+    const auto c = std::clamp<std::ptrdiff_t>(whole(std::floor(u + 0.5)), 0, cols - 1);
+    const auto r = std::clamp<std::ptrdiff_t>(whole(std::floor(v + 0.5)), 0, rows - 1);
     std::atomic_ref(sum[at(r, c)])
-        .fetch_add(std::llround(deviation_mm * kUnitsPerMm), std::memory_order_relaxed);
+        .fetch_add(whole(std::floor(deviation_mm * kUnitsPerMm + 0.5)), std::memory_order_relaxed);
     std::atomic_ref(count[at(r, c)]).fetch_add(1, std::memory_order_relaxed);
-    const auto first_c = std::max<std::ptrdiff_t>(0, std::lround(std::ceil(u - 1.0)));
-    const auto last_c = std::min(cols - 1, static_cast<std::ptrdiff_t>(std::floor(u + 1.0)));
-    const auto first_r = std::max<std::ptrdiff_t>(0, std::lround(std::ceil(v - 1.0)));
-    const auto last_r = std::min(rows - 1, static_cast<std::ptrdiff_t>(std::floor(v + 1.0)));
+    const auto first_c = std::max<std::ptrdiff_t>(0, whole(std::ceil(u - 1.0)));
+    const auto last_c = std::min(cols - 1, whole(std::floor(u + 1.0)));
+    const auto first_r = std::max<std::ptrdiff_t>(0, whole(std::ceil(v - 1.0)));
+    const auto last_r = std::min(rows - 1, whole(std::floor(v + 1.0)));
     for (std::ptrdiff_t i = first_r; i <= last_r; ++i)
       for (std::ptrdiff_t j = first_c; j <= last_c; ++j) {
         const double du = u - static_cast<double>(j), dv = v - static_cast<double>(i);

@@ -42,6 +42,10 @@ struct Search {
   void cell(std::ptrdiff_t r, std::ptrdiff_t c) {
     const double x0 = field.x_mm(c), x1 = field.x_mm(c + 1);
     const double y0 = field.y_mm(r), y1 = field.y_mm(r + 1);
+    const double gx = std::max({x0 - p.x, p.x - x1, 0.0});
+    const double gy = std::max({y0 - p.y, p.y - y1, 0.0});
+    const double beside2 = gx * gx + gy * gy;
+    if (!(beside2 < best2)) return;  // most cells of a ring
     const float* lower = &field.z_mm(r, c);
     const float* upper = &field.z_mm(r + 1, c);
     float low = INFINITY, high = -INFINITY;
@@ -49,11 +53,9 @@ struct Search {
       low = std::min(low, h);  // in this order NaN is passed over
       high = std::max(high, h);
     }
-    const double gx = std::max({x0 - p.x, p.x - x1, 0.0});
-    const double gy = std::max({y0 - p.y, p.y - y1, 0.0});
     const double gz =
         std::max({static_cast<double>(low) - p.z, p.z - static_cast<double>(high), 0.0});
-    if (!(gx * gx + gy * gy + gz * gz < best2)) return;
+    if (!(beside2 + gz * gz < best2)) return;
     const Vec3 a{x0, y0, static_cast<double>(lower[0])};
     const Vec3 b{x1, y0, static_cast<double>(lower[1])};
     const Vec3 d{x1, y1, static_cast<double>(upper[1])};

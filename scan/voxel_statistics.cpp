@@ -44,8 +44,19 @@ void VoxelStatistics::add(Vec3 p, Vec3 towards, float intensity, Colour colour) 
   for (std::size_t k = 0; k < 4; ++k) c.look[k] += share * (look[k] - c.look[k]);
 }
 
-std::uint64_t VoxelStatistics::around(std::size_t voxel, std::uint64_t enough) const {
-  std::uint64_t sum = cells_[voxel].n;
+void VoxelCounts::add(Vec3 p) {
+  const std::uint64_t key = grid_.key_of(p);
+  const auto next = static_cast<std::uint32_t>(keys_.size());
+  const std::uint32_t i = map_.insert(key, next);
+  if (i == next) {
+    keys_.push_back(key);
+    points_.push_back(0);
+  }
+  ++points_[i];
+}
+
+std::uint64_t VoxelCounts::around(std::size_t voxel, std::uint64_t enough) const {
+  std::uint64_t sum = points_[voxel];
   const std::uint64_t key = keys_[voxel];
   for (std::int64_t dx = -1; dx <= 1; ++dx)
     for (std::int64_t dy = -1; dy <= 1; ++dy)
@@ -54,7 +65,7 @@ std::uint64_t VoxelStatistics::around(std::size_t voxel, std::uint64_t enough) c
         if (dx == 0 && dy == 0 && dz == 0) continue;
         const std::uint32_t i = map_.find(VoxelGrid::key(
             VoxelGrid::x_of(key) + dx, VoxelGrid::y_of(key) + dy, VoxelGrid::z_of(key) + dz));
-        if (i != KeyMap::npos) sum += cells_[i].n;
+        if (i != KeyMap::npos) sum += points_[i];
       }
   return sum;
 }

@@ -286,7 +286,7 @@ Document document_of(const scan::Deviation& deviation, const heightmap::ModelFie
                            "design; dark grey: not measured"});
   doc.emplace_back(Picture{significant_png,
                            fmt::format("{}, where it is more than noise (1 % false discoveries); "
-                                       "white: not significant",
+                                       "without colour: not significant",
                                        expected ? "measured minus expected" : "the same")});
   doc.emplace_back(SignedLegend{limit_mm, "mm"});
   if (expected) {

@@ -25,6 +25,24 @@ struct VoxelSummary {
   Colour colour;  ///< means, rounded
 };
 
+/// How many points each voxel has, and no more: some 45 bytes each.
+class VoxelCounts {
+ public:
+  explicit VoxelCounts(const VoxelGrid& grid) : grid_(grid), map_(1024) {}
+  void add(Vec3 p_mm);
+  [[nodiscard]] std::size_t size() const { return keys_.size(); }  ///< in the order they were met
+  /// KeyMap::npos if there is none.
+  [[nodiscard]] std::uint32_t find(Vec3 p_mm) const { return map_.find(grid_.key_of(p_mm)); }
+  /// Points of a voxel and the 26 around it; counting stops at `enough`.
+  [[nodiscard]] std::uint64_t around(std::size_t voxel, std::uint64_t enough) const;
+
+ private:
+  VoxelGrid grid_;
+  KeyMap map_;
+  std::deque<std::uint64_t> keys_;  // grows without a second copy
+  std::deque<std::uint32_t> points_;
+};
+
 class VoxelStatistics {
  public:
   explicit VoxelStatistics(const VoxelGrid& grid) : grid_(grid), map_(1024) {}
@@ -34,9 +52,6 @@ class VoxelStatistics {
   [[nodiscard]] const VoxelGrid& grid() const { return grid_; }
   /// KeyMap::npos if there is none.
   [[nodiscard]] std::uint32_t find(Vec3 p_mm) const { return map_.find(grid_.key_of(p_mm)); }
-  [[nodiscard]] std::uint32_t points(std::size_t voxel) const { return cells_[voxel].n; }
-  /// Points of a voxel and the 26 around it; counting stops at `enough`.
-  [[nodiscard]] std::uint64_t around(std::size_t voxel, std::uint64_t enough) const;
   [[nodiscard]] Vec3 normal(std::size_t voxel, double* rough_mm = nullptr) const;
   [[nodiscard]] VoxelSummary summary(std::size_t voxel) const;
 

@@ -10,6 +10,7 @@
 #include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/squares.hpp"
 #include "diagnosis/diagnose.hpp"
 
 namespace maquette::diagnosis {

@@ -6,13 +6,15 @@
 #include <set>
 
 #include <fmt/format.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/poses.hpp"
 #include "diagnosis/detail/remainder.hpp"
+#include "diagnosis/detail/residuals.hpp"
+#include "diagnosis/detail/show.hpp"
+#include "diagnosis/detail/squares.hpp"
 #include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/waves.hpp"
 
@@ -40,50 +42,6 @@ constexpr double kSimulationFloor_mm = 0.0025;
 constexpr double kTellApart_mm = 0.0015;
 /// What signatures may be wrong by, as a share of what all causes together move.
 constexpr double kSignatureError = 0.08;
-
-/// Plain sums of products over some sets, every point alike, the residual last.
-Eigen::MatrixXd plain_sums(const Bank& bank, const std::vector<int>& model,
-                           const std::vector<int>& sets) {
-  std::vector<int> at = model;
-  at.push_back(bank.y());
-  const auto n = static_cast<Eigen::Index>(at.size());
-  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
-  for (const int set : sets) {
-    const auto& s = bank.sets[static_cast<std::size_t>(set)];
-    for (const auto& g : s.gram) sum += g(at, at);
-    for (const auto& top : s.top)
-      if (!top.weight.empty())
-        sum += top.points() / static_cast<double>(top.weight.size()) * top.gram[0](at, at);
-  }
-  return sum;
-}
-
-/// Coefficients with the causes held and the nuisances (the first ones) fitted by plain least
-/// squares. A fit with a long process leaves poses to the process: its own nuisances may be off by
-/// a constant, which is no misfit of the model.
-Eigen::VectorXd levelled(const Bank& bank, const std::vector<int>& model, Eigen::VectorXd b,
-                         const std::vector<int>& sets) {
-  const Eigen::MatrixXd sum = plain_sums(bank, model, sets);
-  const Eigen::Index p = bank.nuisances, causes = b.size() - p;
-  const Eigen::VectorXd right =
-      sum.col(b.size()).head(p) - sum.block(0, p, p, causes) * b.tail(causes);
-  const Eigen::VectorXd d = sum.diagonal().head(p).cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  Eigen::MatrixXd scaled = d.asDiagonal() * sum.topLeftCorner(p, p) * d.asDiagonal();
-  scaled.diagonal().array() += 1e-10;
-  b.head(p) = d.asDiagonal() * scaled.ldlt().solve(d.asDiagonal() * right);
-  return b;
-}
-
-/// Plain sum of squares over some sets, the nuisances levelled on them.
-double squares(const Bank& bank, const std::vector<int>& model, const Eigen::VectorXd& b,
-               const std::vector<int>& sets, double* count) {
-  const Eigen::VectorXd level = levelled(bank, model, b, sets);
-  Eigen::VectorXd v(b.size() + 1);
-  v << -level, 1.0;
-  if (count != nullptr)
-    for (const int set : sets) *count += bank.sets[static_cast<std::size_t>(set)].top[0].points();
-  return std::fmax(0.0, v.dot(plain_sums(bank, model, sets) * v));
-}
 
 FittedNoise noise_of(const Bank& bank, const Fit& f, const Layout& layout) {
   FittedNoise n;
@@ -136,107 +94,6 @@ std::vector<Observation> outside(const std::vector<Observation>& all, const deta
   return kept;
 }
 
-/// What cutting anew with all causes together moves beyond the sum of their signatures, mm.
-std::vector<double> beyond_linear(const std::vector<Observation>& all,
-                                  const std::vector<Member>& members, const Bank& bank,
-                                  const Fit& f, double ball_radius_mm) {
-  struct Term {
-    const Column& column;
-    double coefficient;
-  };
-  std::vector<Term> terms;
-  const auto model = detail::columns_of(bank, members);
-  for (std::size_t k = static_cast<std::size_t>(bank.nuisances); k < model.size(); ++k) {
-    const Column& c = bank.columns[static_cast<std::size_t>(model[k])];
-    if (c.cut) terms.push_back({c, f.coefficients(static_cast<Eigen::Index>(k))});
-  }
-  std::vector<double> beyond(all.size(), 0.0);
-  if (terms.empty()) return beyond;
-  oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
-    const Observation& o = all[i];
-    beyond[i] = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
-      CutChange together;
-      for (const Term& t : terms) together += t.coefficient * t.column.cut(o, s, n);
-      return together;
-    });
-    for (const Term& t : terms) beyond[i] -= t.coefficient * t.column.value(o);
-  });
-  return beyond;
-}
-
-std::vector<double> residuals_of(const std::vector<Observation>& all,
-                                 const std::vector<Member>& members, const Bank& bank,
-                                 const Fit& f) {
-  const auto model = detail::columns_of(bank, members);
-  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, kAll);
-  std::vector<double> r(all.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    double v = all[i].residual_mm;
-    for (std::size_t k = 0; k < model.size(); ++k)
-      v -= b(static_cast<Eigen::Index>(k)) *
-           bank.columns[static_cast<std::size_t>(model[k])].value(all[i]);
-    r[i] = v;
-  }
-  return r;
-}
-
-void add_dependences(Diagnosis& d, const std::vector<Observation>& all,
-                     const std::vector<double>& before, const std::vector<double>& after) {
-  struct Covariate {
-    const char* name;
-    double (*value)(const Observation&);
-  };
-  for (const Covariate c :
-       {Covariate{"slope, degrees",
-                  [](const Observation& o) {
-                    return std::acos(std::fmin(1.0, o.normal.z)) * 57.29577951308232;
-                  }},
-        Covariate{"share of the program's time", [](const Observation& o) { return o.path_share; }},
-        Covariate{"x, mm", [](const Observation& o) { return o.place.x; }},
-        Covariate{"y, mm", [](const Observation& o) { return o.place.y; }},
-        Covariate{"incidence, degrees",
-                  [](const Observation& o) {
-                    return o.has_station
-                               ? std::acos(std::clamp(-dot(o.beam, o.normal), -1.0, 1.0)) *
-                                     57.29577951308232
-                               : NAN;
-                  }},
-        Covariate{"range, mm",
-                  [](const Observation& o) { return o.has_station ? o.range_mm : NAN; }},
-        Covariate{"rise of the feed", [](const Observation& o) { return o.feed.z; }}}) {
-    double low = INFINITY, high = -INFINITY;
-    for (const Observation& o : all) {
-      const double v = c.value(o);
-      if (!std::isfinite(v)) continue;
-      low = std::fmin(low, v);
-      high = std::fmax(high, v);
-    }
-    if (!(high > low)) continue;
-    constexpr std::size_t kClasses = 24;
-    std::vector<double> n(kClasses, 0.0), b(kClasses, 0.0), a(kClasses, 0.0), q(kClasses, 0.0);
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      const double v = c.value(all[i]);
-      if (!std::isfinite(v)) continue;
-      const auto k =
-          std::min(kClasses - 1, static_cast<std::size_t>((v - low) / (high - low) * kClasses));
-      n[k] += 1.0;
-      b[k] += before[i];
-      a[k] += after[i];
-      q[k] += after[i] * after[i];
-    }
-    Dependence p;
-    p.covariate = c.name;
-    for (std::size_t k = 0; k < kClasses; ++k)
-      if (n[k] >= 20.0) {
-        p.at.push_back(low + (static_cast<double>(k) + 0.5) * (high - low) / kClasses);
-        p.before.push_back(b[k] / n[k]);
-        p.after.push_back(a[k] / n[k]);
-        p.sigma.push_back(std::sqrt(q[k]) / n[k]);
-      }
-    d.dependences.push_back(std::move(p));
-  }
-}
-
 }  // namespace
 
 Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext& run) {
@@ -249,7 +106,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   if (scene.has_path) {
     const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
     const Fit f = detail::fit(plain, detail::columns_of(plain, {}), {kChoose});
-    const auto r = residuals_of(m.observations, {}, plain, f);
+    const auto r = detail::residuals_of(m.observations, {}, plain, f);
     scene.waves_x = detail::strongest_waves(m.observations, r, layout, 0, 2.0 * scene.half_mm());
     scene.waves_y = detail::strongest_waves(m.observations, r, layout, 1, 2.0 * scene.half_mm());
     scene.waves_path = detail::strongest_path_waves(m.observations, r, layout, scene.cut_mm);
@@ -266,13 +123,13 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
 
   const auto empty = detail::columns_of(bank, {});
   const Fit null_fit = detail::fit(bank, empty, kAll);
-  const auto r_before = residuals_of(m.observations, {}, bank, null_fit);
-  const double null_squares = squares(bank, empty, null_fit.coefficients, kAll, nullptr);
+  const auto r_before = detail::residuals_of(m.observations, {}, bank, null_fit);
+  const double null_squares = detail::squares(bank, empty, null_fit.coefficients, kAll, nullptr);
   {
     const Fit report_null = detail::fit(bank, empty, {kReport});
     double n = 0.0;
-    d.rms_before_mm = std::sqrt(squares(bank, empty, report_null.coefficients, {kReport}, &n) /
-                                std::fmax(1.0, n));
+    d.rms_before_mm = std::sqrt(
+        detail::squares(bank, empty, report_null.coefficients, {kReport}, &n) / std::fmax(1.0, n));
     d.n_report = static_cast<std::size_t>(n);
   }
   std::vector<double> given(m.observations.size());
@@ -290,7 +147,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     straight_for = std::move(keys);
     for (int round = 0; round < (straight_for.empty() ? 1 : 2); ++round) {
       const Fit f = detail::fit(bank, detail::columns_of(bank, with), kAll);
-      auto straight = beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm);
+      auto straight = detail::beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm);
       for (std::size_t i = 0; i < given.size(); ++i)
         m.observations[i].residual_mm = straight[i] = given[i] - straight[i];
       detail::exchange_residuals(bank, straight);
@@ -346,10 +203,10 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     straighten(members);
     const auto model = detail::columns_of(bank, members);
     const Fit f = detail::fit(bank, model, kAll);
-    const auto r = residuals_of(m.observations, members, bank, f);
+    const auto r = detail::residuals_of(m.observations, members, bank, f);
     d.remainder = detail::judge(m.observations, r, layout, bank, f, odd);
     double points = 0.0;
-    const double left_squares = squares(bank, model, f.coefficients, kAll, &points);
+    const double left_squares = detail::squares(bank, model, f.coefficients, kAll, &points);
     const double moved = std::sqrt(std::fmax(0.0, null_squares - left_squares) / points);
     if (d.remainder.structured_rms_mm < std::fmax(kSimulationFloor_mm, kSignatureError * moved))
       d.remainder.found = false;
@@ -366,7 +223,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       straighten(fewer);
       const auto small = detail::columns_of(bank, fewer);
       const Fit g = detail::fit(bank, small, kAll);
-      const double explained = squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
+      const double explained =
+          detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
       const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * moved);
       if (explained >= least) continue;
       if (!(explained > points * floor * floor))
@@ -406,9 +264,9 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
 
   const auto model = detail::columns_of(bank, members);
   const Fit f = detail::fit(bank, model, kAll);
-  const auto r_after = residuals_of(m.observations, members, bank, f);
+  const auto r_after = detail::residuals_of(m.observations, members, bank, f);
   double points = 0.0;
-  const double left_squares = squares(bank, model, f.coefficients, kAll, &points);
+  const double left_squares = detail::squares(bank, model, f.coefficients, kAll, &points);
   const double structured =
       d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
                         : 0.0;
@@ -431,7 +289,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     c.separate_by = member.effect->separate_by;
     c.p_value = std::fmax(confirmed[k].p_value, 1e-300);
     c.share = std::clamp(
-        (squares(bank, small, g.coefficients, kAll, nullptr) - left_squares) / excess, 0.0, 1.0);
+        (detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares) / excess, 0.0,
+        1.0);
     for (const Column& column : member.form.columns) {
       const auto at =
           std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin();
@@ -452,7 +311,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       instead.push_back({other.effect, other.forms[found.form]});
       const auto wide = detail::columns_of(bank, instead);
       const double apart =
-          squares(bank, wide, detail::fit(bank, wide, kAll).coefficients, kAll, nullptr) -
+          detail::squares(bank, wide, detail::fit(bank, wide, kAll).coefficients, kAll, nullptr) -
           left_squares;
       if (worse < std::fmax(kEquivalent, kEquivalentShare * gain) ||
           apart < points * tell_apart * tell_apart)
@@ -473,8 +332,9 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   // Gain on blocks that had no part in choosing or confirming; causes held as fitted elsewhere.
   {
     const Fit trained = detail::fit(bank, model, {kChoose, kConfirm});
-    d.rms_after_mm = std::sqrt(squares(bank, model, trained.coefficients, {kReport}, nullptr) /
-                               std::fmax(1.0, static_cast<double>(d.n_report)));
+    d.rms_after_mm =
+        std::sqrt(detail::squares(bank, model, trained.coefficients, {kReport}, nullptr) /
+                  std::fmax(1.0, static_cast<double>(d.n_report)));
     const Fit free_fit = detail::fit(bank, model, {kReport});
     d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kPointGroup]);
   }
@@ -503,7 +363,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   // Poses of a model that does not hold are those of the misfit.
   if (!d.remainder.found) detail::add_pose_causes(m, bank, members, search.candidates, f, d);
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
-  add_dependences(d, m.observations, r_before, r_after);
+  d.dependences = detail::dependences(m.observations, r_before, r_after);
   d.verdict = d.causes.empty() ? (d.remainder.found ? "unexplained" : "consistent")
                                : (d.remainder.found ? "partly_explained" : "explained");
   run.progress(1.0);

@@ -178,24 +178,6 @@ Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& f, int
   return b;
 }
 
-double rms_beside_nuisances(const Bank& bank, int column) {
-  std::vector<int> at(static_cast<std::size_t>(bank.nuisances));
-  std::iota(at.begin(), at.end(), 0);
-  at.push_back(column);
-  const auto p = static_cast<Index>(bank.nuisances);
-  MatrixXd a = MatrixXd::Zero(p + 1, p + 1);
-  double points = 0.0;
-  for (const SetSums& s : bank.sets) {
-    for (const MatrixXd& g : s.gram) a += g(at, at);
-    for (const TopSums& top : s.top)
-      if (!top.weight.empty())
-        a += top.points() / static_cast<double>(top.weight.size()) * top.gram[0](at, at);
-    points += s.top[0].points();
-  }
-  const VectorXd taken = solve(a.topLeftCorner(p, p), a.col(p).head(p), nullptr);
-  return std::sqrt(std::fmax(0.0, a(p, p) - taken.dot(a.col(p).head(p))) / std::fmax(1.0, points));
-}
-
 double objective_held(const Bank& bank, const std::vector<int>& model, const VectorXd& coefficients,
                       int free_columns, const std::vector<int>& sets) {
   // The held part is moved to the residual's side.

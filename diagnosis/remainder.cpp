@@ -194,33 +194,4 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
   return rest;
 }
 
-Map draw(const std::vector<Observation>& all, const std::vector<double>& before,
-         const std::vector<double>& after, const Box3& box) {
-  Map map;
-  const double wide = box.max.x - box.min.x, high = box.max.y - box.min.y;
-  map.cell_mm = std::fmax(wide, high) / 120.0;
-  map.x0_mm = box.min.x;
-  map.y0_mm = box.min.y;
-  const auto rows = static_cast<std::ptrdiff_t>(std::ceil(high / map.cell_mm)),
-             cols = static_cast<std::ptrdiff_t>(std::ceil(wide / map.cell_mm));
-  Grid<double> b(rows, cols, 0.0), a(rows, cols, 0.0), n(rows, cols, 0.0);
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const auto c = std::clamp<std::ptrdiff_t>(
-        static_cast<std::ptrdiff_t>((all[i].place.x - map.x0_mm) / map.cell_mm), 0, cols - 1);
-    const auto r = std::clamp<std::ptrdiff_t>(
-        static_cast<std::ptrdiff_t>((all[i].place.y - map.y0_mm) / map.cell_mm), 0, rows - 1);
-    b(r, c) += before[i];
-    a(r, c) += after[i];
-    n(r, c) += 1.0;
-  }
-  map.before = Grid<float>(rows, cols, NAN);
-  map.after = Grid<float>(rows, cols, NAN);
-  for (std::size_t i = 0; i < n.cells().size(); ++i)
-    if (n.cells()[i] > 0.0) {
-      map.before.cells()[i] = static_cast<float>(b.cells()[i] / n.cells()[i]);
-      map.after.cells()[i] = static_cast<float>(a.cells()[i] / n.cells()[i]);
-    }
-  return map;
-}
-
 }  // namespace maquette::diagnosis::detail

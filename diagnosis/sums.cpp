@@ -5,7 +5,6 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
-#include "core/random.hpp"
 #include "diagnosis/detail/sums.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -57,57 +56,6 @@ std::vector<Theta> thetas(double cell) {
 
 double TopSums::points() const {
   return std::accumulate(weight.begin(), weight.end(), 0.0);
-}
-
-int Layout::block_of(double x, double y) const {
-  const double side = cell_mm * static_cast<double>(block);
-  const auto c = static_cast<std::ptrdiff_t>(std::floor((x - x0) / side));
-  const auto r = static_cast<std::ptrdiff_t>(std::floor((y - y0) / side));
-  const auto i = r * block_cols + c;
-  return r < 0 || c < 0 || c >= block_cols || i >= static_cast<std::ptrdiff_t>(set_of_block.size())
-             ? -1
-             : static_cast<int>(i);
-}
-
-int Layout::set_of(double x, double y) const {
-  const int b = block_of(x, y);
-  if (b < 0) return -1;
-  const int set = set_of_block[static_cast<std::size_t>(b)];
-  for (const auto& [dx, dy] :
-       {std::pair{buffer_mm, 0.0}, {-buffer_mm, 0.0}, {0.0, buffer_mm}, {0.0, -buffer_mm}}) {
-    const int other = block_of(x + dx, y + dy);
-    if (other >= 0 && set_of_block[static_cast<std::size_t>(other)] != set) return -1;
-  }
-  return set;
-}
-
-Layout lay_out(const Box3& box, std::uint64_t seed) {
-  Layout l;
-  const double wide = box.max.x - box.min.x, high = box.max.y - box.min.y;
-  l.cell_mm = std::fmax(wide, high) / 24.0;
-  l.x0 = box.min.x;
-  l.y0 = box.min.y;
-  l.cols = static_cast<std::ptrdiff_t>(std::ceil(wide / l.cell_mm - 1e-9));
-  l.rows = static_cast<std::ptrdiff_t>(std::ceil(high / l.cell_mm - 1e-9));
-  l.block = 4;
-  l.buffer_mm = l.cell_mm / 8.0;
-  l.block_cols = (l.cols + l.block - 1) / l.block;
-  const std::ptrdiff_t block_rows = (l.rows + l.block - 1) / l.block;
-  // Every row and column of blocks has all sets: (r + c) mod 3, its three names, rows and
-  // columns drawn.
-  const auto shuffled = [&](std::size_t n, std::uint64_t stream) {
-    std::vector<std::size_t> order(n);
-    std::iota(order.begin(), order.end(), std::size_t{0});
-    for (std::size_t i = n; i > 1; --i)
-      std::swap(order[i - 1], order[random_bits(mix64(seed) + stream, i) % i]);
-    return order;
-  };
-  const auto rows = shuffled(static_cast<std::size_t>(block_rows), 1);
-  const auto cols = shuffled(static_cast<std::size_t>(l.block_cols), 2);
-  const auto names = shuffled(3, 3);
-  for (const std::size_t r : rows)
-    for (const std::size_t c : cols) l.set_of_block.push_back(static_cast<int>(names[(r + c) % 3]));
-  return l;
 }
 
 namespace {

@@ -36,7 +36,4 @@ struct Squares {
                               const std::vector<double>& residual, const Layout& layout,
                               const Bank& bank, const Fit& fit, Squares& odd);
 
-[[nodiscard]] Map draw(const std::vector<Observation>& all, const std::vector<double>& before,
-                       const std::vector<double>& after, const Box3& box);
-
 }  // namespace maquette::diagnosis::detail

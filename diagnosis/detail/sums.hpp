@@ -142,8 +142,6 @@ struct Beside {
 [[nodiscard]] Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& fit,
                             int column,
                             const std::vector<int>& sets = {kChoose, kConfirm, kReport});
-/// rms of what one unit of a column moves, less what the nuisances take of it, all points alike.
-[[nodiscard]] double rms_beside_nuisances(const Bank& bank, int column);
 
 /// -2 log likelihood of sets with coefficients held except the nuisances (the first ones), noise
 /// profiled.

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// What a model leaves of each observation.
+
+#include <vector>
+
+#include "diagnosis/detail/model_search.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// What cutting anew with all causes together moves beyond the sum of their signatures, mm.
+[[nodiscard]] std::vector<double> beyond_linear(const std::vector<Observation>& all,
+                                  const std::vector<Member>& members, const Bank& bank,
+                                  const Fit& f, double ball_radius_mm);
+/// Residuals of a fitted model, its nuisances levelled on all sets (squares.hpp), mm.
+[[nodiscard]] std::vector<double> residuals_of(const std::vector<Observation>& all,
+                                 const std::vector<Member>& members, const Bank& bank,
+                                 const Fit& f);
+
+}  // namespace maquette::diagnosis::detail

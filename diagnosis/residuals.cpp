@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/residuals.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include "diagnosis/detail/squares.hpp"
+
+namespace maquette::diagnosis::detail {
+
+std::vector<double> beyond_linear(const std::vector<Observation>& all,
+                                  const std::vector<Member>& members, const Bank& bank,
+                                  const Fit& f, double ball_radius_mm) {
+  struct Term {
+    const Column& column;
+    double coefficient;
+  };
+  std::vector<Term> terms;
+  const auto model = columns_of(bank, members);
+  for (std::size_t k = static_cast<std::size_t>(bank.nuisances); k < model.size(); ++k) {
+    const Column& c = bank.columns[static_cast<std::size_t>(model[k])];
+    if (c.cut) terms.push_back({c, f.coefficients(static_cast<Eigen::Index>(k))});
+  }
+  std::vector<double> beyond(all.size(), 0.0);
+  if (terms.empty()) return beyond;
+  oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+    const Observation& o = all[i];
+    beyond[i] = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
+      CutChange together;
+      for (const Term& t : terms) together += t.coefficient * t.column.cut(o, s, n);
+      return together;
+    });
+    for (const Term& t : terms) beyond[i] -= t.coefficient * t.column.value(o);
+  });
+  return beyond;
+}
+
+std::vector<double> residuals_of(const std::vector<Observation>& all,
+                                 const std::vector<Member>& members, const Bank& bank,
+                                 const Fit& f) {
+  const auto model = columns_of(bank, members);
+  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, {kChoose, kConfirm, kReport});
+  std::vector<double> r(all.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    double v = all[i].residual_mm;
+    for (std::size_t k = 0; k < model.size(); ++k)
+      v -= b(static_cast<Eigen::Index>(k)) *
+           bank.columns[static_cast<std::size_t>(model[k])].value(all[i]);
+    r[i] = v;
+  }
+  return r;
+}
+
+}  // namespace maquette::diagnosis::detail

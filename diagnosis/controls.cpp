@@ -3,88 +3,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <complex>
-#include <numbers>
 #include <set>
 
 #include <oneapi/tbb/parallel_for.h>
-#include <Eigen/Dense>
-#include <unsupported/Eigen/FFT>
 
 #include "core/random.hpp"
+#include "diagnosis/detail/random_field.hpp"
 #include "diagnosis/extended_model.hpp"
 
 namespace maquette::diagnosis {
 namespace {
 
 constexpr std::size_t kFields = 4;  // three scales of details, and means of cells
-constexpr int kNodes = 1024;        // of a side of the field's grid, which repeats
-
-/// Correlation at a distance, and its spectrum up to a factor.
-struct Law {
-  double variance, length;
-  bool gauss;
-  [[nodiscard]] double spectrum(double k) const {
-    const double q = k * k * length * length;
-    return gauss ? std::exp(-0.5 * q) : std::pow(1.0 + q, -1.5);
-  }
-};
-
-/// A stationary Gaussian field in plan with the sum of some laws: white noise coloured in the
-/// spectrum, so that no line of it stands out.
-class Field {
- public:
-  /// @param blur_mm  standard deviation of what each point of the field is a mean over
-  Field(const Box3& box, const std::vector<Law>& laws, double blur_mm, std::uint64_t seed)
-      : x0_(box.min.x),
-        y0_(box.min.y),
-        step_(1.25 * std::fmax(box.max.x - box.min.x, box.max.y - box.min.y) / kNodes) {
-    std::vector<double> power(kNodes * kNodes, 0.0);
-    for (const Law& law : laws) {
-      if (!(law.variance > 0.0)) continue;
-      double sum = 0.0;
-      const auto each = [&](const auto& use) {
-        for (std::ptrdiff_t r = 0; r < kNodes; ++r)
-          for (std::ptrdiff_t c = 0; c < kNodes; ++c) {
-            const auto wave = [](std::ptrdiff_t i) {
-              return static_cast<double>(i > kNodes / 2 ? i - kNodes : i);
-            };
-            const double k =
-                2.0 * std::numbers::pi * std::hypot(wave(r), wave(c)) / (kNodes * step_);
-            use(static_cast<std::size_t>(r * kNodes + c), k, law.spectrum(k));
-          }
-      };
-      each([&](std::size_t, double, double s) { sum += s; });
-      each([&](std::size_t i, double k, double s) {
-        power[i] += law.variance * s / sum * std::exp(-k * k * blur_mm * blur_mm);
-      });
-    }
-    using Complex = std::complex<double>;
-    Eigen::Matrix<Complex, kNodes, 1> line, turned;
-    std::vector<Complex> v(kNodes * kNodes);
-    for (std::size_t i = 0; i < v.size(); ++i)
-      v[i] =
-          std::sqrt(power[i]) * Complex(random_normal(seed, 2 * i), random_normal(seed, 2 * i + 1));
-    Eigen::FFT<double> fft;
-    for (const bool rows : {true, false})
-      for (std::size_t a = 0; a < kNodes; ++a) {
-        const auto at = [&](std::size_t b) { return rows ? a * kNodes + b : b * kNodes + a; };
-        for (std::size_t b = 0; b < kNodes; ++b) line(static_cast<Eigen::Index>(b)) = v[at(b)];
-        fft.fwd(turned, line);
-        for (std::size_t b = 0; b < kNodes; ++b) v[at(b)] = turned(static_cast<Eigen::Index>(b));
-      }
-    for (const Complex& c : v) value_.push_back(static_cast<float>(c.real()));
-  }
-  [[nodiscard]] double at(double x, double y) const {
-    const auto c = std::clamp<std::ptrdiff_t>(std::lround((x - x0_) / step_), 0, kNodes - 1),
-               r = std::clamp<std::ptrdiff_t>(std::lround((y - y0_) / step_), 0, kNodes - 1);
-    return static_cast<double>(value_[static_cast<std::size_t>(r * kNodes + c)]);
-  }
-
- private:
-  double x0_, y0_, step_;
-  std::vector<float> value_;
-};
 
 /// Mean correlation between two places of a square.
 double within(double side, double length, bool gauss) {
@@ -132,15 +62,15 @@ std::array<double, kFields> field_variances(const std::array<double, kFields>& w
 }
 
 /// What one part, or one set-up, adds to its points.
-Field field_of(const std::array<double, kFields>& wanted, double cell, double density,
-               const FittedNoise::Top& process, const Box3& box, double blur_mm, std::uint64_t seed,
-               double& white) {
-  std::vector<Law> laws{{process.smooth_mm2, process.length_mm, process.gauss}};
+detail::RandomField field_of(const std::array<double, kFields>& wanted, double cell, double density,
+                             const FittedNoise::Top& process, const Box3& box, double blur_mm,
+                             std::uint64_t seed, double& white) {
+  std::vector<detail::FieldLaw> laws{{process.smooth_mm2, process.length_mm, process.gauss}};
   const auto variance = field_variances(wanted, cell, density, process);
   for (std::size_t t = 0; t < kFields; ++t)
     laws.push_back({variance[t], field_length(t, cell), true});
-  for (const Law& law : laws)
-    white -= law.variance * (1.0 - within(cell / 8.0, law.length, law.gauss));
+  for (const detail::FieldLaw& law : laws)
+    white -= law.variance * (1.0 - within(cell / 8.0, law.length_mm, law.gauss));
   return {box, laws, blur_mm, seed};
 }
 
@@ -177,7 +107,7 @@ std::vector<double> simulated_noise(const std::vector<Observation>& places, std:
   const auto shared =
       field_of(beyond(noise.common_mm2, common.white_mm2, noise.own_mm2, own.white_mm2),
                noise.cell_mm, density, common, box, blur, mix64(seed + 1), white);
-  std::vector<Field> of_set_up;
+  std::vector<detail::RandomField> of_set_up;
   for (std::size_t s = 0; s < set_ups; ++s) {
     double own_white = white;
     of_set_up.push_back(field_of(beyond(noise.own_mm2, own.white_mm2, white_base, noise.point_mm2),

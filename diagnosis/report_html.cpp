@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include <fmt/format.h>
 
 #include "core/markup.hpp"
-#include "diagnosis/diagnose.hpp"
+#include "diagnosis/compensation.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -21,11 +22,28 @@ std::string colour(double v, double limit) {
                                mix(247, 43, t));
 }
 
-/// Runs of equal colour as rectangles: a map of 120 x 120 in some 100 kB.
-std::string map_svg(const Map& m, const Grid<float>& v, double limit) {
-  std::string s =
-      fmt::format("<svg viewBox=\"0 0 {} {}\" class=\"map\" shape-rendering=\"crispEdges\">",
-                  v.cols(), v.rows());
+/// Means of two by two cells: structure shows where single cells show noise.
+Grid<float> coarser(const Grid<float>& v) {
+  Grid<float> out((v.rows() + 1) / 2, (v.cols() + 1) / 2, NAN);
+  for (std::ptrdiff_t r = 0; r < out.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < out.cols(); ++c) {
+      float sum = 0.0F, n = 0.0F;
+      for (std::ptrdiff_t i = 2 * r; i < std::min(v.rows(), 2 * r + 2); ++i)
+        for (std::ptrdiff_t k = 2 * c; k < std::min(v.cols(), 2 * c + 2); ++k)
+          if (!std::isnan(v(i, k))) {
+            sum += v(i, k);
+            n += 1.0F;
+          }
+      if (n > 0.0F) out(r, c) = sum / n;
+    }
+  return out;
+}
+
+/// Runs of equal colour as rectangles: a map of 60 x 60 in some 50 kB.
+std::string map_svg(const Grid<float>& v, double limit, const std::string& caption) {
+  std::string s = fmt::format(
+      "<figure><svg viewBox=\"0 0 {} {}\" class=\"map\" shape-rendering=\"crispEdges\">", v.cols(),
+      v.rows());
   for (std::ptrdiff_t r = 0; r < v.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < v.cols();) {
       const auto at = [&](std::ptrdiff_t i) {
@@ -41,8 +59,39 @@ std::string map_svg(const Map& m, const Grid<float>& v, double limit) {
                        v.rows() - 1 - r, e - c, now);
       c = e;
     }
-  (void)m;
-  return s + "</svg>";
+  return s + "</svg><figcaption>" + caption + "</figcaption></figure>";
+}
+
+std::string maps(const Map& map, bool causes) {
+  const Grid<float> before = coarser(map.before), after = coarser(map.after);
+  Grid<float> taken = before;
+  std::vector<double> sizes;
+  for (std::size_t i = 0; i < before.cells().size(); ++i) {
+    taken.cells()[i] -= after.cells()[i];
+    if (!std::isnan(before.cells()[i]))
+      sizes.push_back(std::abs(static_cast<double>(before.cells()[i])));
+  }
+  std::sort(sizes.begin(), sizes.end());
+  const double limit =
+      sizes.empty()
+          ? 0.05
+          : std::fmax(
+                0.005,
+                sizes[static_cast<std::size_t>(0.98 * static_cast<double>(sizes.size() - 1))]);
+  std::string s = "<div class=\"pair\">";
+  if (causes)
+    s += map_svg(before, limit, "residual before") +
+         map_svg(taken, limit, "what the causes take of it");
+  s += map_svg(after, limit, causes ? "residual after" : "residual") + "</div><p>";
+  s += "<svg viewBox=\"0 0 330 26\" width=\"330\">";
+  for (int i = 0; i < 33; ++i)
+    s += fmt::format("<rect x=\"{}\" y=\"0\" width=\"10\" height=\"12\" fill=\"{}\"/>", 10 * i,
+                     colour((i - 16) / 16.0, 1.0));
+  return s + fmt::format(
+                 "<text x=\"0\" y=\"24\">{:.3f} mm, too low</text><text x=\"330\" y=\"24\" "
+                 "text-anchor=\"end\">+{:.3f} mm, too high</text></svg> One scale for all; means "
+                 "of squares of {:.3g} mm, north is up.</p>",
+                 -limit, limit, 2.0 * map.cell_mm);
 }
 
 std::string plot_svg(const Dependence& p) {
@@ -59,9 +108,22 @@ std::string plot_svg(const Dependence& p) {
       "<figure><svg viewBox=\"0 0 {} {}\" class=\"plot\"><line x1=\"40\" x2=\"{}\" y1=\"{}\" "
       "y2=\"{}\" stroke=\"#ccc\"/>",
       w, h, w - 10.0, y(0.0), y(0.0));
+  // A class without points is a gap, not a line across.
+  double step = INFINITY;
+  for (std::size_t i = 1; i < p.at.size(); ++i) step = std::fmin(step, p.at[i] - p.at[i - 1]);
+  for (std::size_t i = 0; i < p.at.size(); ++i)
+    s += fmt::format(
+        "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1:.1f}\" y2=\"{2:.1f}\" stroke=\"#92c5de\" "
+        "stroke-width=\"4\"/>",
+        x(i), y(p.after[i] - 2.0 * p.sigma[i]), y(p.after[i] + 2.0 * p.sigma[i]));
   const auto line = [&](const std::vector<double>& v, const char* c) {
-    s += fmt::format("<polyline fill=\"none\" stroke=\"{}\" stroke-width=\"1.5\" points=\"", c);
-    for (std::size_t i = 0; i < v.size(); ++i) s += fmt::format("{:.1f},{:.1f} ", x(i), y(v[i]));
+    for (std::size_t i = 0; i < v.size(); ++i) {
+      const bool begins = i == 0 || p.at[i] - p.at[i - 1] > 1.5 * step;
+      if (begins)
+        s += fmt::format("{}<polyline fill=\"none\" stroke=\"{}\" stroke-width=\"1.5\" points=\"",
+                         i == 0 ? "" : "\"/>", c);
+      s += fmt::format("{:.1f},{:.1f} ", x(i), y(v[i]));
+    }
     s += "\"/>";
   };
   line(p.before, "#b2182b");
@@ -87,8 +149,10 @@ std::string controls_html(const Controls& c) {
       "these, of noise simulated as fitted. With the causes above in the model and nothing else "
       "it says: {}, naming {}.</p>",
       c.passed() ? "good" : "bad",
-      c.passed() ? "Passed: nothing is claimed where nothing is, and what is named comes back."
-                 : "Not passed: read the causes above with care.",
+      !c.passed()            ? "Not passed: read the causes above with care."
+      : c.recoveries.empty() ? "Passed: nothing is claimed where nothing is."
+                             : "Passed: nothing is claimed where nothing is, and what is named "
+                               "comes back.",
       c.points, c.null_verdict, list(c.null_claims));
   if (c.recoveries.empty()) return s;
   s += "<table><tr><th>injected</th><th>named</th><th>parameter</th><th>injected</th><th>found</th>"
@@ -111,19 +175,52 @@ std::string controls_html(const Controls& c) {
   return s;
 }
 
+/// Spread before and after, and the floor.
+std::string bars(const Diagnosis& d) {
+  const double most = std::fmax(1e-9, std::fmax(d.rms_before_mm, d.rms_after_mm));
+  std::string s = "<svg viewBox=\"0 0 620 62\" width=\"620\">";
+  double y = 0.0;
+  for (const auto& [name, value, fill] : {std::tuple{"before", d.rms_before_mm, "#b2182b"},
+                                          {"after", d.rms_after_mm, "#2166ac"},
+                                          {"noise floor", d.rms_noise_mm, "#999"}}) {
+    s += fmt::format(
+        "<text x=\"70\" y=\"{}\" text-anchor=\"end\">{}</text><rect x=\"76\" y=\"{}\" "
+        "width=\"{:.1f}\" "
+        "height=\"14\" fill=\"{}\"/><text x=\"{:.1f}\" y=\"{}\">{:.4f} mm</text>",
+        y + 12.0, name, y + 1.0, 460.0 * value / most, fill, 82.0 + 460.0 * value / most, y + 12.0,
+        value);
+    y += 20.0;
+  }
+  return s + "</svg>";
+}
+
+std::string next_html(const Diagnosis& d) {
+  std::string s = "<h2>Next</h2><ul>";
+  for (const Cause& c : d.causes) {
+    if (!c.separate_by.empty())
+      s += fmt::format("<li>{} {}: {}.</li>",
+                       c.equivalent.empty() ? "To make sure of" : "To tell what else may be",
+                       c.effect, markup_escaped(c.separate_by));
+  }
+  if (d.causes.empty() && d.remainder.found)
+    s += "<li>Look at the places of the map by eye; measure them again from another station, so "
+         "that what the scanner adds is told from what the part has.</li>";
+  if (!d.causes.empty())
+    s += "<li>The simulation with these causes is <code>extended.toml</code>, which verify, scan "
+         "and "
+         "diagnose take.</li>";
+  if (!compensation_of(d, {}).used.empty())
+    s += "<li>What a program can make good is in <code>compensation.toml</code>: "
+         "<code>maquette compensate part.ngc --by compensation.toml --extended "
+         "extended.toml</code> says what it gains.</li>";
+  return s +
+         "<li><code>maquette detectability case.toml</code> says how small other causes could be "
+         "unseen, and what further measurement helps most.</li></ul>";
+}
+
 }  // namespace
 
 std::string to_html(const Diagnosis& d) {
-  std::vector<double> sizes;
-  for (const float v : d.map.before.cells())
-    if (!std::isnan(v)) sizes.push_back(std::abs(static_cast<double>(v)));
-  std::sort(sizes.begin(), sizes.end());
-  const double limit =
-      sizes.empty()
-          ? 0.05
-          : std::fmax(
-                0.005,
-                sizes[static_cast<std::size_t>(0.98 * static_cast<double>(sizes.size() - 1))]);
   std::string s =
       "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Diagnosis</title><style>"
       "body{font:15px/1.45 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 "
@@ -131,7 +228,7 @@ std::string to_html(const Diagnosis& d) {
       "table{border-collapse:collapse}td,th{padding:.25em .7em;border-bottom:1px solid "
       "#ddd;text-align:left;vertical-align:top}"
       ".map{width:100%;border:1px solid #999}.pair{display:grid;grid-template-columns:1fr "
-      "1fr;gap:1em}"
+      "1fr 1fr;gap:.6em}"
       ".plots{display:flex;flex-wrap:wrap}.plot{width:320px}figure{margin:.3em}text{font-size:10px;"
       "fill:#555}"
       "figcaption{color:#555;font-size:13px}.verdict{font-size:1.3em}.good{color:#1b7837}.bad{"
@@ -174,12 +271,9 @@ std::string to_html(const Diagnosis& d) {
       "<h2>Gain</h2><p>On {} points in blocks that had no part in choosing or confirming: {:.4f} "
       "mm rms before, {:.4f} mm after; noise alone gives {:.4f} mm.</p>",
       d.n_report, d.rms_before_mm, d.rms_after_mm, d.rms_noise_mm);
-  s += fmt::format(
-      "<div class=\"pair\"><figure>{}<figcaption>residual before, full colour at &plusmn;{:.3f} mm "
-      "(red: too high)</figcaption></figure><figure>{}<figcaption>after, same "
-      "scale</figcaption></figure></div>",
-      map_svg(d.map, d.map.before, limit), limit, map_svg(d.map, d.map.after, limit));
-  s += "<h2>What the residual depends on</h2><p>Red before, blue after.</p><div class=\"plots\">";
+  s += bars(d) + "<h2>Where</h2>" + maps(d.map, !d.causes.empty());
+  s += "<h2>What the residual depends on</h2><p>Red before, blue after; bars: two standard errors "
+       "of white noise.</p><div class=\"plots\">";
   for (const Dependence& p : d.dependences) s += plot_svg(p);
   s += "</div><h2>What remains</h2>";
   if (d.remainder.found) {
@@ -192,18 +286,24 @@ std::string to_html(const Diagnosis& d) {
   } else {
     s += "<p>Nothing that a stationary random process would not give.</p>";
   }
-  s += fmt::format(
-      "<p>Smooth random part {:.4f} mm (correlation length {:.0f} mm); neighbours' correlation "
-      "{:.3f}.</p>",
-      d.remainder.smooth_mm, d.remainder.smooth_length_mm, d.remainder.morans_i);
+  s += d.remainder.smooth_mm > 0.0
+           ? fmt::format(
+                 "<p>Of the noise {:.4f} mm are a smooth random process, correlated over "
+                 "{:.0f} mm; it is no cause.",
+                 d.remainder.smooth_mm, d.remainder.smooth_length_mm)
+           : std::string("<p>No part of the noise is smooth over more than a few mm.");
+  s += fmt::format(" Neighbouring squares' correlation {:.3f}.</p>", d.remainder.morans_i);
   if (d.controls) s += controls_html(*d.controls);
+  s += next_html(d);
   s += "<h2>Poses of the measurements</h2><table><tr><th>file</th><th>shift x, y, z, "
        "mm</th><th>turn x, y, z, urad</th></tr>";
   for (const PoseEstimate& p : d.poses)
     s += fmt::format(
-        "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f}</td><td>{:.0f}, {:.0f}, {:.0f}</td></tr>",
-        markup_escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, p.turn_urad.x,
-        p.turn_urad.y, p.turn_urad.z);
+        "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f} (&plusmn; {:.4f})</td><td>{:.0f}, {:.0f}, "
+        "{:.0f} "
+        "(&plusmn; {:.0f})</td></tr>",
+        markup_escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, norm(p.shift_sigma_mm),
+        p.turn_urad.x, p.turn_urad.y, p.turn_urad.z, norm(p.turn_sigma_urad));
   s += "</table>";
   if (!d.ranking.empty()) {
     const double best = std::fmax(1.0, d.ranking.front().gain);

@@ -50,8 +50,8 @@ std::optional<std::vector<Word>> words_of(const std::string& line, std::string& 
   for (std::size_t i = 0; i < line.size();) {
     const char c = static_cast<char>(std::toupper(static_cast<unsigned char>(line[i])));
     if (c == '(' || c == ';') {
-      const std::size_t end = c == '(' ? std::min(line.find(')', i), line.size() - 1) + 1
-                                       : line.size();
+      const std::size_t end =
+          c == '(' ? std::min(line.find(')', i), line.size() - 1) + 1 : line.size();
       comments.append(" ").append(line, i, end - i);
       i = end;
     } else if (std::isspace(static_cast<unsigned char>(c)) || c == '%' || c == '/') {
@@ -246,8 +246,7 @@ Vec3 MachineErrors::at(Vec3 p) const {
   Vec3 d{scale_um_per_m.x * q.x + squareness_xy_urad * q.y + squareness_xz_urad * q.z,
          scale_um_per_m.y * q.y + squareness_yz_urad * q.z,
          scale_um_per_m.z * q.z + length_offset_mm};
-  for (const Straightness& s : straightness)
-    axis_of(d, s.moves) += between(s, axis_of(p, s.along));
+  for (const Straightness& s : straightness) axis_of(d, s.moves) += between(s, axis_of(p, s.along));
   return d;
 }
 

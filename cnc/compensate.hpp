@@ -36,14 +36,14 @@ inline constexpr ErrorCode kNotFlat{"CNC_NOT_FLAT"};
 inline constexpr double kMapping_mm = 0.001;
 
 struct MachineErrors {
-  Vec3 exact_at_mm;                              ///< where scale and squareness displace nothing
-  Vec3 scale_um_per_m;                           ///< > 0: travels too far
-  double squareness_xy_urad = 0.0;               ///< x goes along with y
+  Vec3 exact_at_mm;                 ///< where scale and squareness displace nothing
+  Vec3 scale_um_per_m;              ///< > 0: travels too far
+  double squareness_xy_urad = 0.0;  ///< x goes along with y
   double squareness_xz_urad = 0.0, squareness_yz_urad = 0.0;  ///< x and y go along with z
-  Vec3 backlash_mm;                              ///< width
+  Vec3 backlash_mm;                                           ///< width
   struct Straightness {
-    int along = 0, moves = 2;  ///< axes 0, 1, 2
-    std::vector<double> position_mm, error_mm;   ///< between them linear, beyond them constant
+    int along = 0, moves = 2;                   ///< axes 0, 1, 2
+    std::vector<double> position_mm, error_mm;  ///< between them linear, beyond them constant
   };
   std::vector<Straightness> straightness;
   double length_offset_mm = 0.0;  ///< the tip stands that much higher than called
@@ -54,10 +54,10 @@ struct MachineErrors {
 };
 
 struct CompensateFigures {
-  std::uint64_t moves = 0;        ///< rewritten
-  std::uint64_t lines = 0;        ///< that they became
-  std::uint64_t take_ups = 0;     ///< moves that take up slack
-  double largest_mm = 0.0;        ///< change of a coordinate
+  std::uint64_t moves = 0;     ///< rewritten
+  std::uint64_t lines = 0;     ///< that they became
+  std::uint64_t take_ups = 0;  ///< moves that take up slack
+  double largest_mm = 0.0;     ///< change of a coordinate
 };
 
 /// @param design  what a ball of another radius may not cut into; nullptr where the radius is right

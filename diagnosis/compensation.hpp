@@ -38,8 +38,9 @@ struct Improvement {
   double max_before_mm = 0.0, max_after_mm = 0.0;
   std::size_t nodes = 0;
 };
-/// The part as its programs were meant to cut it, and as built by `extended`: with its own programs,
-/// and with the rewritten ones. At most 90 000 nodes; pose by least squares, as any part is set up.
+/// The part as its programs were meant to cut it, and as built by `extended`: with its own
+/// programs, and with the rewritten ones. At most 90 000 nodes; pose by least squares, as any part
+/// is set up.
 /// @return errors of ExtendedModel::make
 [[nodiscard]] Result<Improvement> improvement(const CaseInput& extended,
                                               const std::vector<std::filesystem::path>& rewritten,

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include <fmt/format.h>
 
@@ -275,7 +274,6 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   const double tell_apart =
       std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
                 kSignatureError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points)});
-  std::set<std::string> named;
   for (std::size_t k = 0; k < members.size(); ++k) {
     const Member& member = members[k];
     const auto others = without(members, k);
@@ -322,7 +320,6 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
              fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
                          c.effect, worse / 4.605)});
     }
-    named.insert(c.effect);
     d.causes.push_back(std::move(c));
   }
   straighten(members);

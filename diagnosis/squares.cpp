@@ -10,8 +10,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 /// Sums of products over some sets, the residual last.
-MatrixXd plain_sums(const Bank& bank, const std::vector<int>& model,
-                           const std::vector<int>& sets) {
+MatrixXd plain_sums(const Bank& bank, const std::vector<int>& model, const std::vector<int>& sets) {
   std::vector<int> at = model;
   at.push_back(bank.y());
   const auto n = static_cast<Index>(at.size());
@@ -40,7 +39,8 @@ VectorXd levelled(const Bank& bank, const std::vector<int>& model, VectorXd b,
                   const std::vector<int>& sets) {
   const MatrixXd sum = plain_sums(bank, model, sets);
   const Index p = bank.nuisances, causes = b.size() - p;
-  b.head(p) = solve(sum, p, sum.col(b.size()).head(p) - sum.block(0, p, p, causes) * b.tail(causes));
+  b.head(p) =
+      solve(sum, p, sum.col(b.size()).head(p) - sum.block(0, p, p, causes) * b.tail(causes));
   return b;
 }
 

@@ -45,7 +45,8 @@ Result<cnc::MachineErrors> read_compensation(const fs::path& file) {
     Table& table = tables.emplace_back();
     Schema row;
     row.add({"along", &table.along, "the axis that travels", -kInf, kInf, {"x", "y", "z"}, true});
-    row.add({"moves", &table.moves, "where it leaves the line", -kInf, kInf, {"x", "y", "z"}, true});
+    row.add(
+        {"moves", &table.moves, "where it leaves the line", -kInf, kInf, {"x", "y", "z"}, true});
     row.add({"position_mm", &table.position_mm, "increasing", -1e6, 1e6, {}, true});
     row.add({"error_mm", &table.error_mm, "as many", -100, 100, {}, true});
     return row;
@@ -55,11 +56,11 @@ Result<cnc::MachineErrors> read_compensation(const fs::path& file) {
     if (table.position_mm.size() != table.error_mm.size() ||
         std::adjacent_find(table.position_mm.begin(), table.position_mm.end(),
                            std::greater_equal<>()) != table.position_mm.end())
-      return fail(kConfigInvalid,
-                  fmt::format("{}: [[straightness]] along {}: {} positions and {} errors; expected "
-                              "as many, positions increasing",
-                              file.string(), table.along, table.position_mm.size(),
-                              table.error_mm.size()));
+      return fail(
+          kConfigInvalid,
+          fmt::format("{}: [[straightness]] along {}: {} positions and {} errors; expected "
+                      "as many, positions increasing",
+                      file.string(), table.along, table.position_mm.size(), table.error_mm.size()));
     e.straightness.push_back({table.along[0] - 'x', table.moves[0] - 'x',
                               std::move(table.position_mm), std::move(table.error_mm)});
   }
@@ -83,9 +84,10 @@ Result<JobResult> compensate_job(const CompensateJob& job, const fs::path& folde
                   fmt::format("{}: tool.radius_error_mm: a ball of another radius needs what it is "
                               "to touch; give --design, or the case as --extended",
                               job.by.string()));
-    MAQUETTE_TRY(design, heightmap::read_model_field(
-                             job.design ? *job.design
-                             : extended->ground.empty() ? extended->design : extended->ground));
+    MAQUETTE_TRY(design,
+                 heightmap::read_model_field(job.design                 ? *job.design
+                                             : extended->ground.empty() ? extended->design
+                                                                        : extended->ground));
   }
   std::error_code ec;
   fs::create_directories(folder, ec);
@@ -95,8 +97,8 @@ Result<JobResult> compensate_job(const CompensateJob& job, const fs::path& folde
   for (const fs::path& program : job.programs) {
     const fs::path out = folder / program.filename();
     if (fs::equivalent(program, out, ec))
-      return fail(kConfigInvalid, fmt::format("{}: would be overwritten; choose another --out",
-                                              program.string()));
+      return fail(kConfigInvalid,
+                  fmt::format("{}: would be overwritten; choose another --out", program.string()));
     MAQUETTE_TRY(const auto f, cnc::compensate(program, errors, design ? &*design : nullptr,
                                                0.5 * ball, out, run));
     all.moves += f.moves;

@@ -11,11 +11,12 @@ namespace maquette::diagnosis::detail {
 
 /// What cutting anew with all causes together moves beyond the sum of their signatures, mm.
 [[nodiscard]] std::vector<double> beyond_linear(const std::vector<Observation>& all,
-                                  const std::vector<Member>& members, const Bank& bank,
-                                  const Fit& f, double ball_radius_mm);
+                                                const std::vector<Member>& members,
+                                                const Bank& bank, const Fit& f,
+                                                double ball_radius_mm);
 /// Residuals of a fitted model, its nuisances levelled on all sets (squares.hpp), mm.
 [[nodiscard]] std::vector<double> residuals_of(const std::vector<Observation>& all,
-                                 const std::vector<Member>& members, const Bank& bank,
-                                 const Fit& f);
+                                               const std::vector<Member>& members, const Bank& bank,
+                                               const Fit& f);
 
 }  // namespace maquette::diagnosis::detail

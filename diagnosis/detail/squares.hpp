@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-// Plain sums of squares: every point alike, whatever the noise is. Shares, rms and what the simulation
-// is believed are stated in these.
+// Plain sums of squares: every point alike, whatever the noise is. Shares, rms and what the
+// simulation is believed are stated in these.
 
 #include <vector>
 

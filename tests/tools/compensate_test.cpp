@@ -120,12 +120,11 @@ TEST_F(Compensate, TakesSlackUpWhereAnAxisTurns) {
 
 TEST_F(Compensate, RefusesWhatIsNotFlat) {
   const cnc::MachineErrors none;
-  for (const char* body :
-       {"G91\nG1 X1\n", "G20\nG1 X1\n", "G92 X0\nG1 X1\n", "#1=3\nG1 X#1\n",
-        "o1 repeat [2]\nG1 X2\nG1 X1\no1 endrepeat\n", "G1 X1 M30\n"}) {
-    const auto r = cnc::compensate(
-        text("in.ngc", std::string("G0 X0 Y0 Z0\nF100\n") + body + "M30\n"), none, nullptr, 3.0,
-        folder / "out.ngc");
+  for (const char* body : {"G91\nG1 X1\n", "G20\nG1 X1\n", "G92 X0\nG1 X1\n", "#1=3\nG1 X#1\n",
+                           "o1 repeat [2]\nG1 X2\nG1 X1\no1 endrepeat\n", "G1 X1 M30\n"}) {
+    const auto r =
+        cnc::compensate(text("in.ngc", std::string("G0 X0 Y0 Z0\nF100\n") + body + "M30\n"), none,
+                        nullptr, 3.0, folder / "out.ngc");
     EXPECT_THAT(r, FailsWith(cnc::kNotFlat)) << body;
     EXPECT_THAT(r ? "" : r.error().message, HasSubstr("in.ngc:"));
     EXPECT_FALSE(std::filesystem::exists(folder / "out.ngc"));
@@ -198,8 +197,7 @@ TEST_F(MadeGood, EachErrorOfAMachineAndATool) {
     ASSERT_THAT(compensate_job(job, folder / "good", {}), Succeeds());
     diagnosis::CaseInput extended = input;
     extended.known = {{row.effect, row.law, {}, {}}};
-    for (const auto& p : row.parameters)
-      extended.known[0].parameters.emplace_back(p.name, p.value);
+    for (const auto& p : row.parameters) extended.known[0].parameters.emplace_back(p.name, p.value);
     const auto gain = diagnosis::improvement(extended, {folder / "good/part.ngc"});
     ASSERT_THAT(gain, Succeeds());
     EXPECT_GT(gain->rms_before_mm, 0.0015) << row.effect;
@@ -224,8 +222,7 @@ TEST_F(MadeGood, OnlyWhatIsSureAndComesBack) {
   d.causes.push_back(
       {"machine.thermal_growth_z", "x", {{"growth_mm", 0.1, 0.01}}, {}, 0.5, 1e-9, {}, ""});
   EXPECT_EQ(diagnosis::compensation_toml(d, scene), "");
-  d.causes.push_back(
-      {"machine.backlash_z", "x", {{"width_mm", 0.1, 0.01}}, {}, 0.5, 1e-9, {}, ""});
+  d.causes.push_back({"machine.backlash_z", "x", {{"width_mm", 0.1, 0.01}}, {}, 0.5, 1e-9, {}, ""});
   const std::string toml = diagnosis::compensation_toml(d, scene);
   EXPECT_THAT(toml, HasSubstr("backlash_z_mm = 0.1"));
   EXPECT_THAT(toml, HasSubstr("# left: machine.scale_x: not told from stock.swelling"));
@@ -234,18 +231,19 @@ TEST_F(MadeGood, OnlyWhatIsSureAndComesBack) {
   ASSERT_THAT(back, Succeeds());
   EXPECT_EQ(back->backlash_mm, (Vec3{0.0, 0.0, 0.1}));
   EXPECT_EQ(back->scale_um_per_m, Vec3{});
-  EXPECT_THAT(read_compensation(text("bad.toml", "schema = \"maquette.compensation/1\"\n"
-                                                 "[[straightness]]\nalong = \"x\"\nmoves = "
-                                                 "\"z\"\nposition_mm = [1.0, 0.0]\nerror_mm = "
-                                                 "[0.0, 0.1]\n")),
+  EXPECT_THAT(read_compensation(text("bad.toml",
+                                     "schema = \"maquette.compensation/1\"\n"
+                                     "[[straightness]]\nalong = \"x\"\nmoves = "
+                                     "\"z\"\nposition_mm = [1.0, 0.0]\nerror_mm = "
+                                     "[0.0, 0.1]\n")),
               FailsWith(kConfigInvalid));
   // A program is never written over itself; another ball needs what it is to touch.
   CompensateJob job;
   job.programs = input.programs;
   job.by = text("by.toml", toml);
   EXPECT_THAT(compensate_job(job, folder.path(), {}), FailsWith(kConfigInvalid));
-  job.by = text("ball.toml",
-                "schema = \"maquette.compensation/1\"\n[tool]\nradius_error_mm = 0.05\n");
+  job.by =
+      text("ball.toml", "schema = \"maquette.compensation/1\"\n[tool]\nradius_error_mm = 0.05\n");
   EXPECT_THAT(compensate_job(job, folder / "good", {}), FailsWith(kConfigInvalid));
 }
 

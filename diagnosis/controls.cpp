@@ -142,13 +142,29 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   c.points = kept;
   auto noise = simulated_noise(few.observations, m.set_ups.size(), m.scene.box, d.noise,
                                static_cast<double>(all) / static_cast<double>(kept), mix64(seed));
+  // A shift of all poses along an axis is that of named causes where they, or those that may stand
+  // in their place, make it unknown.
+  Vec3 theirs;
+  for (const PoseEstimate& p : d.poses)
+    theirs += (1.0 / static_cast<double>(d.poses.size())) * p.shift_mm;
+  const auto unknown = [&](char axis) {
+    const auto shifts = [&](const std::string& effect) {
+      return find_effect(effect)->unknown_shift.find(axis) != std::string::npos;
+    };
+    return std::any_of(d.causes.begin(), d.causes.end(), [&](const Cause& cause) {
+      return shifts(cause.effect) ||
+             std::any_of(cause.equivalent.begin(), cause.equivalent.end(), shifts);
+    });
+  };
+  theirs = {unknown('x') ? theirs.x : 0.0, unknown('y') ? theirs.y : 0.0,
+            unknown('z') ? theirs.z : 0.0};
   // Poses stay as wrong as they were found to be: what their files say and what the fit moved.
   for (std::size_t i = 0; i < kept; ++i) {
     const Observation& o = few.observations[i];
     const PoseEstimate& p = d.poses[o.set_up];
     const RigidTransform& start = m.set_ups[o.set_up].model_from_file;
     const Vec3 centre = m.set_ups[o.set_up].centre_mm;
-    const Vec3 shift = p.shift_mm + (centre - start.inverse().point(centre));
+    const Vec3 shift = p.shift_mm - theirs + (centre - start.inverse().point(centre));
     const Vec3 turn =
         p.turn_urad + 2e6 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
     noise[i] += dot(o.along, shift + cross(1e-6 * turn, o.place - centre));

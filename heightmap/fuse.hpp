@@ -32,8 +32,8 @@
 /// height is moved, and the source's report says why. A base whose pixel is wider than the site is
 /// a poor vertical reference; the run's warning says so.
 ///
-/// Cost: 4001 x 4001 nodes from two sources with synthetic detail take 6 s on two cores, 10 s of CPU
-/// and 1.4 GB.
+/// Cost: 4001 x 4001 nodes from two sources with synthetic detail take 6 s on two cores, 10 s of
+/// CPU and 1.4 GB.
 
 #include <array>
 #include <cstdint>

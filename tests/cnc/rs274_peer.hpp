@@ -120,11 +120,12 @@ inline CanonProgram run_rs274(const std::filesystem::path& linuxcnc,
   }
   const auto out = scratch / "canon.txt", said = scratch / "said.txt";
   const std::string library = (linuxcnc / "usr/lib").string();
+  // It maps its tool table into ~/.tool.mmap, which two of them at a time would share.
   const std::string command = fmt::format(
-      "LD_LIBRARY_PATH='{0}:{0}/x86_64-linux-gnu' '{1}' -g -t '{2}' -v '{3}' '{4}' '{5}' >'{6}' "
-      "2>&1",
+      "HOME='{7}' LD_LIBRARY_PATH='{0}:{0}/x86_64-linux-gnu' '{1}' -g -t '{2}' -v '{3}' '{4}' "
+      "'{5}' >'{6}' 2>&1",
       library, (linuxcnc / "usr/bin/rs274").string(), tools, (scratch / "test.var").string(),
-      program.string(), out.string(), said.string());
+      program.string(), out.string(), said.string(), scratch.string());
   const int status = std::system(command.c_str());
   CanonProgram canon = read_canon(out);
   canon.exit_code = status;

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "scan/detail/profile_walk.hpp"
 #include "scan/scanner_sim.hpp"
 
 namespace maquette::scan::detail {
@@ -51,6 +52,8 @@ ScanScene::ScanScene(const ModelField& surface, std::span<const TriMesh> stones,
   const heightmap::HeightRange heights = heightmap::height_range(surface.z_mm);
   if (!(heights.min <= heights.max)) return;
   top_mm_ = static_cast<double>(heights.max);
+  whole_ = std::all_of(surface.z_mm.cells().begin(), surface.z_mm.cells().end(),
+                       [](float z) { return std::isfinite(z); });
   bounds_.add({surface.x0.value(), surface.y0.value(), static_cast<double>(heights.min)});
   bounds_.add({surface.x_mm(surface.z_mm.cols() - 1), surface.y_mm(surface.z_mm.rows() - 1),
                static_cast<double>(heights.max)});
@@ -88,10 +91,28 @@ void ScanScene::look(const heightmap::FieldTracer::Ray& axis, double radius_mm,
     echoes[i] = answer(rays[i].origin_mm, rays[i].direction, ground[i]);
 }
 
+void ScanScene::look_across(Vec3 o, Vec3 horizontal, std::span<const Vec3> directions,
+                            std::span<std::optional<Echo>> echoes) const {
+  ProfileWalk walk(*surface_, o, horizontal);
+  for (std::size_t i = directions.size(); i-- > 0;) {
+    const Vec3 d = directions[i];
+    const auto ground = walk.hit(dot(d, horizontal), d.z);
+    // What meets a wall has no ground: a stone in front of the wall is nearer than it.
+    echoes[i] = ground ? answer(o, d, ground, ground->distance_mm)
+                       : answer(o, d, ground, wall_distance(*surface_, top_mm_, o, d));
+  }
+}
+
 std::optional<Echo> ScanScene::answer(Vec3 o, Vec3 d,
                                       const std::optional<heightmap::FieldHit>& ground) const {
-  double nearest = ground ? ground->distance_mm : INFINITY;
-  nearest = std::fmin(nearest, wall_distance(*surface_, top_mm_, o, d));
+  return answer(
+      o, d, ground,
+      std::fmin(ground ? ground->distance_mm : INFINITY, wall_distance(*surface_, top_mm_, o, d)));
+}
+
+std::optional<Echo> ScanScene::answer(Vec3 o, Vec3 d,
+                                      const std::optional<heightmap::FieldHit>& ground,
+                                      double nearest) const {
   if (const auto stone = stone_scene_.trace(o, d, nearest)) {
     const double facing = -dot(stone->normal, d);
     return Echo{stone->distance_mm, facing < 0.0 ? -stone->normal : stone->normal, std::abs(facing),

@@ -28,6 +28,10 @@ constexpr double kGrey = 0.5;
 // Grey at a cosine of 0.01 and 3 m: what is darker is no noisier.
 constexpr double kLeastNoiseSignal = 0.01 * kGrey;
 constexpr std::int64_t kMostTogether = 8;
+// Of a line of sight that all directions of a column share: nearer to the vertical each goes alone.
+constexpr double kLeastSine = 0.02;
+// A cell of the terrain's profile costs as much as a sixteenth of a ray that goes alone.
+constexpr std::int64_t kCellsOfRay = 16;
 // Streams of random numbers beside that of the range noise.
 constexpr std::uint64_t kTurnStream = 0x7475726e, kAzimuthStream = 0x617a696d,
                         kZenithStream = 0x7a656e69;
@@ -178,6 +182,42 @@ class Instrument {
       outcomes[j] = answer(beam, j * each, beam.shown[j], ray + j, points[j]);
   }
 
+  /// Do the directions of a column lie in one vertical plane, each one ray over whole terrain?
+  [[nodiscard]] bool columns_are_planes() const {
+    return samples_.size() == 1 && exact_angles_ && o_.station_rotation.x == 0.0 &&
+           o_.station_rotation.y == 0.0 && scene_.whole();
+  }
+
+  /// measure() of a whole column, in one walk along the terrain's profile.
+  /// @pre columns_are_planes()
+  void measure_plane(double azimuth, std::span<const Zenith> zenith, std::uint64_t ray, Beam& beam,
+                     std::span<Point> points, std::span<Outcome> outcomes) const {
+    const std::size_t n = zenith.size();
+    const Vec3 horizontal{std::cos(azimuth), std::sin(azimuth), 0.0};
+    const Vec3 across = rotate(o_.station_rotation, horizontal);
+    beam.shown.resize(n);
+    beam.axes.resize(n);
+    beam.rays.resize(n);
+    beam.echoes.resize(n);
+    for (std::size_t j = 0; j < n; ++j) {
+      beam.shown[j] = zenith[j].sine * horizontal + Vec3{0.0, 0.0, zenith[j].cosine};
+      beam.axes[j] = zenith[j].sine * across + Vec3{0.0, 0.0, zenith[j].cosine};
+      beam.rays[j] = {o_.station_mm, beam.axes[j]};
+    }
+    const auto steep = [](const Zenith& z) { return z.sine < kLeastSine; };
+    const auto first = static_cast<std::size_t>(
+        std::find_if_not(zenith.begin(), zenith.end(), steep) - zenith.begin());
+    const auto last = static_cast<std::size_t>(
+        std::find_if(zenith.begin() + static_cast<std::ptrdiff_t>(first), zenith.end(), steep) -
+        zenith.begin());
+    for (std::size_t j = 0; j < n; ++j)
+      if (j < first || j >= last) beam.echoes[j] = scene_.look(o_.station_mm, beam.axes[j]);
+    scene_.look_across(o_.station_mm, across, std::span(beam.axes).subspan(first, last - first),
+                       std::span(beam.echoes).subspan(first, last - first));
+    for (std::size_t j = 0; j < n; ++j)
+      outcomes[j] = answer(beam, j, beam.shown[j], ray + j, points[j]);
+  }
+
  private:
   /// What the detector makes of the echoes of one beam.
   Outcome answer(Beam& beam, std::size_t first, Vec3 shown, std::uint64_t ray, Point& point) const {
@@ -320,10 +360,15 @@ Result<ScanFigures> scan_into(const detail::StationSink& sink, const ModelField&
                                               std::fmax(0.0, std::fmax(box.min.z, -box.max.z))}));
   station.intensity_limits = {0.0, std::pow(kReferenceRangeMm / nearest, 2)};
 
-  // As many directions at a time as lie within a leaf of the tracer's pyramid: eight cells.
-  const auto together = std::clamp<std::int64_t>(
-      static_cast<std::int64_t>(8.0 * surface.spacing.value() / (step * farthest)), 1,
-      kMostTogether);
+  const bool planes = instrument.columns_are_planes() &&
+                      kCellsOfRay * grid.rows >= std::max(surface.z_mm.rows(), surface.z_mm.cols());
+  // A whole column, or as many directions at a time as lie within a leaf of the tracer's pyramid:
+  // eight cells.
+  const auto together =
+      planes ? std::max<std::int64_t>(1, grid.rows)
+             : std::clamp<std::int64_t>(
+                   static_cast<std::int64_t>(8.0 * surface.spacing.value() / (step * farthest)), 1,
+                   kMostTogether);
   std::vector<Instrument::Zenith> zeniths;
   for (std::int64_t row = 0; row < grid.rows; ++row) {
     const double v = grid.zenith(row);
@@ -342,15 +387,19 @@ Result<ScanFigures> scan_into(const detail::StationSink& sink, const ModelField&
       column.rows.clear();
       column.lost = 0;
       Instrument::Beam beam;
-      std::array<Instrument::Point, kMostTogether> points;
-      std::array<Instrument::Outcome, kMostTogether> outcomes{};
+      std::vector<Instrument::Point> points(static_cast<std::size_t>(together));
+      std::vector<Instrument::Outcome> outcomes(points.size());
       const std::int64_t at = first + static_cast<std::int64_t>(k);
       for (std::int64_t row = 0; row < grid.rows; row += together) {
         const auto n = static_cast<std::size_t>(std::min(together, grid.rows - row));
-        instrument.measure(grid.azimuth(at),
-                           std::span(zeniths).subspan(static_cast<std::size_t>(row), n),
-                           static_cast<std::uint64_t>(at * grid.rows + row), beam,
-                           std::span(points).first(n), std::span(outcomes).first(n));
+        const auto some = std::span(zeniths).subspan(static_cast<std::size_t>(row), n);
+        const auto ray = static_cast<std::uint64_t>(at * grid.rows + row);
+        if (planes)
+          instrument.measure_plane(grid.azimuth(at), some, ray, beam, std::span(points).first(n),
+                                   std::span(outcomes).first(n));
+        else
+          instrument.measure(grid.azimuth(at), some, ray, beam, std::span(points).first(n),
+                             std::span(outcomes).first(n));
         for (std::size_t j = 0; j < n; ++j) {
           if (outcomes[j] == Instrument::Outcome::lost) ++column.lost;
           if (outcomes[j] != Instrument::Outcome::point) continue;

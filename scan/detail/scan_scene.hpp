@@ -45,12 +45,25 @@ class ScanScene {
             std::span<std::optional<heightmap::FieldHit>> ground,
             std::span<std::optional<Echo>> echoes) const;
 
+  /// look() in directions of one vertical plane, in one walk over the terrain.
+  /// @param horizontal  unit, z = 0; every direction is a positive part of it and some height
+  /// @param directions  unit, none higher than the one before
+  /// @pre whole()
+  void look_across(Vec3 origin_mm, Vec3 horizontal, std::span<const Vec3> directions,
+                   std::span<std::optional<Echo>> echoes) const;
+  /// Has the terrain no voids?
+  [[nodiscard]] bool whole() const { return whole_; }
+
   /// Is a point of the surface seen from `from_mm`? Walls hide, too.
   [[nodiscard]] bool sees(Vec3 from_mm, Vec3 point_mm) const;
 
  private:
   [[nodiscard]] std::optional<Echo> answer(Vec3 origin_mm, Vec3 direction,
                                            const std::optional<heightmap::FieldHit>& ground) const;
+  /// @param nearest  a wall or the ground
+  [[nodiscard]] std::optional<Echo> answer(Vec3 origin_mm, Vec3 direction,
+                                           const std::optional<heightmap::FieldHit>& ground,
+                                           double nearest_mm) const;
   ScanScene(const heightmap::ModelField& surface, std::span<const TriMesh> stones,
             StoneScene scene);
   const heightmap::ModelField* surface_;
@@ -59,6 +72,7 @@ class ScanScene {
   heightmap::FieldTracer tracer_;
   Box3 bounds_;
   double top_mm_ = -INFINITY;  // of the surface
+  bool whole_ = false;
 };
 
 /// Takes the batches of a station in order; the first one has begins_station set.

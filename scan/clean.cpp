@@ -17,9 +17,9 @@
 namespace maquette::scan {
 namespace {
 
-using detail::KeyMap;
 using detail::RangeImage;
 using detail::VoxelCounts;
+using detail::VoxelSlices;
 using detail::VoxelStatistics;
 
 enum class Verdict : std::uint8_t { kept, mixed, isolated, off_part, no_position };
@@ -48,12 +48,16 @@ class Cleaner {
     std::optional<Vec3> scanner_mm;  ///< station's frame
     std::unique_ptr<RangeImage> image;
   };
-  [[nodiscard]] Result<void> each_batch(int pass, const Take& take);
+  /// @param from, to  progress
+  [[nodiscard]] Result<void> each_batch(double from, double to, const Take& take);
   View& view_of(const PointBatch& batch, const ScanStation& station);
   [[nodiscard]] Result<void> survey();
   [[nodiscard]] Result<void> fill_images();
   [[nodiscard]] Result<void> gather();
-  void find_isolated();
+  [[nodiscard]] Result<void> write_points(const detail::StationSink& out);
+  [[nodiscard]] Result<void> write_thinned(const detail::StationSink& out);
+  /// Is the point one that stays? Once the isolated ones are known.
+  [[nodiscard]] bool stays(std::uint64_t point, Vec3 p_mm);
 
   Open open_;
   const CleanOptions& o_;
@@ -66,17 +70,18 @@ class Cleaner {
   std::vector<Verdict> verdicts_;
   std::unique_ptr<VoxelCounts> counts_;      // where isolated points are sought
   std::unique_ptr<VoxelStatistics> voxels_;  // where every point shall have a normal
-  std::vector<bool> lonely_;                 // by voxel
+  detail::VoxelGrid thin_;
+  std::unique_ptr<VoxelSlices> slices_;  // of it, where there may be more than go at once
   bool needs_normals_, needs_voxels_;
 };
 
-Result<void> Cleaner::each_batch(int pass, const Take& take) {
+Result<void> Cleaner::each_batch(double from, double to, const Take& take) {
   MAQUETTE_TRY(const auto reader, open_());
   PointBatch batch;
   std::uint64_t first = 0;
   while (true) {
     if (run_.stopped()) return fail(kCancelled, "cleaning was cancelled");
-    run_.progress(0.25 * (pass + reader->progress()));
+    run_.progress(from + (to - from) * reader->progress());
     MAQUETTE_TRY(const bool more, reader->next(batch));
     if (!more) return {};
     const std::size_t n = batch.size();
@@ -99,7 +104,8 @@ Cleaner::View& Cleaner::view_of(const PointBatch& batch, const ScanStation& stat
 Result<void> Cleaner::survey() {
   constexpr std::size_t kSample = 2'000'000;
   MAQUETTE_TRY_VOID(each_batch(
-      0, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+      0.0, 0.25,
+      [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
         View& view = view_of(b, station);
         if (b.begins_station && b.size() > 0) {
           if (!view.scanner_mm)
@@ -142,7 +148,7 @@ Result<void> Cleaner::fill_images() {
   for (View& v : views_)
     if (v.image) v.image->build();
   MAQUETTE_TRY_VOID(
-      each_batch(1, [&](const ScanStation&, PointBatch& b, std::uint64_t) -> Result<void> {
+      each_batch(0.25, 0.5, [&](const ScanStation&, PointBatch& b, std::uint64_t) -> Result<void> {
         const View& view = views_[b.station];
         if (!view.image) return {};
         for (std::size_t i = 0; i < b.size(); ++i) {
@@ -172,9 +178,15 @@ Result<void> Cleaner::gather() {
                             figures_.voxel_mm, norm(bounds_.max - bounds_.min)));
   if (o_.least_neighbours > 0) counts_ = std::make_unique<VoxelCounts>(grid);
   if (needs_normals_) voxels_ = std::make_unique<VoxelStatistics>(grid);
+  if (o_.thin_mm > 0.0 && !detail::make_voxel_grid(bounds_, o_.thin_mm, thin_))
+    return fail(kCleanOptions, fmt::format("voxels of {} mm are too small to thin {} mm",
+                                           o_.thin_mm, norm(bounds_.max - bounds_.min)));
+  if (o_.thin_mm > 0.0 && figures_.points > o_.voxels_at_once)
+    slices_ = std::make_unique<VoxelSlices>(thin_);
   verdicts_.reserve(figures_.points + figures_.without_position);
   return each_batch(
-      2, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+      0.5, 0.75,
+      [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
         const View& view = views_[b.station];
         verdicts_.resize(first + b.size(), Verdict::kept);
         oneapi::tbb::parallel_for(std::size_t{0}, b.size(), [&](std::size_t i) {
@@ -202,9 +214,10 @@ Result<void> Cleaner::gather() {
           const Verdict verdict = verdicts_[first + i];
           figures_.off_part += verdict == Verdict::off_part ? 1 : 0;
           figures_.mixed += verdict == Verdict::mixed ? 1 : 0;
-          if (!needs_voxels_ || verdict != Verdict::kept) continue;
+          if (verdict != Verdict::kept || !(counts_ || voxels_ || slices_)) continue;
           const Vec3 p = station.model_from_station.point(b.points_mm[i]);
           if (counts_) counts_->add(p);
+          if (slices_) slices_->add(p);
           if (!voxels_) continue;
           Vec3 towards;
           if (view.scanner_mm)
@@ -216,20 +229,12 @@ Result<void> Cleaner::gather() {
       });
 }
 
-void Cleaner::find_isolated() {
-  std::vector<std::uint8_t> lonely(counts_->size());
-  oneapi::tbb::parallel_for(std::size_t{0}, lonely.size(), [&](std::size_t v) {
-    lonely[v] = counts_->around(v, o_.least_neighbours) < o_.least_neighbours ? 1 : 0;
-  });
-  lonely_.assign(lonely.begin(), lonely.end());
-}
-
 Result<void> Cleaner::judge() {
   MAQUETTE_TRY_VOID(survey());
   if (o_.mixed) MAQUETTE_TRY_VOID(fill_images());
   MAQUETTE_TRY_VOID(gather());
   for (View& v : views_) v.image.reset();
-  if (o_.least_neighbours > 0) find_isolated();
+  if (counts_) counts_->mark_lonely(o_.least_neighbours);
   return {};
 }
 
@@ -257,48 +262,26 @@ void pick(PointBatch& b, const std::vector<std::uint32_t>& wanted) {
   pick(b.spread_mm, wanted);
 }
 
-Result<void> Cleaner::write(const detail::StationSink& out) {
-  std::unique_ptr<VoxelStatistics> thin;
-  if (o_.thin_mm > 0.0) {
-    detail::VoxelGrid grid;
-    if (!detail::make_voxel_grid(bounds_, o_.thin_mm, grid))
-      return fail(kCleanOptions, fmt::format("voxels of {} mm are too small to thin {} mm",
-                                             o_.thin_mm, norm(bounds_.max - bounds_.min)));
-    thin = std::make_unique<VoxelStatistics>(grid);
-  }
-  std::vector<ScanStation> stations;
-  bool intensity = true, colour = true;
+bool Cleaner::stays(std::uint64_t point, Vec3 p) {
+  if (verdicts_[point] != Verdict::kept) return false;
+  if (!counts_ || !counts_->lonely(p)) return true;
+  verdicts_[point] = Verdict::isolated;
+  ++figures_.isolated;
+  return false;
+}
+
+Result<void> Cleaner::write_points(const detail::StationSink& out) {
   std::vector<std::uint32_t> wanted;
-  MAQUETTE_TRY_VOID(each_batch(
-      3, [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+  return each_batch(
+      0.75, 1.0,
+      [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
         const RigidTransform& pose = station.model_from_station;
-        const View& view = views_[b.station];
         wanted.clear();
-        for (std::size_t i = 0; i < b.size(); ++i) {
-          Verdict& verdict = verdicts_[first + i];
-          if (verdict != Verdict::kept) continue;
-          if (!lonely_.empty() && lonely_[counts_->find(pose.point(b.points_mm[i]))]) {
-            verdict = Verdict::isolated;
-            ++figures_.isolated;
-            continue;
-          }
-          wanted.push_back(static_cast<std::uint32_t>(i));
-        }
+        for (std::size_t i = 0; i < b.size(); ++i)
+          if (stays(first + i, pose.point(b.points_mm[i])))
+            wanted.push_back(static_cast<std::uint32_t>(i));
         figures_.kept += wanted.size();
-        if (b.begins_station) stations.push_back(station);
-        if (thin) {
-          intensity &= station.fields.intensity || b.size() == 0;
-          colour &= station.fields.colour || b.size() == 0;
-          for (const std::uint32_t i : wanted) {
-            Vec3 towards;
-            if (view.scanner_mm)
-              towards = pose.direction(normalized(*view.scanner_mm - b.points_mm[i]));
-            thin->add(pose.point(b.points_mm[i]), towards,
-                      b.intensity.empty() ? 0.0F : b.intensity[i],
-                      b.colours.empty() ? Colour{} : b.colours[i]);
-          }
-          return {};
-        }
+        figures_.written += wanted.size();
         pick(b, wanted);
         ScanStation kept = station;
         kept.points = 0;
@@ -311,18 +294,60 @@ Result<void> Cleaner::write(const detail::StationSink& out) {
                 back.direction(voxels_->normal(voxels_->find(pose.point(b.points_mm[i]))));
           });
         }
-        figures_.written += b.size();
         return out(kept, b);
-      }));
-  if (figures_.kept == 0)
-    return fail(kCloudEmpty,
-                fmt::format("of {} points none is left: {} mixed, {} isolated, {} off the part; "
-                            "look at the part's box and its unit",
-                            figures_.points, figures_.mixed, figures_.isolated, figures_.off_part));
-  if (!thin) return {};
-  MAQUETTE_TRY_VOID(detail::write_thinned(*thin, stations, intensity, colour, out));
-  figures_.written += thin->size();
+      });
+}
+
+Result<void> Cleaner::write_thinned(const detail::StationSink& out) {
+  const std::vector<std::int64_t> ends =
+      slices_ ? slices_->ends(o_.voxels_at_once) : std::vector{detail::VoxelGrid::kSide};
+  slices_.reset();
+  std::vector<ScanStation> stations;
+  bool intensity = true, colour = true;
+  std::int64_t begin = 0;
+  for (std::size_t k = 0; k < ends.size(); ++k) {
+    VoxelStatistics thin(thin_);
+    const double share = 0.25 / static_cast<double>(ends.size());
+    const double from = 0.75 + share * static_cast<double>(k);
+    MAQUETTE_TRY_VOID(each_batch(
+        from, from + share,
+        [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+          const View& view = views_[b.station];
+          if (k == 0 && b.begins_station) stations.push_back(station);
+          intensity &= station.fields.intensity || b.size() == 0;
+          colour &= station.fields.colour || b.size() == 0;
+          for (std::size_t i = 0; i < b.size(); ++i) {
+            const Vec3 p = station.model_from_station.point(b.points_mm[i]);
+            if (!stays(first + i, p)) continue;
+            if (k == 0) ++figures_.kept;
+            // Normals ask the neighbours, too.
+            const std::int64_t slice = detail::VoxelGrid::x_of(thin_.key_of(p));
+            if (slice < begin - 1 || slice > ends[k]) continue;
+            Vec3 towards;
+            if (view.scanner_mm)
+              towards = station.model_from_station.direction(
+                  normalized(*view.scanner_mm - b.points_mm[i]));
+            thin.add(p, towards, b.intensity.empty() ? 0.0F : b.intensity[i],
+                     b.colours.empty() ? Colour{} : b.colours[i]);
+          }
+          return {};
+        }));
+    const detail::ThinnedSlices slices{begin, ends[k], figures_.written == 0};
+    MAQUETTE_TRY(const std::uint64_t written,
+                 detail::write_thinned(thin, slices, stations, intensity, colour, out));
+    figures_.written += written;
+    begin = ends[k];
+  }
   return {};
+}
+
+Result<void> Cleaner::write(const detail::StationSink& out) {
+  MAQUETTE_TRY_VOID(o_.thin_mm > 0.0 ? write_thinned(out) : write_points(out));
+  if (figures_.kept > 0) return {};
+  return fail(kCloudEmpty,
+              fmt::format("of {} points none is left: {} mixed, {} isolated, {} off the part; "
+                          "look at the part's box and its unit",
+                          figures_.points, figures_.mixed, figures_.isolated, figures_.off_part));
 }
 
 Result<void> check(const CleanOptions& o) {
@@ -334,7 +359,9 @@ Result<void> check(const CleanOptions& o) {
                           {"beam_divergence_mrad", o.beam_divergence_mrad, 0.0, 100.0},
                           {"least_jump_mm", o.least_jump_mm, 0.0, 1e6},
                           {"voxel_mm", o.voxel_mm, 0.0, 1e6},
-                          {"thin_mm", o.thin_mm, 0.0, 1e6}};
+                          {"thin_mm", o.thin_mm, 0.0, 1e6},
+                          {"least_neighbours", static_cast<double>(o.least_neighbours), 0.0,
+                           static_cast<double>(VoxelCounts::kMost)}};
   for (const Limit& l : limits)
     if (!(l.value >= l.least && l.value <= l.most))
       return fail(kCleanOptions, fmt::format("cleaning: {} must be between {} and {} but is {}",
@@ -363,6 +390,7 @@ Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options, cons
   Cloud kept;
   MAQUETTE_TRY_VOID(cleaner.write(detail::into(kept)));
   kept.station_mm = cloud.station_mm;
+  kept.passed_over = cloud.passed_over;
   cloud = std::move(kept);
   run.progress(1.0);
   return cleaner.figures();

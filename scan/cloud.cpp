@@ -144,8 +144,11 @@ Result<Cloud> read_all(CloudReader& reader, const std::string& file, const RunCo
     const bool moves = pose != RigidTransform{};
     for (std::size_t i = 0; i < batch.size(); ++i) {
       const std::uint64_t number = record++;
-      if (share < 1.0 && random_uniform(kShareSeed, number) >= share) continue;
       if (!batch.has_position(i)) continue;
+      if (share < 1.0 && random_uniform(kShareSeed, number) >= share) {
+        ++cloud.passed_over;
+        continue;
+      }
       cloud.points_mm.push_back(moves ? pose.point(batch.points_mm[i]) : batch.points_mm[i]);
       ++kept[batch.station];
       if (common->intensity) cloud.intensity.push_back(batch.intensity[i]);

@@ -77,6 +77,7 @@ struct Cloud {
   /// Empty, or all stations in the order of their points, `points` of each: the points of
   /// the first station come first.
   std::vector<ScanStation> stations;
+  std::uint64_t passed_over = 0;  ///< points of its file beside the share that was asked for
 };
 
 /// Coordinates beyond this are no model (a thousand kilometres) and are refused as not

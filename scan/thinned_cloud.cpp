@@ -29,14 +29,23 @@ ScanStation thinned_station(const std::vector<ScanStation>& from, bool intensity
 
 }  // namespace
 
-Result<void> write_thinned(const VoxelStatistics& voxels, const std::vector<ScanStation>& from,
-                           bool intensity, bool colour, const StationSink& out) {
+Result<std::uint64_t> write_thinned(const VoxelStatistics& voxels, const ThinnedSlices& slices,
+                                    const std::vector<ScanStation>& from, bool intensity,
+                                    bool colour, const StationSink& out) {
   const ScanStation station = thinned_station(from, intensity, colour);
   PointBatch b;
-  for (std::size_t first = 0; first < voxels.size(); first += kBatch) {
-    const std::size_t n = std::min(kBatch, voxels.size() - first);
+  std::vector<std::size_t> chosen;
+  std::uint64_t written = 0;
+  for (std::size_t next = 0; next < voxels.size();) {
+    chosen.clear();
+    for (; next < voxels.size() && chosen.size() < kBatch; ++next) {
+      const std::int64_t slice = VoxelGrid::x_of(voxels.key(next));
+      if (slice >= slices.begin && slice < slices.end) chosen.push_back(next);
+    }
+    const std::size_t n = chosen.size();
+    if (n == 0) break;
     b.clear();
-    b.begins_station = first == 0;
+    b.begins_station = slices.begin_station && written == 0;
     b.points_mm.resize(n);
     b.normals.resize(n);
     b.counts.resize(n);
@@ -44,7 +53,7 @@ Result<void> write_thinned(const VoxelStatistics& voxels, const std::vector<Scan
     if (intensity) b.intensity.resize(n);
     if (colour) b.colours.resize(n);
     oneapi::tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
-      const VoxelSummary s = voxels.summary(first + i);
+      const VoxelSummary s = voxels.summary(chosen[i]);
       b.points_mm[i] = s.mean_mm;
       b.normals[i] = s.normal;
       b.counts[i] = s.points;
@@ -53,8 +62,9 @@ Result<void> write_thinned(const VoxelStatistics& voxels, const std::vector<Scan
       if (colour) b.colours[i] = s.colour;
     });
     MAQUETTE_TRY_VOID(out(station, b));
+    written += n;
   }
-  return {};
+  return written;
 }
 
 }  // namespace maquette::scan::detail

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <oneapi/tbb/parallel_for.h>
+
 #include "scan/detail/moments.hpp"
 
 namespace maquette::scan::detail {
@@ -16,13 +18,12 @@ Vec3 VoxelStatistics::middle_of(std::uint64_t key) const {
 
 void VoxelStatistics::add(Vec3 p, Vec3 towards, float intensity, Colour colour) {
   const std::uint64_t key = grid_.key_of(p);
-  const auto next = static_cast<std::uint32_t>(keys_.size());
-  const std::uint32_t i = map_.insert(key, next);
-  if (i == next) {
-    keys_.push_back(key);
-    cells_.emplace_back();
+  std::uint32_t& number = numbers_.at(key);
+  if (number == 0) {
+    cells_.emplace_back().key = key;
+    number = static_cast<std::uint32_t>(cells_.size());
   }
-  Cell& c = cells_[i];
+  Cell& c = cells_[number - 1];
   const Vec3 q = (1.0 / grid_.voxel_mm) * (p - middle_of(key));
   const std::array<float, 3> at{static_cast<float>(q.x), static_cast<float>(q.y),
                                 static_cast<float>(q.z)};
@@ -45,38 +46,82 @@ void VoxelStatistics::add(Vec3 p, Vec3 towards, float intensity, Colour colour) 
 }
 
 void VoxelCounts::add(Vec3 p) {
-  const std::uint64_t key = grid_.key_of(p);
-  const auto next = static_cast<std::uint32_t>(keys_.size());
-  const std::uint32_t i = map_.insert(key, next);
-  if (i == next) {
-    keys_.push_back(key);
-    points_.push_back(0);
-  }
-  ++points_[i];
+  std::uint16_t& count = counts_.at(grid_.key_of(p));
+  if (count < kMost) ++count;
 }
 
-std::uint64_t VoxelCounts::around(std::size_t voxel, std::uint64_t enough) const {
-  std::uint64_t sum = points_[voxel];
-  const std::uint64_t key = keys_[voxel];
-  for (std::int64_t dx = -1; dx <= 1; ++dx)
-    for (std::int64_t dy = -1; dy <= 1; ++dy)
-      for (std::int64_t dz = -1; dz <= 1; ++dz) {
-        if (sum >= enough) return sum;
-        if (dx == 0 && dy == 0 && dz == 0) continue;
-        const std::uint32_t i = map_.find(VoxelGrid::key(
-            VoxelGrid::x_of(key) + dx, VoxelGrid::y_of(key) + dy, VoxelGrid::z_of(key) + dz));
-        if (i != KeyMap::npos) sum += points_[i];
-      }
-  return sum;
+void VoxelCounts::mark_lonely(std::uint32_t least) {
+  // Counts are read while marks are set: marks wait until all blocks are judged.
+  std::vector<std::uint64_t> marks(counts_.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, counts_.size(), [&](std::size_t b) {
+    constexpr std::int64_t kSide = VoxelBlocks<std::uint16_t>::kSide, kWide = kSide + 2;
+    // The block with a margin of one voxel, summed along each axis in turn.
+    std::array<std::uint32_t, kWide * kWide * kWide> sum{};
+    const std::uint64_t corner = counts_.key_of(b, 0);
+    const auto& own = counts_.block(b);
+    std::size_t i = 0;
+    for (std::int64_t x = -1; x <= kSide; ++x)
+      for (std::int64_t y = -1; y <= kSide; ++y)
+        for (std::int64_t z = -1; z <= kSide; ++z, ++i) {
+          const bool inside = x >= 0 && x < kSide && y >= 0 && y < kSide && z >= 0 && z < kSide;
+          sum[i] = inside ? own[static_cast<std::size_t>((x * kSide + y) * kSide + z)]
+                          : counts_.find(VoxelGrid::key(VoxelGrid::x_of(corner) + x,
+                                                        VoxelGrid::y_of(corner) + y,
+                                                        VoxelGrid::z_of(corner) + z));
+        }
+    for (const std::size_t step :
+         {std::size_t{1}, std::size_t{kWide}, std::size_t{kWide * kWide}}) {
+      const auto before = sum;
+      for (std::size_t k = step; k + step < sum.size(); ++k)
+        sum[k] = before[k - step] + before[k] + before[k + step];
+    }
+    i = 0;
+    for (std::int64_t x = 1; x <= kSide; ++x)
+      for (std::int64_t y = 1; y <= kSide; ++y)
+        for (std::int64_t z = 1; z <= kSide; ++z, ++i)
+          if (sum[static_cast<std::size_t>((x * kWide + y) * kWide + z)] < least)
+            marks[b] |= std::uint64_t{1} << i;
+  });
+  for (std::size_t b = 0; b < marks.size(); ++b)
+    for (std::size_t i = 0; i < counts_.block(b).size(); ++i)
+      if ((marks[b] >> i & 1U) != 0) counts_.block(b)[i] |= kMost + 1U;
+}
+
+bool VoxelCounts::lonely(Vec3 p) const {
+  return counts_.find(grid_.key_of(p)) > kMost;
+}
+
+void VoxelSlices::add(Vec3 p) {
+  const std::uint64_t key = grid_.key_of(p);
+  std::uint8_t& seen = seen_.at(key);
+  if (seen != 0) return;
+  seen = 1;
+  const auto slice = static_cast<std::size_t>(VoxelGrid::x_of(key));
+  if (slice >= voxels_.size()) voxels_.resize(slice + 1 + slice / 2);
+  ++voxels_[slice];
+}
+
+std::vector<std::int64_t> VoxelSlices::ends(std::uint64_t most) const {
+  std::vector<std::int64_t> ends;
+  std::uint64_t sum = 0;
+  for (std::size_t slice = 0; slice < voxels_.size(); ++slice) {
+    if (sum > 0 && sum + voxels_[slice] > most) {
+      ends.push_back(static_cast<std::int64_t>(slice));
+      sum = 0;
+    }
+    sum += voxels_[slice];
+  }
+  ends.push_back(VoxelGrid::kSide);
+  return ends;
 }
 
 Vec3 VoxelStatistics::normal(std::size_t voxel, double* rough_mm) const {
-  const std::uint64_t key = keys_[voxel];
+  const std::uint64_t key = cells_[voxel].key;
   Moments all;  // in voxels
   for (std::int64_t dx = -1; dx <= 1; ++dx)
     for (std::int64_t dy = -1; dy <= 1; ++dy)
       for (std::int64_t dz = -1; dz <= 1; ++dz) {
-        const std::uint32_t i = map_.find(VoxelGrid::key(
+        const std::uint32_t i = index_of(VoxelGrid::key(
             VoxelGrid::x_of(key) + dx, VoxelGrid::y_of(key) + dy, VoxelGrid::z_of(key) + dz));
         if (i == KeyMap::npos) continue;
         const Cell& c = cells_[i];
@@ -108,9 +153,9 @@ VoxelSummary VoxelStatistics::summary(std::size_t voxel) const {
   const Cell& c = cells_[voxel];
   VoxelSummary s;
   s.points = c.n;
-  s.mean_mm = middle_of(keys_[voxel]) + grid_.voxel_mm * Vec3{static_cast<double>(c.mean[0]),
-                                                              static_cast<double>(c.mean[1]),
-                                                              static_cast<double>(c.mean[2])};
+  s.mean_mm = middle_of(c.key) + grid_.voxel_mm * Vec3{static_cast<double>(c.mean[0]),
+                                                       static_cast<double>(c.mean[1]),
+                                                       static_cast<double>(c.mean[2])};
   s.normal = normal(voxel, &s.rough_mm);
   const double squares = static_cast<double>(c.scatter[0]) + static_cast<double>(c.scatter[3]) +
                          static_cast<double>(c.scatter[5]);

@@ -3,12 +3,12 @@
 
 /// @file voxel_statistics.hpp
 /// What the points of each voxel have in common, gathered point by point: memory goes with the
-/// voxels that hold points (some 100 bytes each), not with the points.
+/// voxels that hold points (some 90 bytes each, 10 where they are only counted), not with the
+/// points.
 
 #include <array>
 #include <cstdint>
 #include <deque>
-#include <vector>
 
 #include "scan/cloud.hpp"
 #include "scan/detail/surfels.hpp"
@@ -25,33 +25,105 @@ struct VoxelSummary {
   Colour colour;  ///< means, rounded
 };
 
-/// How many points each voxel has, and no more: some 45 bytes each.
+/// A value for each voxel, kept for 4 x 4 x 4 of them at a time: a noisy surface fills a third of
+/// such a block, so that a key and its place among the keys are paid once for many voxels.
+template <class T>
+class VoxelBlocks {
+ public:
+  static constexpr std::int64_t kSide = 4;
+  using Block = std::array<T, kSide * kSide * kSide>;
+
+  /// Made with its block, zero, where there is none.
+  [[nodiscard]] T& at(std::uint64_t key) {
+    const std::uint64_t wanted = block_key(key);
+    if (wanted != last_key_) {
+      const auto next = static_cast<std::uint32_t>(keys_.size());
+      last_ = map_.insert(wanted, next);
+      last_key_ = wanted;
+      if (last_ == next) {
+        keys_.push_back(wanted);
+        blocks_.push_back(Block{});
+      }
+    }
+    return blocks_[last_][place(key)];
+  }
+  /// Zero where there is none. Thread-safe.
+  [[nodiscard]] T find(std::uint64_t key) const {
+    const std::uint32_t b = map_.find(block_key(key));
+    return b == KeyMap::npos ? T{} : blocks_[b][place(key)];
+  }
+  [[nodiscard]] std::size_t size() const { return keys_.size(); }  ///< blocks
+  [[nodiscard]] Block& block(std::size_t b) { return blocks_[b]; }
+  [[nodiscard]] const Block& block(std::size_t b) const { return blocks_[b]; }
+  /// Of the voxel in a block's place.
+  [[nodiscard]] std::uint64_t key_of(std::size_t b, std::size_t place) const {
+    const std::uint64_t k = keys_[b];
+    const auto p = static_cast<std::int64_t>(place);
+    return VoxelGrid::key(kSide * VoxelGrid::x_of(k) + p / (kSide * kSide),
+                          kSide * VoxelGrid::y_of(k) + p / kSide % kSide,
+                          kSide * VoxelGrid::z_of(k) + p % kSide);
+  }
+
+ private:
+  static std::uint64_t block_key(std::uint64_t k) {
+    return VoxelGrid::key(VoxelGrid::x_of(k) / kSide, VoxelGrid::y_of(k) / kSide,
+                          VoxelGrid::z_of(k) / kSide);
+  }
+  static std::size_t place(std::uint64_t k) {
+    return static_cast<std::size_t>(
+        (VoxelGrid::x_of(k) % kSide * kSide + VoxelGrid::y_of(k) % kSide) * kSide +
+        VoxelGrid::z_of(k) % kSide);
+  }
+  KeyMap map_{1024};
+  std::deque<std::uint64_t> keys_;  // grow without a second copy
+  std::deque<Block> blocks_;
+  std::uint64_t last_key_ = ~std::uint64_t{0};  // points come in rows
+  std::uint32_t last_ = 0;
+};
+
+/// How many points each voxel has, and no more.
 class VoxelCounts {
  public:
-  explicit VoxelCounts(const VoxelGrid& grid) : grid_(grid), map_(1024) {}
+  static constexpr std::uint32_t kMost = 0x7fff;  ///< counting stops there
+  explicit VoxelCounts(const VoxelGrid& grid) : grid_(grid) {}
   void add(Vec3 p_mm);
-  [[nodiscard]] std::size_t size() const { return keys_.size(); }  ///< in the order they were met
-  /// KeyMap::npos if there is none.
-  [[nodiscard]] std::uint32_t find(Vec3 p_mm) const { return map_.find(grid_.key_of(p_mm)); }
-  /// Points of a voxel and the 26 around it; counting stops at `enough`.
-  [[nodiscard]] std::uint64_t around(std::size_t voxel, std::uint64_t enough) const;
+  /// Once all points are there.
+  /// @pre least <= kMost
+  void mark_lonely(std::uint32_t least);
+  /// Are there fewer than `least` points in the voxel and the 26 around it?
+  [[nodiscard]] bool lonely(Vec3 p_mm) const;
 
  private:
   VoxelGrid grid_;
-  KeyMap map_;
-  std::deque<std::uint64_t> keys_;  // grows without a second copy
-  std::deque<std::uint32_t> points_;
+  VoxelBlocks<std::uint16_t> counts_;  // the highest bit: lonely
+};
+
+/// How many voxels hold points in each slice of a grid across x.
+class VoxelSlices {
+ public:
+  explicit VoxelSlices(const VoxelGrid& grid) : grid_(grid) {}
+  void add(Vec3 p_mm);
+  /// The ends of runs of slices that hold at most `most` voxels each (or are one slice), the last
+  /// beyond all.
+  [[nodiscard]] std::vector<std::int64_t> ends(std::uint64_t most) const;
+
+ private:
+  VoxelGrid grid_;
+  VoxelBlocks<std::uint8_t> seen_;
+  std::vector<std::uint64_t> voxels_;  // by slice
 };
 
 class VoxelStatistics {
  public:
-  explicit VoxelStatistics(const VoxelGrid& grid) : grid_(grid), map_(1024) {}
+  explicit VoxelStatistics(const VoxelGrid& grid) : grid_(grid) {}
   /// @param towards  unit, to the scanner, or zero where it is not known
   void add(Vec3 p_mm, Vec3 towards, float intensity = 0.0F, Colour colour = {});
-  [[nodiscard]] std::size_t size() const { return keys_.size(); }  ///< in the order they were met
+  [[nodiscard]] std::size_t size() const { return cells_.size(); }  ///< in the order they were met
   [[nodiscard]] const VoxelGrid& grid() const { return grid_; }
   /// KeyMap::npos if there is none.
-  [[nodiscard]] std::uint32_t find(Vec3 p_mm) const { return map_.find(grid_.key_of(p_mm)); }
+  [[nodiscard]] std::uint32_t find(Vec3 p_mm) const { return index_of(grid_.key_of(p_mm)); }
+  /// Its place in the grid, as VoxelGrid::key().
+  [[nodiscard]] std::uint64_t key(std::size_t voxel) const { return cells_[voxel].key; }
   [[nodiscard]] Vec3 normal(std::size_t voxel, double* rough_mm = nullptr) const;
   [[nodiscard]] VoxelSummary summary(std::size_t voxel) const;
 
@@ -59,6 +131,7 @@ class VoxelStatistics {
   /// Running means (Welford 1962, doi:10.1080/00401706.1962.10490022), in voxels about the voxel's
   /// middle: single precision is 1e-7 of a voxel.
   struct Cell {
+    std::uint64_t key = 0;
     std::uint32_t n = 0;
     std::array<float, 3> mean{};
     std::array<float, 6> scatter{};  ///< xx xy xz yy yz zz about the mean
@@ -66,11 +139,14 @@ class VoxelStatistics {
     std::array<float, 4> look{};  ///< red, green, blue, intensity
   };
   [[nodiscard]] Vec3 middle_of(std::uint64_t key) const;
+  [[nodiscard]] std::uint32_t index_of(std::uint64_t key) const {
+    return numbers_.find(key) - 1U;  // none: 0 - 1 is npos
+  }
 
   VoxelGrid grid_;
-  KeyMap map_;
-  std::vector<std::uint64_t> keys_;
-  std::deque<Cell> cells_;  // grows without a second copy
+  VoxelBlocks<std::uint32_t> numbers_;  // from 1
+  std::deque<Cell> cells_;              // grows without a second copy
 };
+static_assert(KeyMap::npos == 0U - 1U);
 
 }  // namespace maquette::scan::detail

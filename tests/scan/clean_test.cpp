@@ -6,8 +6,10 @@
 //                           is sampled again by 37 rays, so it is known which points float between
 //                           two surfaces: recall and precision, with the grid and without, at
 //                           three spacings; a steep slope and rough ground have next to none
-//   isolated points ....... every planted one found; both halves of the claim by counting all pairs
-//   thinning .............. against sums over the points of each voxel, in double
+//   isolated points ....... every planted one found; both halves of the claim by counting all
+//                           pairs; and which points exactly, by a map of voxels
+//   thinning .............. against sums over the points of each voxel, in double; in runs of
+//                           slices to the same as at once
 //   normals ............... towards the scanner of each of two stations
 //   off the part .......... the box
 //   files ................. what is done to a file is what is done in memory; statistics come back
@@ -264,6 +266,25 @@ TEST(CleanIsolated, IsWhatTheHeaderSays) {
     }
   }
   EXPECT_GT(sure_out + sure_in, 5);
+  // And exactly, by the voxels themselves, wherever the blocks they are kept in end.
+  Box3 box;
+  for (const Vec3& p : cloud.points_mm) box.add(p);
+  const Vec3 corner = box.min - 4.381966 * Vec3{1, 1, 1};
+  const auto voxel_of = [&](Vec3 p) {
+    const Vec3 q = p - corner;
+    return std::array{static_cast<long>(q.x), static_cast<long>(q.y), static_cast<long>(q.z)};
+  };
+  std::map<std::array<long, 3>, int> counts;
+  for (const Vec3& p : cloud.points_mm) ++counts[voxel_of(p)];
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const auto at = voxel_of(cloud.points_mm[i]);
+    int around = 0;
+    for (long n = 0; n < 27; ++n) {
+      const auto found = counts.find({at[0] + n / 9 - 1, at[1] + n / 3 % 3 - 1, at[2] + n % 3 - 1});
+      if (found != counts.end()) around += found->second;
+    }
+    ASSERT_EQ(out[i], around < 10) << i;
+  }
   EXPECT_GT(std::count(out.begin(), out.end(), true), 100);
   EXPECT_GT(std::count(out.begin(), out.end(), false), 100);
 }
@@ -330,6 +351,42 @@ TEST(CleanThins, ToTheStatisticsOfEachVoxel) {
     ASSERT_NEAR(thin.colours[k].blue, blue, 0.6);
     ASSERT_NEAR(static_cast<double>(thin.intensity[k]), intensity, 1e-5 * intensity);
   }
+}
+
+TEST(CleanThins, InRunsOfSlicesToTheSame) {
+  const ModelField ground = rough_part(6, 151, 151, 1.0, 2.0);
+  const auto cloud = simulate_scan(ground, {}, phase_shift(3'000.0));
+  ASSERT_THAT(cloud, Succeeds());
+  CleanOptions o;
+  o.thin_mm = 7.0;
+  Cloud whole = *cloud, runs = *cloud;
+  const auto of_whole = clean_cloud(whole, o);
+  ASSERT_THAT(of_whole, Succeeds());
+  o.voxels_at_once = 100;  // of some 600: six runs or more
+  const auto of_runs = clean_cloud(runs, o);
+  ASSERT_THAT(of_runs, Succeeds());
+  ASSERT_GT(of_whole->written, 500U);
+  EXPECT_EQ(of_runs->written, of_whole->written);
+  EXPECT_EQ(of_runs->kept, of_whole->kept);
+  EXPECT_EQ(of_runs->isolated, of_whole->isolated);
+  EXPECT_EQ(runs.stations.size(), 1U);
+  EXPECT_NE(runs.points_mm, whole.points_mm);  // another order
+  struct Row {
+    std::array<double, 6> place_and_normal;
+    std::uint32_t count;
+    float spread, intensity;
+    auto operator<=>(const Row&) const = default;
+  };
+  const auto rows_of = [](const Cloud& c) {
+    std::vector<Row> rows;
+    for (std::size_t i = 0; i < c.points_mm.size(); ++i) {
+      const Vec3 p = c.points_mm[i], n = c.normals[i];
+      rows.push_back({{p.x, p.y, p.z, n.x, n.y, n.z}, c.counts[i], c.spread_mm[i], c.intensity[i]});
+    }
+    std::sort(rows.begin(), rows.end());
+    return rows;
+  };
+  EXPECT_EQ(rows_of(runs), rows_of(whole));
 }
 
 TEST(CleanNormals, FaceTheirScanner) {
@@ -437,6 +494,7 @@ TEST(CleanRefuses, WhatItCannotClean) {
   EXPECT_THAT(with([](CleanOptions& o) { o.thin_mm = NAN; }), FailsWith(kCleanOptions));
   EXPECT_THAT(with([](CleanOptions& o) { o.voxel_mm = 1e-7; }), FailsWith(kCleanOptions));
   EXPECT_THAT(with([](CleanOptions& o) { o.thin_mm = 1e-7; }), FailsWith(kCleanOptions));
+  EXPECT_THAT(with([](CleanOptions& o) { o.least_neighbours = 40'000; }), FailsWith(kCleanOptions));
   EXPECT_THAT(with([](CleanOptions& o) {
                 o.part_mm = Box3{{500, 0, 0}, {600, 9, 9}};
               }),

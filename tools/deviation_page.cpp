@@ -280,6 +280,11 @@ Document document_of(const scan::Deviation& deviation, const heightmap::ModelFie
   const bool expected = s.contains("expected");
   Document doc;
   add_figures(doc, s, {kDeviationFigures.begin(), kDeviationFigures.end()});
+  if (s.contains("passed_over"))
+    doc.emplace_back(Paragraph{fmt::format(
+        "The scans hold more points than are compared at once: an even random share of them was "
+        "taken, {} points were passed over. Every figure here is of that share.",
+        s["passed_over"].get<std::uint64_t>())});
   doc.emplace_back(Heading{2, "Deviation"});
   doc.emplace_back(Picture{map_png,
                            "measured minus design along the normal, over the hillshade of the "

@@ -18,10 +18,11 @@
 namespace maquette::tools {
 
 /// The figures that a person asks for first: key in summary.json, words for it.
-inline constexpr std::array<std::pair<const char*, const char*>, 13> kDeviationFigures{
+inline constexpr std::array<std::pair<const char*, const char*>, 14> kDeviationFigures{
     {{"points", "points on the part"},
      {"off_part", "points off the part"},
      {"at_rim", "points left out at the rim"},
+     {"under_overhangs", "points left out under overhangs of stones"},
      {"coverage", "share of nodes measured"},
      {"mean_mm", "mean, mm"},
      {"rms_mm", "RMS, mm"},

@@ -7,6 +7,11 @@
 
 namespace maquette::tools {
 using nlohmann::json;
+namespace {
+
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+}  // namespace
 
 json registration_row(const scan::Registration& r, const std::string& name) {
   return {{"points", name},
@@ -80,7 +85,6 @@ json findings_json(const scan::Significance& s) {
 
 json stones_json(const std::vector<scan::StoneFinding>& stones) {
   json rows = json::array();
-  constexpr double kDegrees = 180.0 / std::numbers::pi;
   for (const scan::StoneFinding& f : stones) {
     json row = {{"number", f.number},
                 {"state", scan::name_of(f.state)},
@@ -161,6 +165,26 @@ json budget_json(const scan::Budget& budget) {
 json texture_json(const scan::Texture& t) {
   return {{"sa_mm", t.sa_mm}, {"sq_mm", t.sq_mm}, {"sz_mm", t.sz_mm},    {"ssk", t.ssk},
           {"sku", t.sku},     {"sdr", t.sdr},     {"form_mm", t.form_mm}};
+}
+
+json corrections_json(const Corrections& c) {
+  const RigidTransform& t = c.actual_from_planned;
+  json axes = json::array();
+  for (const AxisCorrection& a : c.axes)
+    axes.push_back({{"name", a.name},
+                    {"origin_mm", {a.fit.origin_mm.x, a.fit.origin_mm.y, a.fit.origin_mm.z}},
+                    {"direction", {a.fit.direction.x, a.fit.direction.y, a.fit.direction.z}},
+                    {"scale", a.fit.scale},
+                    {"sigma_scale", a.fit.sigma_scale},
+                    {"sigma_direction_deg", kDegrees * a.fit.sigma_direction_rad},
+                    {"straightness_mm", a.fit.straightness_mm}});
+  return {{"translation_mm", {t.translation_mm.x, t.translation_mm.y, t.translation_mm.z}},
+          {"rotation_deg",
+           {2.0 * kDegrees * t.rotation.x, 2.0 * kDegrees * t.rotation.y,
+            2.0 * kDegrees * t.rotation.z}},
+          {"sigma_translation_mm", c.sigma_translation_mm},
+          {"sigma_rotation_deg", kDegrees * c.sigma_rotation_rad},
+          {"axes", axes}};
 }
 
 }  // namespace maquette::tools

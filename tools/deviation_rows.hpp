@@ -15,6 +15,7 @@
 #include "scan/find_stones.hpp"
 #include "scan/regions.hpp"
 #include "scan/significance.hpp"
+#include "tools/corrections_file.hpp"
 
 namespace maquette::tools {
 
@@ -29,6 +30,7 @@ namespace maquette::tools {
 [[nodiscard]] nlohmann::json regions_json(const std::vector<scan::RegionResult>& regions);
 [[nodiscard]] nlohmann::json dependence_json(const scan::Dependence& d);
 [[nodiscard]] nlohmann::json budget_json(const scan::Budget& budget);
+[[nodiscard]] nlohmann::json corrections_json(const Corrections& corrections);
 [[nodiscard]] nlohmann::json texture_json(const scan::Texture& texture);
 
 }  // namespace maquette::tools

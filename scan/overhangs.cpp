@@ -50,7 +50,8 @@ std::vector<std::uint8_t> beyond_heights(std::span<const Vec3> points,
     double to_part = INFINITY;
     for (const Stone& stone : stones)
       if (stone.near(p))
-        if (const auto nearest = stone.to.nearest(p, stone.reach_mm + std::abs(p.z - stone.box.min.z)))
+        if (const auto nearest =
+                stone.to.nearest(p, stone.reach_mm + std::abs(p.z - stone.box.min.z)))
           to_part = std::fmin(to_part, nearest->distance_mm - coat_mm);
     if (to_part == INFINITY) return;
     const double to_ground = signed_distance_mm(ground, p, on_part);
@@ -59,7 +60,8 @@ std::vector<std::uint8_t> beyond_heights(std::span<const Vec3> points,
     else if (!(p.z > heightmap::height_at(ground, p.x, p.y)))
       return;  // deep in the ground
     if (!(std::abs(to_part) < on_part)) return;
-    const double reach = on_part + norm(p - Vec3{p.x, p.y, heightmap::height_at(envelope, p.x, p.y)});
+    const double reach =
+        on_part + norm(p - Vec3{p.x, p.y, heightmap::height_at(envelope, p.x, p.y)});
     const double to_envelope = signed_distance_mm(envelope, p, reach);
     if (std::abs(to_envelope - to_part) > kWrong * noise_mm) beyond[i] = 1;
   });

@@ -4,16 +4,16 @@
 /// @file overhangs.hpp
 /// Points that heights cannot judge.
 ///
-/// A scanner sees under the overhang of a stone, where the upper envelope of terrain and stones runs
-/// far above what it sees; and beside a steep side, which between two nodes of the envelope is a
-/// ramp. Compared with the envelope such a point lies deep below the part, though it is where it
+/// A scanner sees under the overhang of a stone, where the upper envelope of terrain and stones
+/// runs far above what it sees; and beside a steep side, which between two nodes of the envelope is
+/// a ramp. Compared with the envelope such a point lies deep below the part, though it is where it
 /// should be. It is found by the distance to the part itself, terrain and stones as meshes.
 ///
 /// A point is one of these if it lies on the part (within three standard deviations of its
 /// noise) but the envelope says something else (by more than a quarter of it). So what is
-/// really missing or too much stays, whatever its shape. Nine balls that overhang, ten points a mm^2:
-/// of 116 findings in four scans one is left, where the envelope's nodes cut a ball short by less than
-/// that quarter.
+/// really missing or too much stays, whatever its shape. Nine balls that overhang, ten points a
+/// mm^2: of 116 findings in four scans one is left, where the envelope's nodes cut a ball short by
+/// less than that quarter.
 
 #include <cstdint>
 #include <span>

@@ -238,10 +238,12 @@ TEST(ReadShare, KeepsAnEvenPartOfALargeFile) {
     const auto whole = read_cloud(folder / name, {}, 200'000);
     ASSERT_THAT(whole, Succeeds());
     EXPECT_EQ(whole->points_mm.size(), 200'000U) << name;
+    EXPECT_EQ(whole->passed_over, 0U) << name;
     const auto some = read_cloud(folder / name, {}, 20'000);
     ASSERT_THAT(some, Succeeds());
     EXPECT_NEAR(static_cast<double>(some->points_mm.size()), 20'000.0, 4.0 * std::sqrt(20'000.0))
         << name;
+    EXPECT_EQ(some->points_mm.size() + some->passed_over, 200'000U) << name;
     ASSERT_EQ(some->intensity.size(), some->points_mm.size()) << name;
     std::array<int, 10> tenths{};
     for (std::size_t i = 0; i < some->points_mm.size(); ++i) {

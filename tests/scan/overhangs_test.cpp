@@ -2,11 +2,14 @@
 
 // What is claimed in scan/overhangs.hpp, and how each claim is attacked:
 //
-//   what is found ... a ball that stands out of the ground by more than half: its lower side and the
+//   what is found ... a ball that stands out of the ground by more than half: its lower side and
+//   the
 //                     ground under it, all of them; with a coat, too
-//   what stays ...... its upper side, the ground around, and where it is missing, ground that is too
+//   what stays ...... its upper side, the ground around, and where it is missing, ground that is
+//   too
 //                     low or too high beside it
-//   use ............. a simulated scan of balls where they should be has next to nothing significant
+//   use ............. a simulated scan of balls where they should be has next to nothing
+//   significant
 //                     without these points, and with them has (4 seeds)
 
 #include "scan/overhangs.hpp"
@@ -49,8 +52,7 @@ ModelField with_balls(ModelField ground, std::span<const Vec3> middles, double r
   for (std::ptrdiff_t r = 0; r < ground.z_mm.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < ground.z_mm.cols(); ++c)
       for (const Vec3& m : middles) {
-        const double away2 =
-            std::pow(ground.x_mm(c) - m.x, 2) + std::pow(ground.y_mm(r) - m.y, 2);
+        const double away2 = std::pow(ground.x_mm(c) - m.x, 2) + std::pow(ground.y_mm(r) - m.y, 2);
         if (away2 < radius * radius)
           ground.z_mm(r, c) = std::fmax(
               ground.z_mm(r, c), static_cast<float>(m.z + std::sqrt(radius * radius - away2)));
@@ -62,8 +64,7 @@ struct Ball {
   ModelField ground = flat(121), envelope = with_balls(flat(121), std::array{kMiddle}, kRadius);
   TriMesh mesh = ball_at(kMiddle, kRadius);
   [[nodiscard]] double share_of(const std::vector<Vec3>& points, double coat = 0.0) const {
-    const auto beyond =
-        beyond_heights(points, envelope, ground, std::span(&mesh, 1), coat, kNoise);
+    const auto beyond = beyond_heights(points, envelope, ground, std::span(&mesh, 1), coat, kNoise);
     return static_cast<double>(std::count(beyond.begin(), beyond.end(), 1)) /
            static_cast<double>(points.size());
   }
@@ -73,7 +74,8 @@ struct Ball {
 std::vector<Vec3> on_ball(double from, double to, double radius = kRadius) {
   std::vector<Vec3> points;
   for (std::uint64_t i = 0; i < 2'000; ++i) {
-    const double z = from + (to - from) * random_uniform(1, i), angle = kTurn * random_uniform(2, i);
+    const double z = from + (to - from) * random_uniform(1, i),
+                 angle = kTurn * random_uniform(2, i);
     const double across = std::sqrt(kRadius * kRadius - z * z);
     const Vec3 out{across * std::cos(angle), across * std::sin(angle), z};
     const double noise = 0.5 * kNoise * random_normal(3, i);

@@ -15,6 +15,7 @@ namespace {
 constexpr auto kUnknown = ToolPosition::kUnknown;
 // A block of three coordinates, three of a centre, number, codes and feed stays below.
 constexpr std::size_t kLongestBlock = 512;
+constexpr int kCutsInARow = 100;  // in G91, then one in G90
 
 /// "00" "01" .. "99".
 constexpr std::array<char, 200> kPairs = [] {
@@ -44,13 +45,13 @@ char* put_whole(char* at, std::uint64_t value) {
   return at + n;
 }
 
-/// Value / 10^Places without trailing zeros.
+/// Value / 10^Places without trailing zeros; without a zero before the point if `bare`.
 template <int Places>
-char* put_decimal(char* at, std::int64_t value, bool point) {
+char* put_decimal(char* at, std::int64_t value, bool point, bool bare = false) {
   constexpr std::uint64_t kScale = Places == 2 ? 100 : Places == 3 ? 1000 : 10000;
   if (value < 0) *at++ = '-';
   const auto size = static_cast<std::uint64_t>(value < 0 ? -value : value);
-  at = put_whole(at, size / kScale);
+  if (!bare || size >= kScale) at = put_whole(at, size / kScale);
   // Four digits in any case, so that the pairs fit.
   std::uint64_t fraction = size % kScale * (10000 / kScale);
   if (fraction == 0) {
@@ -79,12 +80,14 @@ constexpr std::array<PlaneWords, 3> kPlanes{{
 
 }  // namespace
 
-BlockText::BlockText(const Post& post, bool numbered)
+BlockText::BlockText(const Post& post, bool numbered, bool relative)
     : post_(post),
       numbered_((numbered || post.numbered) && post.last_line_number > 0),
+      relative_(relative),
       unit_(post.decimals == 3 ? 10 : 1),
       text_(std::size_t{1} << 16) {
   MAQUETTE_CHECK(post.decimals == 3 || post.decimals == 4, "{} decimals", post.decimals);
+  MAQUETTE_CHECK(!relative || post.exact_increments, "increments for {}", post.name);
   restart();
 }
 
@@ -93,10 +96,12 @@ void BlockText::forget() {
   mode_ = Mode::unknown;
   plane_ = -1;
   feed_ = -1;
+  since_absolute_ = -1;
 }
 
 void BlockText::restart() {
   forget();
+  incremental_ = false;
   lines_ = bytes_ = 0;
   next_number_ = post_.numbered ? 0 : 1;
 }
@@ -134,15 +139,26 @@ char* BlockText::coordinate(char* at, char letter, std::int64_t units) const {
   if (post_.conversational) *at++ = ' ';
   *at++ = letter;
   if (post_.conversational && units >= 0) *at++ = '+';
-  return post_.decimals == 3 ? put_decimal<3>(at, units, post_.point)
-                             : put_decimal<4>(at, units, post_.point);
+  return post_.decimals == 3 ? put_decimal<3>(at, units, post_.point, incremental_)
+                             : put_decimal<4>(at, units, post_.point, incremental_);
 }
 
 char* BlockText::axes(char* at, ToolPosition to) const {
-  if (to.x != at_.x) at = coordinate(at, 'X', to.x);
-  if (to.y != at_.y) at = coordinate(at, 'Y', to.y);
-  if (to.z != at_.z) at = coordinate(at, 'Z', to.z);
+  const ToolPosition from = incremental_ ? at_ : ToolPosition{0, 0, 0};
+  if (all_axes_ || to.x != at_.x) at = coordinate(at, 'X', to.x - from.x);
+  if (all_axes_ || to.y != at_.y) at = coordinate(at, 'Y', to.y - from.y);
+  if (all_axes_ || to.z != at_.z) at = coordinate(at, 'Z', to.z - from.z);
   return at;
+}
+
+char* BlockText::distance_mode(char* at, bool cut) {
+  if (!relative_) return at;
+  const bool fresh = !cut || since_absolute_ < 0 || since_absolute_ >= kCutsInARow;
+  since_absolute_ = !cut ? -1 : fresh ? 0 : since_absolute_ + 1;
+  all_axes_ = cut && fresh;
+  if (incremental_ != fresh) return at;
+  incremental_ = !fresh;
+  return put(at, fresh ? "G90" : "G91");
 }
 
 char* BlockText::feed(char* at, double feed_mm_min) {
@@ -160,7 +176,7 @@ void BlockText::straight(Mode mode, ToolPosition to, double feed_mm_min) {
   exact_ = to;
   to = in_units(to);
   if (to == at_) return;
-  char* at = begin();
+  char* at = distance_mode(begin(), mode == Mode::line);
   if (post_.conversational)
     at = put(at, "L");
   else if (mode != mode_)
@@ -203,6 +219,7 @@ void BlockText::arc(const PathMove& move) {
     at = put(at, move.counter_clockwise ? " DR+" : " DR-");
     if (mode_ == Mode::unknown) at = put(at, " R0");
   } else {
+    at = distance_mode(at, true);
     if (plane_ != static_cast<int>(plane)) at = put(at, axis.code);
     plane_ = static_cast<int>(plane);
     const Mode mode = move.counter_clockwise ? Mode::counter_clockwise : Mode::clockwise;
@@ -224,6 +241,9 @@ void BlockText::arc(const PathMove& move) {
 }
 
 void BlockText::lines(std::string_view text) {
+  if (incremental_) end(put(begin(), "G90"));
+  incremental_ = false;
+  since_absolute_ = -1;
   bool continued = false;
   while (!text.empty()) {
     const std::size_t length = std::min(text.find('\n'), text.size());

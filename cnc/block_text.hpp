@@ -21,7 +21,8 @@ namespace maquette::cnc {
 class BlockText {
  public:
   /// @param numbered  every line gets a number
-  BlockText(const Post& post, bool numbered);
+  /// @param relative  cuts in G91, see ProgramOptions; @pre then post.exact_increments
+  BlockText(const Post& post, bool numbered, bool relative);
 
   /// Nothing is known of the control any more: position, modes, feed.
   void forget();
@@ -65,10 +66,15 @@ class BlockText {
   [[nodiscard]] char* axes(char* at, ToolPosition to) const;
   [[nodiscard]] char* feed(char* at, double feed_mm_min);
   void straight(Mode mode, ToolPosition to, double feed_mm_min);
+  /// Before the words of a cut or a rapid: the distance mode in which its axes() will be.
+  [[nodiscard]] char* distance_mode(char* at, bool cut);
 
   Post post_;
-  bool numbered_;
-  std::int64_t unit_;  // ticks of a unit in the last decimal
+  bool numbered_, relative_;
+  bool incremental_ = false;  // the control is in G91
+  bool all_axes_ = false;     // of this block, whether they move or not
+  int since_absolute_ = -1;   // cuts since the last with all its axes in G90; < 0: a rapid
+  std::int64_t unit_;         // ticks of a unit in the last decimal
   std::vector<char> text_;
   std::size_t used_ = 0;
   std::uint64_t lines_ = 0, bytes_ = 0;

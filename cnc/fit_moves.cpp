@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "cnc/arc_geometry.hpp"
 #include "cnc/fit_lines.hpp"
@@ -164,6 +165,7 @@ class Fitter {
         else
           under_.swap(before_);
       }
+      if (s_[k].stop) break;
     }
     return reach;
   }
@@ -315,10 +317,18 @@ FitBounds fit_moves(const std::vector<PathSample>& samples, double step_mm, cons
                     std::vector<FittedMove>& moves) {
   MAQUETTE_CHECK(samples.size() >= 2, "{} samples", samples.size());
   if (!limits.arcs) {
-    const SampledLine line{samples, step_mm};
-    std::vector<std::vector<FittedMove>> of_line;
-    const FitBounds bounds = fit_lines({&line, 1}, limits, of_line);
-    moves.swap(of_line.front());
+    // Where lines meet a move ends.
+    std::vector<SampledLine> lines;
+    for (std::size_t first = 0, k = 1; k < samples.size(); ++k)
+      if (samples[k].stop || k + 1 == samples.size()) {
+        lines.push_back({std::span(samples).subspan(first, k - first + 1), step_mm});
+        first = k;
+      }
+    std::vector<std::vector<FittedMove>> of_lines;
+    const FitBounds bounds = fit_lines(lines, limits, of_lines);
+    moves.swap(of_lines.front());
+    for (std::size_t l = 1; l < of_lines.size(); ++l)
+      moves.insert(moves.end(), of_lines[l].begin(), of_lines[l].end());
     return bounds;
   }
   return Fitter(samples, step_mm, limits).run(moves);

@@ -61,8 +61,9 @@ struct FitBounds {
 
 /// Replaces `moves`: the first is where the path starts (a line of no length), each further one
 /// begins where the one before ended. Both ends of the line are at their samples' own height,
-/// rounded up, so that lines with a common end meet. The gouge is at most limits.gouge_mm; the
-/// excess at most limits.excess_mm but where lifts or unresolved dips of the samples exceed it.
+/// rounded up, so that lines with a common end meet; at samples that are a stop a move ends. The
+/// gouge is at most limits.gouge_mm; the excess at most limits.excess_mm but where lifts or
+/// unresolved dips of the samples exceed it.
 /// @pre samples are in order of place, their gouge below 0.6 limits.gouge_mm; limits at least
 ///      0.5 um wide beyond that
 [[nodiscard]] FitBounds fit_moves(const std::vector<PathSample>& samples, double step_mm,

@@ -140,6 +140,7 @@ Result<MillReport> mill(const ModelField& design, const MillOptions& options,
   program.post = options.post;
   program.name = options.program_name;
   program.work_offset = options.work_offset;
+  program.relative = options.relative;
   program.blending = Millimetres{share_tolerance(options.tolerance).blending_mm};
   program.safe_z = Millimetres{
       std::ceil((static_cast<double>(top) + allowance + options.clearance.value()) * 1000.0) /

@@ -77,6 +77,7 @@ struct MillOptions {
   std::string post = "linuxcnc";  ///< see posts.hpp
   std::string program_name = "maquette";
   int work_offset = 54;         ///< see program.hpp
+  bool relative = false;        ///< see program.hpp
   std::uint64_t max_lines = 0;  ///< of one file of the program; 0: any number
   std::uint64_t max_bytes = 0;
   /// Only passes with y in [first_y, last_y]; NaN: the whole field. A band passes its

@@ -24,6 +24,7 @@ using heightmap::ModelField;
 
 constexpr std::size_t kPassesAtATime = 64;
 constexpr double kApproach_mm = 1.0;
+constexpr std::size_t kLooksAgain = 3;  // for what rows leave as they are written beside cuts
 
 /// How the tool gets to a cut, and both as a path.
 struct Piece : PlannedCut {
@@ -90,7 +91,10 @@ class Milling {
     // Rows that wait for the gaps on both their sides; gap i lies behind row i.
     std::vector<PlannedRow> waiting;
     std::vector<PlannedGap> gaps;
-    std::size_t written = 0, settled = 0;  // rows with care, gaps looked at again
+    struct Round {
+      std::size_t written = 0, looked_at = 0;  // rows, gaps
+    };
+    std::array<Round, kLooksAgain> rounds;
     RowCare care_before;
     // By what both gaps ask for.
     const auto care_of = [&](std::size_t i) {
@@ -117,19 +121,20 @@ class Milling {
       rows_in_parallel(known, gaps.size(), [&](std::size_t i) {
         gaps[i] = planner_.plan_gap(waiting[i], waiting[i + 1]);
       });
-      // Of rows, all but the last know both their gaps, and so on.
-      const auto all_but_one = [last](std::size_t n) { return last || n == 0 ? n : n - 1; };
-      const std::size_t with_care = all_but_one(waiting.size());
-      rows_in_parallel(written, with_care, [&](std::size_t i) {
-        planner_.write_with_care(waiting[i], care_of(i), false);
-      });
-      written = with_care;
-      const std::size_t sure = written == 0 ? 0 : written - 1;
-      rows_in_parallel(settled, sure, [&](std::size_t i) {
-        planner_.look_again(waiting[i], waiting[i + 1], gaps[i]);
-      });
-      settled = sure;
-      const std::size_t ready = last ? waiting.size() : settled;
+      // Rows that know both their gaps are written, gaps that know both their rows looked at.
+      std::size_t ready = last ? waiting.size() : waiting.size() - 1;
+      for (Round& round : rounds) {
+        rows_in_parallel(round.written, ready, [&](std::size_t i) {
+          planner_.write_with_care(waiting[i], care_of(i), false);
+        });
+        round.written = ready;
+        const std::size_t sure = std::max<std::size_t>(ready, 1) - 1;
+        rows_in_parallel(round.looked_at, sure, [&](std::size_t i) {
+          planner_.look_again(waiting[i], waiting[i + 1], gaps[i]);
+        });
+        round.looked_at = sure;
+        ready = last ? waiting.size() : sure;
+      }
       rows_in_parallel(
           0, ready, [&](std::size_t i) { planner_.write_with_care(waiting[i], care_of(i), true); });
       if (run.stopped()) return fail(kCancelled, "stopped while milling; no program was written");
@@ -148,8 +153,10 @@ class Milling {
       waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(ready));
       gaps.erase(gaps.begin(),
                  gaps.begin() + static_cast<std::ptrdiff_t>(std::min(ready, gaps.size())));
-      written -= std::min(written, ready);
-      settled -= std::min(settled, ready);
+      for (Round& round : rounds) {
+        round.written -= ready;
+        round.looked_at -= std::min(round.looked_at, ready);
+      }
       connect(pieces);
       in_parallel(pieces.size(), run,
                   [&](std::size_t i) { assemble(pieces[i], last && i + 1 == pieces.size()); });

@@ -48,6 +48,7 @@ struct PathSample {
   double lift_mm = 0.0;    ///< > 0 only beside walls that no step resolves; see sample_line
   double gouge_mm = 0.0;   ///< between this sample and the next, below the joined tips
   double dip_mm = 0.0;     ///< between this sample and the next, above
+  bool stop = false;       ///< a move must end here, at whatever height (for fit_moves)
 };
 
 struct SamplingLimits {

@@ -90,6 +90,11 @@ Result<void> check_options(const ProgramOptions& o) {
     return bad("max_lines", o.max_lines, "0, or at least 200");
   if (o.max_bytes != 0 && o.max_bytes < 16384)
     return bad("max_bytes", o.max_bytes, "0, or at least 16384");
+  if (o.relative && !post->exact_increments)
+    return fail(kProgramOptionOutOfRange,
+                fmt::format("relative is true; {} does not add up increments as exactly as it "
+                            "goes to places",
+                            post->control));
   return {};
 }
 

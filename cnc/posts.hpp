@@ -35,6 +35,8 @@ struct Post {
   std::string_view comment_open = "(", comment_close = ")";
 
   // motion
+  /// Sums of increments (G91) are what they would be in G90: decimal or binary64 inside.
+  bool exact_increments = false;
   bool helices = true;          ///< arcs with a third axis; else chords
   bool straight_rapids = true;  ///< else axes arrive one after the other: written apart
   /// Largest difference of an arc's radii at its start and its end.

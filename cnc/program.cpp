@@ -57,7 +57,10 @@ struct ProgramWriter::State {
   std::int64_t safe;
 
   State(const std::filesystem::path& file, const ProgramOptions& o)
-      : options(o), post(*post_by_name(o.post)), path(file), text(post, o.line_numbers) {
+      : options(o),
+        post(*post_by_name(o.post)),
+        path(file),
+        text(post, o.line_numbers, o.relative) {
     words.name = plain_name(o.name);
     set_limits(o);
   }

@@ -18,6 +18,7 @@ constexpr int kMostHalvings = 3;
 // Of the tolerance: how far rows that are written closer stand above at most, and what of it
 // samples may miss.
 constexpr double kCloserShare = 0.1, kCloserDipShare = 0.05;
+constexpr int kRewrites = 4;
 constexpr float kAsHigh_mm = 0.0005F;  // what is written again may be higher than known by this
 
 std::int64_t tick_inside_from(double mm) {
@@ -89,6 +90,28 @@ RasterPlanner::RasterPlanner(const ModelField& design, const MillOptions& o, dou
                     SideCutFinder::Excess{kCloserShare * o.tolerance.value(), shares_.excess_mm});
 }
 
+/// From that height straight to the end, where that cuts too deep nowhere: what it leaves on its
+/// way the finder of side cuts knows (and it is not in the bounds' excess).
+void RasterPlanner::take_chord(PlannedCut& cut, std::int64_t from_z,
+                               const std::vector<PathSample>& samples) const {
+  FittedMove from = cut.moves.front(), to = cut.moves.back();
+  to.shape = FittedMove::Shape::line;
+  to.radius = 0;
+  from.z = from_z;
+  const double z0 = mm_of_ticks(from.z), run = static_cast<double>(to.place - from.place);
+  const auto deeper = [&](const PathSample& s) {
+    const double t = static_cast<double>(s.place - from.place) / run;
+    return std::max(0.0, s.tip_mm - (z0 + t * mm_of_ticks(to.z - from.z)));
+  };
+  double gouge = 0.0;
+  for (std::size_t k = 1; k < samples.size(); ++k)
+    gouge = std::max(
+        gouge, std::max(deeper(samples[k - 1]), deeper(samples[k])) + samples[k - 1].gouge_mm);
+  if (gouge > shares_.sampling_mm + shares_.fitting_mm) return;
+  cut.moves = {from, to};
+  cut.bounds = {gouge, 0.0};
+}
+
 /// Exact cutter locations and moves of a segment; the samples stay in `samples`, ascending.
 PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across,
                                std::vector<PathSample>& samples, Written written) {
@@ -97,21 +120,78 @@ PlannedCut RasterPlanner::plan(const LineSegment& cut, std::int64_t across,
   piece.across = across;
   FitLimits limits;
   limits.gouge_mm = shares_.sampling_mm + shares_.fitting_mm;
-  const double tolerance = options_.tolerance.value();
-  const bool closer = written == Written::closer;
-  limits.excess_mm = closer ? kCloserShare * tolerance : shares_.excess_mm;
+  limits.excess_mm = shares_.excess_mm;
   // Cuts across are too short for arcs to pay for a change of plane.
   limits.arcs = options_.arcs && written != Written::across &&
                 (cut.line.dx == 0 || cut.line.dy == 0) &&
                 std::abs(cut.line.dx + cut.line.dy) == kResolution;
   const auto [low, high] = std::minmax({cut.from, cut.to});
-  sample_line(
-      cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
-      {shares_.sampling_mm, (closer ? kCloserDipShare : dip_share(limits.arcs)) * tolerance},
-      samples);
+  sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, low, high,
+              {shares_.sampling_mm, dip_share(limits.arcs) * options_.tolerance.value()}, samples);
   piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
   piece.sampled = samples.size();
   if (cut.from > cut.to) reverse_moves(piece.moves);  // the segment is turned already
+  return piece;
+}
+
+/// Of a row, ascending: closer where it must be, with a move's end at each cut across.
+PlannedCut RasterPlanner::plan_closer(const LineSegment& cut, std::int64_t across,
+                                      const RowCare& care, std::vector<PathSample>& samples) {
+  FitLimits limits;
+  limits.gouge_mm = shares_.sampling_mm + shares_.fitting_mm;
+  limits.excess_mm = shares_.excess_mm;
+  limits.arcs = options_.arcs;
+  const double tolerance = options_.tolerance.value();
+  std::vector<PathSample> part;
+  samples.clear();
+  const auto add_part = [&](std::int64_t from, std::int64_t to, double dip_share,
+                            double excess_mm) {
+    sample_line(cutters_.local(), tiles_, design_, tool_, cut.line, from, to,
+                {shares_.sampling_mm, dip_share * tolerance}, part);
+    // The fit leaves the dips their room: what is added to them is taken from its own, which is
+    // never less than the resolution.
+    const double most = shares_.excess_mm - kCloserShare * tolerance;
+    for (std::size_t k = 0; k + 1 < part.size(); ++k) {
+      double& dip = part[k].dip_mm;
+      dip = std::max(dip, std::min(most, dip + shares_.excess_mm - excess_mm));
+    }
+    if (!samples.empty()) {
+      // Lifted differently on both sides: the higher one counts.
+      PathSample& joint = samples.back();
+      const double up = part.front().tip_mm - joint.tip_mm;
+      if (up > 0.0 && samples.size() > 1) samples[samples.size() - 2].dip_mm += up;
+      if (up < 0.0) part.front().dip_mm -= up;
+      part.front().tip_mm = std::max(part.front().tip_mm, joint.tip_mm);
+      part.front().stop = joint.stop;
+      samples.pop_back();
+    }
+    samples.insert(samples.end(), part.begin(), part.end());
+  };
+  auto next = care.cuts.begin();
+  const auto add = [&](std::int64_t from, std::int64_t to, double dip_share, double excess_mm) {
+    while (from < to) {
+      while (next != care.cuts.end() && next->place <= from) ++next;
+      const bool stops = next != care.cuts.end() && next->place <= to;
+      const std::int64_t end = stops ? next->place : to;
+      add_part(from, end, dip_share, excess_mm);
+      samples.back().stop = stops && end < cut.to;
+      from = end;
+    }
+  };
+  std::int64_t at = cut.from;
+  for (const RowStretch& s : care.closer) {
+    const std::int64_t from = std::max(at, s.from), to = std::min(cut.to, s.to);
+    if (from >= to) continue;
+    add(at, from, dip_share(limits.arcs), shares_.excess_mm);
+    add(from, to, kCloserDipShare, s.excess_mm);
+    at = to;
+  }
+  add(at, cut.to, dip_share(limits.arcs), shares_.excess_mm);
+  PlannedCut piece;
+  piece.cut = cut;
+  piece.across = across;
+  piece.bounds = fit_moves(samples, cut.line.step_mm(), limits, piece.moves);
+  piece.sampled = samples.size();
   return piece;
 }
 
@@ -154,39 +234,58 @@ PlannedRow RasterPlanner::plan_row(const RasterRow& row) {
 
 std::vector<PlannedCut> RasterPlanner::plan_with_care(const RasterRow& row, const RowCare& care,
                                                       const RowHeights* known) {
-  const LatticeLine line = frame_.row(row.across);
-  std::vector<std::int64_t> ends{row.first, row.last};
-  for (const SideCut& cut : care.cuts) ends.push_back(cut.place);
-  for (const RowStretch& s : care.closer) ends.insert(ends.end(), {s.from, s.to});
-  std::sort(ends.begin(), ends.end());
-  ends.erase(std::unique(ends.begin(), ends.end()), ends.end());
+  const LineSegment whole{frame_.row(row.across), row.first, row.last};
   std::vector<PathSample> samples;
-  std::vector<PlannedCut> pieces;
-  auto cut = care.cuts.begin();
-  auto stretch = care.closer.begin();
-  for (std::size_t i = 0; i < ends.size(); ++i) {
-    for (; cut != care.cuts.end() && cut->place == ends[i]; ++cut) {
-      PlannedCut out = plan({frame_.column(cut->place), row.across, cut->across}, row.across,
-                            samples, Written::across);
-      PlannedCut back = out;
-      back.turn_round();
-      pieces.push_back(std::move(out));
-      pieces.push_back(std::move(back));
-    }
-    if (i + 1 == ends.size()) break;
-    while (stretch != care.closer.end() && stretch->to <= ends[i]) ++stretch;
-    const LineSegment piece{line, ends[i], ends[i + 1]};
-    const bool closer = stretch != care.closer.end() && stretch->from <= ends[i];
-    pieces.push_back(
-        plan(piece, row.across, samples, closer ? Written::closer : Written::normally));
-    if (closer || known == nullptr) continue;
-    bool higher = false;
-    for_each_height(pieces.back().moves, frame_.step_mm(), known->first,
-                    [&](std::int64_t place, float z) {
-                      higher |= z > known->written_mm[known->index(place)] + kAsHigh_mm;
-                    });
-    if (higher) pieces.back() = plan(piece, row.across, samples, Written::closer);
+  RowCare now = care;
+  PlannedCut along = plan_closer(whole, row.across, now, samples);
+  const double least = kCloserShare * options_.tolerance.value();
+  for (int again = 0; known != nullptr && again < kRewrites; ++again) {
+    const std::size_t before = now.closer.size();
+    for_each_height(along.moves, frame_.step_mm(), known->first, [&](std::int64_t place, float z) {
+      const std::size_t k = known->index(place);
+      if (z <= known->written_mm[k] + kAsHigh_mm) return;
+      const auto room = static_cast<double>(known->written_mm[k] - known->exact_mm[k]);
+      now.closer.push_back({std::max(row.first, place - RowHeights::kStep),
+                            std::min(row.last, place + RowHeights::kStep),
+                            again + 1 < kRewrites ? std::max(least, room) : least});
+    });
+    if (now.closer.size() == before) break;
+    arrange(now);
+    along = plan_closer(whole, row.across, now, samples);
   }
+  return with_cuts(std::move(along), care.cuts);
+}
+
+/// The row in pieces, and between them the way out and back of each cut.
+std::vector<PlannedCut> RasterPlanner::with_cuts(PlannedCut row, const std::vector<SideCut>& cuts) {
+  std::vector<PlannedCut> pieces;
+  std::vector<PathSample> samples;
+  std::size_t from = 0;
+  const auto up_to = [&](std::size_t k) {
+    PlannedCut piece;
+    piece.cut = {row.cut.line, row.moves[from].place, row.moves[k].place};
+    piece.across = row.across;
+    piece.moves.assign(row.moves.begin() + static_cast<std::ptrdiff_t>(from),
+                       row.moves.begin() + static_cast<std::ptrdiff_t>(k) + 1);
+    piece.moves.front() = {row.moves[from].place, row.moves[from].z, FittedMove::Shape::line, 0};
+    piece.bounds = row.bounds;
+    piece.sampled = from == 0 ? row.sampled : 0;
+    pieces.push_back(std::move(piece));
+    from = k;
+  };
+  for (const SideCut& cut : cuts) {
+    std::size_t k = from;
+    while (row.moves[k].place != cut.place) ++k;
+    if (k > from) up_to(k);
+    PlannedCut out = plan({frame_.column(cut.place), row.across, cut.across}, row.across, samples,
+                          Written::across);
+    take_chord(out, row.moves[k].z, samples);
+    PlannedCut back = out;
+    back.turn_round();
+    pieces.push_back(std::move(out));
+    pieces.push_back(std::move(back));
+  }
+  if (from + 1 < row.moves.size()) up_to(row.moves.size() - 1);
   return pieces;
 }
 
@@ -196,26 +295,24 @@ void RasterPlanner::write_with_care(PlannedRow& row, RowCare care, bool finally)
   row.with_care.clear();
   if (!care.cuts.empty() || !care.closer.empty())
     row.with_care = plan_with_care(row.row, care, finally ? &row.heights : nullptr);
+  else
+    row.with_care.push_back(row.cut);
   row.care = std::move(care);
   RowHeights& heights = row.heights;
   for (const PlannedCut& piece : row.with_care)
     if (piece.cut.line.dx == frame_.dx && piece.cut.line.dy == frame_.dy)
-      for_each_height(piece.moves, frame_.step_mm(), heights.first,
-                      [&](std::int64_t place, float z) {
-                        float& written = heights.written_mm[heights.index(place)];
-                        written = std::max(written, z);
-                      });
+      for_each_height(
+          piece.moves, frame_.step_mm(), heights.first,
+          [&](std::int64_t place, float z) { heights.written_mm[heights.index(place)] = z; });
   // What will be written once more may be written closer, but no closer than that.
   const auto closer = static_cast<float>(kCloserShare * options_.tolerance.value());
-  if (!row.with_care.empty())
-    for (std::size_t i = 0; i < heights.written_mm.size(); ++i)
-      heights.written_mm[i] = std::max(heights.written_mm[i], heights.exact_mm[i] + closer);
+  for (std::size_t i = 0; i < heights.written_mm.size(); ++i)
+    heights.written_mm[i] = std::max(heights.written_mm[i], heights.exact_mm[i] + closer);
 }
 
 void RasterPlanner::look_again(const PlannedRow& a, const PlannedRow& b, PlannedGap& gap) {
-  gap.for_a = {};
-  gap.for_b = {};
-  if (finder_ && gap.ridges.size() >= 2) finder_->find(a.heights, b.heights, gap.for_a, gap.for_b);
+  if (finder_ && gap.ridges.size() >= 2)
+    finder_->find(a.heights, b.heights, gap.known, gap.for_a, gap.for_b);
 }
 
 /// What the ridge will be between two rows, and what must be cut besides.
@@ -246,7 +343,7 @@ PlannedGap RasterPlanner::plan_gap(const PlannedRow& a, const PlannedRow& b) {
     gap.ridges[at] = ridge_mm(tool_, std::ldexp(distance, -halved[at]));
   }
   if (options_.constant_scallop) add_passes(a, b, halved, gap);
-  if (finder_) finder_->find(a.heights, b.heights, gap.for_a, gap.for_b);
+  if (finder_) finder_->find(a.heights, b.heights, gap.known, gap.for_a, gap.for_b);
   return gap;
 }
 

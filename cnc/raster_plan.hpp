@@ -46,7 +46,7 @@ struct PlannedRow {
   std::int64_t first_index = 0;
   std::vector<float> tips;
   // With an excess limit:
-  RowHeights heights;                 ///< of all that was written so far, the highest
+  RowHeights heights;                 ///< as it was written last
   RowCare care;                       ///< with which it was written last
   std::vector<PlannedCut> with_care;  ///< ways that follow each other; none: `cut`
 };
@@ -57,6 +57,7 @@ struct PlannedGap {
   std::int64_t first_index = 0;
   std::vector<PlannedCut> added;  ///< by row, then along it
   RowCare for_a, for_b;           ///< with an excess limit
+  std::vector<KnownPoint> known;
 };
 
 class RasterPlanner {
@@ -77,18 +78,23 @@ class RasterPlanner {
   /// The row once more, written closer and left for cuts across where it must be; `finally` nowhere
   /// higher than its heights say.
   void write_with_care(PlannedRow& row, RowCare care, bool finally);
-  /// What must be cut besides, by the heights that both rows have now: a row that is left for a cut
-  /// is written otherwise to both sides of it.
+  /// What must be cut besides, by the heights that both rows have now: a row that is written closer
+  /// or left for a cut is written otherwise to both sides of that.
   void look_again(const PlannedRow& a, const PlannedRow& b, PlannedGap& gap);
   /// The four sides, counter-clockwise; nothing if the area has no width.
   [[nodiscard]] std::vector<PlannedCut> outline();
 
  private:
-  enum class Written : std::uint8_t { normally, closer, across };
+  enum class Written : std::uint8_t { normally, across };
   PlannedCut plan(const LineSegment& cut, std::int64_t across, std::vector<PathSample>& samples,
                   Written written = Written::normally);
   [[nodiscard]] std::vector<PlannedCut> plan_with_care(const RasterRow& row, const RowCare& care,
                                                        const RowHeights* known);
+  PlannedCut plan_closer(const LineSegment& cut, std::int64_t across, const RowCare& care,
+                         std::vector<PathSample>& samples);
+  std::vector<PlannedCut> with_cuts(PlannedCut row, const std::vector<SideCut>& cuts);
+  void take_chord(PlannedCut& cut, std::int64_t from_z,
+                  const std::vector<PathSample>& samples) const;
   void add_passes(const PlannedRow& a, const PlannedRow& b, const std::vector<int>& halved,
                   PlannedGap& gap);
 

@@ -2,9 +2,9 @@
 #pragma once
 
 /// @file side_cuts.hpp
-/// Where parallel rows leave more than the scallop stated for the slope although the ball can get
-/// there: in pits and beside creases of the cutter location that lie between two rows. And what
-/// takes it away: short cuts across, from a row to such a place and back, and stretches of a row
+/// Where parallel rows leave more than the scallop stated for the slope although the ball could
+/// take it away: in pits and beside creases of the cutter location that lie between two rows. And
+/// what takes it away: short cuts across, from a row to such a place and back, and places of a row
 /// that are written closer to the exact cutter location.
 ///
 /// Method. On each facet of the design points are taken at most kContactsApart_mm apart. The ball
@@ -12,23 +12,33 @@
 /// there, as they are written, the lower counts, of places along them up to kLookAlong_mm either
 /// way. Where that is more than the stated scallop (scallop.hpp) and the limit, and the exact
 /// cutter location says that the ball need not rise by more than kReachTolerance_mm to touch, there
-/// or somewhere up to half the points' distance away, the point is open. Open points that the exact
-/// rows would clear make the row be written closer around; of the others the highest gets a cut
-/// across from the nearer row to its own place, until none is open. A row that is left for a cut is
-/// written otherwise to both sides of it, so all is looked at once more with the higher of both
-/// ways to write it, and written no higher than that (raster_plan.hpp).
+/// or somewhere up to half the points' distance away, the point is open. Where it cannot touch (it
+/// rests on the rims of a pit, on both sides of a crease), at every second point, what counts is
+/// the height above the closing of the design by the ball: where the ball leaves least over the
+/// point is looked for on a lattice of 0.01 mm. Open points that the exact rows would clear make
+/// the row be written closer there, by as much as they need; of the others the highest gets a cut
+/// across from the nearer row, of those that end where the ball goes for points nearby the one that
+/// clears most. A row that is written closer or left for a cut is written otherwise to both sides
+/// of that, so all is looked at again three times, and at last written no higher than it was when
+/// it was last looked at (raster_plan.hpp).
+///
+/// A cut across is one straight move there and one back where that cuts nothing too deep, else it
+/// follows the cutter location.
 ///
 /// Accuracy. Of the points looked at, the nodes of a grid of 0.1 mm among them, none stays open in
-/// the program (but by rounding, kept back from the limit);
+/// the program (but by rounding, kept back from the limit; and but points that the ball cannot
+/// touch and whose best place lies more than 0.25 mm beyond the row next to where it would);
 /// between them the surface bends by what a ball of radius R may: with points d apart, less than
 /// d sqrt(L / R) for material L above the facet.
-/// Cost. 0.1 us a point, some 0.5 us where rows leave too much.
+/// Cost. 0.1 us a point; some 2 us where rows leave too much.
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
+#include "cnc/arc_geometry.hpp"
 #include "cnc/cutter_location.hpp"
 #include "cnc/raster.hpp"
 #include "cnc/tool.hpp"
@@ -54,11 +64,22 @@ struct SideCut {
   std::int64_t place = 0, across = 0;
   bool operator==(const SideCut&) const = default;
 };
-/// Places of a row, ends included.
+/// Places of a row, ends included, where it must not be written higher above the exact cutter
+/// location than this.
 struct RowStretch {
   std::int64_t from = 0, to = 0;
+  double excess_mm = 0.0;
   bool operator==(const RowStretch&) const = default;
 };
+/// Points that rows were found to leave too much at: where the ball goes for them, and what may
+/// stay. Rows that are written otherwise are asked about much the same ones again.
+struct KnownPoint {
+  std::uint64_t key = 0;
+  float u = 0.0F, v = 0.0F;
+  double allowed = 0.0;  // INFINITY: nothing to be done
+  double pu = 0.0, pv = 0.0, pz = 0.0;
+};
+
 /// What a row needs besides, in order of place; stretches apart.
 struct RowCare {
   std::vector<SideCut> cuts;
@@ -76,19 +97,30 @@ class SideCutFinder {
   /// The design outlives this. @pre frame.along_an_axis()
   SideCutFinder(const heightmap::ModelField& design, BallNose tool, const RasterFrame& frame,
                 double stepover_mm, double limit_mm, Excess written);
+  ~SideCutFinder();
 
-  /// Adds what two neighbouring rows need for what lies between them. Thread-safe.
-  void find(const RowHeights& a, const RowHeights& b, RowCare& for_a, RowCare& for_b);
+  /// Adds what two neighbouring rows need for what lies between them, beside what they have
+  /// already. `known` is empty, or from a call before for the same two. Thread-safe.
+  void find(const RowHeights& a, const RowHeights& b, std::vector<KnownPoint>& known,
+            RowCare& for_a, RowCare& for_b);
 
  private:
   struct Open;
   struct Gap;
   struct Facet;
+  class CachedDrops;
   [[nodiscard]] Open touch(const Facet& facet, double s, double t) const;
   [[nodiscard]] double rise(const Open& p, const Facet& facet, DropCutter& cutter) const;
   [[nodiscard]] bool reached(const Facet& facet, double s, double t, DropCutter& cutter,
                              Open& p) const;
-  void open_points(const Gap& gap, DropCutter& cutter, std::vector<Open>& open) const;
+  double rest(Open& p, PlanePoint& near, CachedDrops& drops) const;
+  void open_points(const Gap& gap, CachedDrops& drops, std::vector<KnownPoint>& known,
+                   std::vector<Open>& open) const;
+  [[nodiscard]] SideCut cut_to(const Gap& gap, const Open& p) const;
+  [[nodiscard]] static bool from_a(const Gap& gap, const SideCut& cut);
+  void clears(const Gap& gap, const SideCut& cut, const std::vector<Open>& open,
+              const std::vector<bool>& done, DropCutter& cutter,
+              std::vector<std::size_t>& cleared) const;
   [[nodiscard]] double steepest(std::ptrdiff_t row, std::ptrdiff_t col) const;
   [[nodiscard]] bool blocked(std::ptrdiff_t row, std::ptrdiff_t col, double x, double y,
                              double tip) const;
@@ -100,7 +132,8 @@ class SideCutFinder {
   Excess written_;
   double ex_, ey_, x0_, y0_;  // along the rows, and where they begin
   int per_spacing_;
-  oneapi::tbb::enumerable_thread_specific<DropCutter> cutters_;
+  oneapi::tbb::enumerable_thread_specific<std::unique_ptr<CachedDrops>> drops_;
+  DropCutter cutter_;
 };
 
 /// Puts cuts in order and joins stretches that overlap.

@@ -154,6 +154,8 @@ SiteFile empty_site_file() {
   t.add({"mill.spindle_rpm", &s.spindle_rpm, "0: the same", 0, 200000});
   t.add(
       {"mill.clearance_mm", &s.clearance_mm, "of rapid moves above the highest point", 0.1, 1000});
+  t.add({"mill.relative", &s.relative,
+         "cuts by how far they go (G91), for controls that add exactly: LinuxCNC, Fanuc, Haas"});
   t.add({"mill.work_offset", &s.work_offset,
          "54 to 59; 591 to 593 for G59.1 to G59.3; all programs are in the model's frame", 54,
          593});

@@ -76,6 +76,7 @@ struct Site {
   double clearance_mm = 5.0;
   std::string post = "linuxcnc";
   std::int64_t max_lines = 0, max_bytes = 0;
+  bool relative = false;
   std::int64_t work_offset = 54;
   bool work_offset_per_band = false;
   std::string machine = "portal_mill_2500";

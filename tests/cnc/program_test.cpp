@@ -21,6 +21,7 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
+#include "cnc/gcode_reader.hpp"
 #include "core/files.hpp"
 #include "support/matchers.hpp"
 
@@ -134,6 +135,47 @@ TEST(Program, IsHeadMovesAndEnd) {
             "M9\n"
             "M5\n"
             "M30\n");
+}
+
+// A cut with all axes after each rapid, then increments; nothing adds up: thirds of the last
+// decimal, rounded one by one, would be off by 100 of them at the end.
+TEST(Program, SaysHowFarCutsGo) {
+  ProgramOptions o = options_for("linuxcnc");
+  o.relative = true;
+  EXPECT_THAT(only_text(o, {rapid(0, 0, 100000), line(0, 0, -12345, 600.0), line(5000, 0, -12345),
+                            arc(ArcPlane::zx, false, {105000, 0, -12345}, {50000, 0, 0}),
+                            line(105001, -3, -12345), rapid(0, 0, 300000), line(0, 0, 100)}),
+              HasSubstr("Z10\nG1X0Y0Z-1.2345F600\n"
+                        "G91X.5F3000\n"
+                        "G18G2X10I5\n"
+                        "G1X.0001Y-.0003\n"
+                        "G90G0X0Y0Z30\n"
+                        "G1X0Y0Z0.01\n"));
+  o.post = "fanuc";
+  std::vector<PathMove> path{rapid(0, 0, 100000)};
+  for (int i = 0; i < 1000; ++i) path.push_back(line(333 * i, 0, 0));
+  const ScratchFolder folder;
+  auto writer = ProgramWriter::create(folder / "part.nc", o);
+  ASSERT_THAT(writer, Succeeds());
+  writer->tool({}, 0.0);
+  ASSERT_THAT(writer->add(path), Succeeds());
+  const auto report = writer->commit();
+  ASSERT_THAT(report, Succeeds());
+  double farthest = 0.0;
+  ASSERT_THAT(read_gcode(report->files[0],
+                         [&](std::span<const Motion> batch) {
+                           for (const Motion& m : batch) farthest = std::max(farthest, m.to_mm.x);
+                           return Result<void>{};
+                         }),
+              Succeeds());
+  EXPECT_NEAR(farthest, 33.267, 1e-9);  // 999 x 333 ticks, rounded once
+  const std::string text = *read_file(report->files[0]);
+  // Over the start, the first cut and after every hundred that follow one.
+  EXPECT_EQ(std::count(text.begin(), text.end(), 'Y'), 11);
+  for (const char* post : {"grbl", "heidenhain"}) {
+    o.post = post;
+    EXPECT_THAT(ProgramWriter::create(folder / "part", o), FailsWith(kProgramOptionOutOfRange));
+  }
 }
 
 TEST(Program, SpeaksHeidenhain) {

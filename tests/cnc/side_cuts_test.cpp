@@ -7,6 +7,7 @@
 //                                back and cut in simulation, with verify's own search for what the
 //                                ball reaches, at all nodes of 0.1 mm, which are among the finder's
 //                                points, and of a grid that is not
+//   what the ball cannot touch . the same above the closing of the design, by verify's own search
 //   is needed .................. the same without it stands well above
 //   still proven ............... gouge at most half the tolerance
 //   a furrow by hand ........... what stays without, and how many cuts it takes
@@ -76,6 +77,11 @@ TEST_P(RoughGround, KeepsItsLimitWhereverTheBallReaches) {
   EXPECT_GT(with.report.side_cuts, 50U);
   EXPECT_GT(without.certificate.max_tight_over_scallop_mm, 0.015);
   EXPECT_LE(with.certificate.max_tight_over_scallop_mm, 0.010);
+  // Points whose best place is more than a row's distance from where the ball would touch them are
+  // passed over: on this ground, far rougher than terrain, up to 20 um stay (measured).
+  EXPECT_LE(with.certificate.max_over_closing_mm, 0.021);
+  EXPECT_LE(with.certificate.over_closing_area_mm2,
+            0.1 * without.certificate.over_closing_area_mm2);
   // Between the points looked at, 0.05 mm apart, up to 0.0354 sqrt(0.02 / 3) = 0.0029 mm.
   const Milled between = milled(design, o, 0.0625);
   EXPECT_LE(between.certificate.max_tight_over_scallop_mm, 0.0129);

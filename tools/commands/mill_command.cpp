@@ -212,8 +212,8 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_flag("--constant-scallop", job.constant_scallop,
                 "passes where ridges would exceed --scallop-limit-mm, wherever it is steep");
   app->add_option("--excess-limit-mm", o->excess_limit_mm,
-                  "above the scallop stated for the slope, wherever the ball reaches: cuts across "
-                  "to pits and creases between passes, each a stop");
+                  "above the scallop stated for the slope and what the ball cannot take away: cuts "
+                  "across to pits and creases between passes, each a stop");
   app->add_option("--scallop-limit-mm", o->scallop_limit_mm, "normal to the surface")
       ->capture_default_str();
   app->add_flag("--no-arcs", o->no_arcs, "lines only");
@@ -254,6 +254,9 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
                   "of one file; longer programs are split; 0: any")
       ->capture_default_str();
   app->add_option("--max-bytes", job.program.max_bytes, "the same in bytes")->capture_default_str();
+  app->add_flag(
+      "--relative", job.program.relative,
+      "cuts by how far they go (G91): up to a quarter fewer bytes; LinuxCNC, Fanuc, Haas");
   app->add_option("--name", job.program.name, "in the program's header")->capture_default_str();
   return {app, [o, app](Console& console) -> Result<int> {
             if (!o->operations.empty()) {

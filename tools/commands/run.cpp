@@ -46,6 +46,7 @@ MillJob mill_of(const Site& site, std::string_view strategy) {
   job.material = *cnc::find_material(site.material);
   job.clearance = Millimetres{site.clearance_mm};
   job.program.post = site.post;
+  job.program.relative = site.relative;
   job.program.max_lines = static_cast<std::uint64_t>(site.max_lines);
   job.program.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
   job.stock_margin = Millimetres{site.stock_margin_mm};

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <span>
+#include <vector>
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -87,12 +89,14 @@ Result<void> measure(Deviation& d, const Cloud& cloud, const RigidTransform& mod
       return;
     }
     auto distance_of = each();
-    const std::size_t end = std::min(n, (chunk + 1) * kChunk);
-    for (std::size_t k = chunk * kChunk; k < end; ++k) {
-      const std::size_t i = order[k];
-      if (const double e = distance_of(model_from_scan.point(cloud.points_mm[i])); !std::isnan(e))
-        d.per_point_mm[i] = static_cast<float>(e);
-    }
+    const auto some =
+        std::span(order).subspan(chunk * kChunk, std::min(kChunk, n - chunk * kChunk));
+    // Fetched first: the processor waits for many points at a time, not for each in turn.
+    std::vector<Vec3> points(some.size());
+    for (std::size_t k = 0; k < some.size(); ++k) points[k] = cloud.points_mm[some[k]];
+    for (std::size_t k = 0; k < some.size(); ++k)
+      if (const double e = distance_of(model_from_scan.point(points[k])); !std::isnan(e))
+        d.per_point_mm[some[k]] = static_cast<float>(e);
     if (const std::size_t k = ++done; k % 64 == 0)
       run.progress(0.9 * static_cast<double>(k) / static_cast<double>(chunks));
   });

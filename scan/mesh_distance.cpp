@@ -242,21 +242,24 @@ std::vector<std::uint32_t> near_each_other(std::span<const Vec3> points) {
   // 10 bits an axis of the longest side, so three passes of 10 bits sort them.
   const Vec3 size = box.max - box.min;
   const double cell = std::fmax(1e-12, std::max({size.x, size.y, size.z})) / 1023.0;
-  std::vector<std::uint32_t> keys(points.size()), order(points.size()), next(points.size());
+  // Key and number travel together: nothing is looked up out of order.
+  std::vector<std::uint64_t> now(points.size()), next(points.size());
   oneapi::tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
     const Vec3 c = (1.0 / cell) * (points[i] - box.min);
     const auto step = [](double a) { return static_cast<std::uint64_t>(std::fmax(0.0, a)); };
-    keys[i] = static_cast<std::uint32_t>(spread_bits(step(c.x)) | spread_bits(step(c.y)) << 1 |
-                                         spread_bits(step(c.z)) << 2);
-    order[i] = static_cast<std::uint32_t>(i);
+    const std::uint64_t key =
+        spread_bits(step(c.x)) | spread_bits(step(c.y)) << 1 | spread_bits(step(c.z)) << 2;
+    now[i] = key << 32 | i;
   });
-  for (const unsigned shift : {0U, 10U, 20U}) {
+  for (const unsigned shift : {32U, 42U, 52U}) {
     std::vector<std::size_t> start(1025, 0);
-    for (const std::uint32_t k : keys) ++start[((k >> shift) & 1023U) + 1];
+    for (const std::uint64_t k : now) ++start[((k >> shift) & 1023U) + 1];
     for (std::size_t d = 0; d < 1024; ++d) start[d + 1] += start[d];
-    for (const std::uint32_t i : order) next[start[(keys[i] >> shift) & 1023U]++] = i;
-    order.swap(next);
+    for (const std::uint64_t k : now) next[start[(k >> shift) & 1023U]++] = k;
+    now.swap(next);
   }
+  std::vector<std::uint32_t> order(points.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = static_cast<std::uint32_t>(now[i]);
   return order;
 }
 

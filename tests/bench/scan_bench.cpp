@@ -129,7 +129,11 @@ void poses(int runs, int first) {
     if (square <= 20.06)
       ++within;
     else
-      fmt::print("run {}: chi2 {:.1f}\n", k, square);
+      fmt::print(
+          "run {}: chi2 {:.1f}; {} iterations, {:.3f} sigma left, noise {:.4f} mm, {:.0f} points "
+          "count\n",
+          k, square, found->iterations, found->last_step_sigmas, found->noise_mm,
+          found->effective_points);
     double rms = 0.0;
     for (std::size_t i = 0; i < truth.points_mm.size(); i += 101) {
       const Vec3 off = error.point(truth.points_mm[i]) - truth.points_mm[i];

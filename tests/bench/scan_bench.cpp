@@ -8,6 +8,9 @@
 //   scan_bench mesh [NODES POINTS]   the same part as triangles (1415 nodes: 4 M), 5 M points
 //                                    0.3 mm off: CPU seconds; sign and distance against the grid's
 //   scan_bench peer [NODES POINTS]   registration and distances of 5 M points beside CloudCompare's
+//   scan_bench clean [POINTS]        a file of 20 M points thinned to 0.5 mm: CPU seconds, most
+//   memory
+//                                    and what it is a point
 //   scan_bench poses [RUNS [SEED]]   200 parts and poses: within 3 sigma, share of the spacing
 
 #include <cmath>
@@ -16,14 +19,18 @@
 #include <ctime>
 
 #include <fmt/format.h>
+#include <sys/resource.h>
 #include <Eigen/Dense>
 
 #include "bench/scan_peer.hpp"
+#include "scan/clean.hpp"
 #include "scan/deviate.hpp"
 #include "scan/mesh_distance.hpp"
 #include "scan/register.hpp"
+#include "scan/scanner_sim.hpp"
 #include "scan/surface_distance.hpp"
 #include "support/field_mesh.hpp"
+#include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette::scan {
@@ -103,6 +110,40 @@ void mesh(std::ptrdiff_t nodes, std::size_t points) {
       triangles.triangles.size(), build, points, query, build + query, compared, flips, worst);
 }
 
+int clean(std::size_t points) {
+  const ModelField part = rough_part(1, 4001, 4001, 0.5);
+  const ScratchFolder folder;
+  ScanOptions o;
+  o.scanner = *assets::find_preset(assets::scanner_presets(), "zf5006h");
+  o.scanner.lines_per_turn = 1e6;  // as fine as max_points lets it be
+  o.station_mm = {1000.0, -900.0, 1500.0};
+  o.footprint_rays = 1;
+  o.max_points = points * 3 / 2;  // a third passes the part
+  const auto writer = create_cloud(folder / "scan.e57");
+  if (!writer) return 1;
+  if (const auto seen = simulate_scan(part, {}, o, **writer); !seen || !(*writer)->finish()) {
+    fmt::print("{}\n", seen ? "the file could not be written" : seen.error().message);
+    return 1;
+  }
+  CleanOptions c;
+  c.thin_mm = 0.5;
+  const double before = cpu_s();
+  const auto figures = clean_cloud(folder / "scan.e57", folder / "clean.ply", c);
+  if (!figures) {
+    fmt::print("{}\n", figures.error().message);
+    return 1;
+  }
+  rusage u{};
+  ::getrusage(RUSAGE_SELF, &u);
+  const double bytes = 1024.0 * static_cast<double>(u.ru_maxrss);
+  fmt::print(
+      "clean: {} points to {} in {:.1f} CPU s; most memory {:.2f} GiB, part included: {:.1f} "
+      "bytes a point\n",
+      figures->points, figures->written, cpu_s() - before, bytes / 1073741824.0,
+      bytes / static_cast<double>(figures->points));
+  return 0;
+}
+
 void poses(int runs, int first) {
   int within = 0, failed = 0, worst_run = 0;
   double worst = 0.0, chi2 = 0.0;
@@ -162,10 +203,12 @@ int main(int argc, char** argv) {
   else if (what == "peer")
     maquette::scan::beside_cloudcompare(number(2, 1415),
                                         static_cast<std::size_t>(number(3, 5'000'000)));
+  else if (what == "clean")
+    return maquette::scan::clean(static_cast<std::size_t>(number(2, 20'000'000)));
   else if (what == "poses")
     maquette::scan::poses(static_cast<int>(number(2, 200)), static_cast<int>(number(3, 1000)));
   else {
-    fmt::print("scan_bench full | mesh | peer | poses\n");
+    fmt::print("scan_bench full | mesh | peer | clean | poses\n");
     return 2;
   }
   return 0;

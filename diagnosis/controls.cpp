@@ -8,6 +8,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/random.hpp"
+#include "diagnosis/detail/poses.hpp"
 #include "diagnosis/detail/random_field.hpp"
 #include "diagnosis/extended_model.hpp"
 
@@ -147,15 +148,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   Vec3 theirs;
   for (const PoseEstimate& p : d.poses)
     theirs += (1.0 / static_cast<double>(d.poses.size())) * p.shift_mm;
-  const auto unknown = [&](char axis) {
-    const auto shifts = [&](const std::string& effect) {
-      return find_effect(effect)->unknown_shift.find(axis) != std::string::npos;
-    };
-    return std::any_of(d.causes.begin(), d.causes.end(), [&](const Cause& cause) {
-      return shifts(cause.effect) ||
-             std::any_of(cause.equivalent.begin(), cause.equivalent.end(), shifts);
-    });
-  };
+  const auto unknown = [&](char axis) { return detail::shift_unknown(d.causes, axis); };
   theirs = {unknown('x') ? theirs.x : 0.0, unknown('y') ? theirs.y : 0.0,
             unknown('z') ? theirs.z : 0.0};
   // Poses stay as wrong as they were found to be: what their files say and what the fit moved.

@@ -22,12 +22,13 @@
 /// - Confirming: each cause must earn its place on another third, with all others refitted, at a
 ///   level that shares 1 % over all tests that can be made; and what was fitted on the first third
 ///   must predict the second.
-/// - Naming: other causes that do as well in its place (likelihood ratio below 100, or less than
-///   1 % of its gain) are its equivalents.
+/// - Naming: other causes that do as well in its place (likelihood ratio below 100, less than 1 %
+///   of its gain, or fits that differ by less than the simulation itself may be wrong by) are its
+///   equivalents.
 /// - What remains is tested against a stationary Gaussian process: lonely places, edges, lines and
 ///   rings of the spectrum. If it fails, the rest is unexplained, and causes that explain less
 ///   than what is left, or that hang on the odd places, are not named.
-/// Cost: two scans of 300 000 points in about 10 s on two cores.
+/// Cost: two scans of 300 000 points in 10 to 20 s on two cores.
 
 #include <array>
 #include <optional>

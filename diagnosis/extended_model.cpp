@@ -91,9 +91,7 @@ Vec3 ExtendedModel::seen(Vec3 p, Vec3 station, std::size_t scan) const {
   o->place = p;
   const auto moved = [&](Vec3 along) {
     o->along = along;
-    double sum = 0.0;
-    for (const KnownTerm& t : parts_->seen) sum += t.coefficient * t.value(*o);
-    return sum;
+    return moved_mm(*o, parts_->seen, parts_->scene.ball_radius_mm);
   };
   return p + Vec3{moved({1, 0, 0}), moved({0, 1, 0}), moved({0, 0, 1})};
 }

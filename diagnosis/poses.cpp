@@ -54,6 +54,15 @@ Size size_of(const Eigen::VectorXd& pose, const Eigen::MatrixXd& weight,
 
 }  // namespace
 
+bool shift_unknown(const std::vector<Cause>& causes, char axis) {
+  const auto shifts = [&](const std::string& effect) {
+    return find_effect(effect)->unknown_shift.find(axis) != std::string::npos;
+  };
+  return std::any_of(causes.begin(), causes.end(), [&](const Cause& c) {
+    return shifts(c.effect) || std::any_of(c.equivalent.begin(), c.equivalent.end(), shifts);
+  });
+}
+
 void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<Member>& members,
                      const std::vector<Candidate>& candidates, const Fit& fit, Diagnosis& d) {
   const std::size_t n = d.poses.size();
@@ -75,16 +84,8 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
   };
   const Vec3 axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   Eigen::MatrixXd free(size, 0);
-  // Also of causes that may stand in the place of those named.
-  const auto shifts = [&](const std::string& effect, int axis) {
-    return find_effect(effect)->unknown_shift.find(kAxisName[axis]) != std::string::npos;
-  };
   for (int axis = 0; axis < 3; ++axis)
-    if (std::any_of(d.causes.begin(), d.causes.end(), [&](const Cause& c) {
-          return shifts(c.effect, axis) ||
-                 std::any_of(c.equivalent.begin(), c.equivalent.end(),
-                             [&](const std::string& e) { return shifts(e, axis); });
-        })) {
+    if (shift_unknown(d.causes, kAxisName[axis][0])) {
       free.conservativeResize(Eigen::NoChange, free.cols() + 1);
       free.rightCols(1) = shift([&](std::size_t) { return axes[axis]; });
     }

@@ -15,7 +15,6 @@
 ///           (tests/scan/scan_beam_test). Beside an edge 19 rays do not know the mean: where a
 ///           tenth of the depth in the beam, beyond a plane's, is more than the noise, the point is
 ///           given up.
-/// Cost      Some 20 us of CPU a point.
 
 #include <cstddef>
 #include <span>

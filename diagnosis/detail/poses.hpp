@@ -17,6 +17,10 @@
 
 namespace maquette::diagnosis::detail {
 
+/// Whether one of `causes`, or of those that may stand in their place, shifts the whole part along
+/// an axis ('x', 'y', 'z') by an amount that nobody knows.
+[[nodiscard]] bool shift_unknown(const std::vector<Cause>& causes, char axis);
+
 void add_pose_causes(const Measurements& measurements, const Bank& bank,
                      const std::vector<Member>& members, const std::vector<Candidate>& candidates,
                      const Fit& fit, Diagnosis& diagnosis);

@@ -1,23 +1,29 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Hides effects, has them found, counts.
-//   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--seed S]
-//             [--from N] [--effect NAME] [--size K] [--keep FOLDER] [--full]
-// --keep: cases stay, with their reports and controls.
-// --from: the first cases of each kind are passed over, to see a later one again.
-//             [--points N] [--picture FILE] [--strict]
+//   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--full]
+//             [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X]
+//             [--jobs N] [--keep FOLDER] [--controls] [--picture FILE] [--strict]
 // --full: 200 null, 600 single, 300 double, 150 triple, 150 outside. Prints a line a case and the
 // table; --picture draws the confusion matrix. --strict: exit 1 if a null case is claimed, a name
 // is wrong, or something outside the library is not called unexplained.
+// Each effect is at least 5 times its detection limit (challenge_case.hpp) where four times its
+// usual size is enough for that; cases that hold a smaller one are counted apart. --over X: every
+// effect X times its limit.
+// --from: the first cases of each kind are passed over; --only: all but one, to see it again.
+// --keep: cases stay, with their reports. --jobs: cases at a time, each on one thread if several.
 
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <map>
+#include <mutex>
 #include <random>
 #include <set>
 #include <string>
+#include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -26,12 +32,16 @@
 
 namespace {
 
+constexpr double kOver = 5.0;        // limits that a cause has to be found at
+constexpr double kMostGrowth = 4.0;  // of a usual size
+
 struct Count {
   int cases = 0, right = 0, wrong = 0, missed = 0, claimed = 0, unexplained = 0;
 };
 
-void write_confusion(const std::map<std::pair<std::string, std::string>, int>& table,
-                     const std::string& file) {
+using Confusion = std::map<std::pair<std::string, std::string>, int>;
+
+void write_confusion(const Confusion& table, const std::string& file) {
   std::set<std::string> truths, named;
   for (const auto& [key, n] : table) truths.insert(key.first), named.insert(key.second);
   std::ofstream out(file);
@@ -71,153 +81,213 @@ void write_confusion(const std::map<std::pair<std::string, std::string>, int>& t
   out << "</svg>\n";
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
-  if (argc < 2) {
-    std::puts(
-        "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
-        "[--seed S] [--from N] [--effect NAME] [--size K] [--keep FOLDER] [--full]");
-    return 2;
-  }
+struct Settings {
   std::map<std::string, int> counts;
   std::uint64_t seed = 1;
-  std::string only, keep, picture;
-  bool strict = false;
-  int points = 300'000;
-  int from = 0;
-  double size = 1.0;
+  std::string program, effect, keep, picture;
+  bool strict = false, controls = false;
+  int points = 300'000, from = 0, only = -1;
+  unsigned jobs = 1;
+  double over = 0.0;
+};
+
+struct Tally {
+  std::mutex guard;
+  std::map<std::string, Count> result;
+  Confusion confusion;
+  double slowest = 0;
+};
+
+challenge::Options options_of(const Settings& settings, const std::string& kind, int i) {
+  challenge::Options o;
+  o.seed = settings.seed * 1'000'003 + static_cast<std::uint64_t>(i) * 17 +
+           static_cast<std::uint64_t>(kind[0]);
+  o.points = settings.points;
+  std::mt19937_64 draw(o.seed);
+  const int hide = kind == "null" ? 0 : kind == "double" ? 2 : kind == "triple" ? 3 : 1;
+  const auto& names = kind == "outside" ? challenge::nameless() : challenge::hideable();
+  while (static_cast<int>(o.effects.size()) < hide) {
+    std::string name = names[kind == "single" ? static_cast<std::size_t>(i) % names.size()
+                                              : draw() % names.size()];
+    if (!settings.effect.empty() && o.effects.empty()) name = settings.effect;
+    if (std::find(o.effects.begin(), o.effects.end(), name) == o.effects.end())
+      o.effects.push_back(name);
+  }
+  return o;
+}
+
+void one(const Settings& settings, const std::string& kind, int i, Tally& tally) {
+  challenge::Options o = options_of(settings, kind, i);
+  auto over = challenge::over_limit(o);
+  bool small = false;
+  std::string sizes;
+  for (double& v : over) {
+    const double growth = settings.over > 0.0 ? std::min(kMostGrowth, settings.over / v)
+                          : v < kOver         ? std::min(kMostGrowth, 1.1 * kOver / v)
+                                              : 1.0;
+    o.sizes.push_back(growth);
+    v *= growth;
+    small |= v < kOver;
+    sizes += fmt::format(" x{:.1f}", v);
+  }
+  const std::filesystem::path folder =
+      settings.keep.empty() ? std::filesystem::temp_directory_path() /
+                                  fmt::format("challenge_{}", static_cast<long>(o.seed))
+                            : std::filesystem::path(settings.keep) / fmt::format("{}_{}", kind, i);
+  const auto truth = challenge::make_case(o, folder);
+  const auto begin = std::chrono::steady_clock::now();
+  const std::string command =
+      fmt::format("'{}' diagnose '{}' --out '{}' --quiet{}{} > '{}' 2>&1", settings.program,
+                  (folder / "case.toml").string(), (folder / "out").string(),
+                  settings.controls ? "" : " --no-controls",
+                  settings.jobs > 1 ? " --threads 1" : "", (folder / "log").string());
+  const int rc = std::system(command.c_str());
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  nlohmann::json j;
+  const std::scoped_lock lock(tally.guard);
+  tally.slowest = std::max(tally.slowest, seconds);
+  try {
+    std::ifstream(folder / "out" / "diagnosis.json") >> j;
+  } catch (const std::exception&) {
+    fmt::print("{} {} seed {}: no diagnosis (exit {})\n", kind, i, o.seed, rc);
+    ++tally.result[kind].cases;
+    return;
+  }
+  Count& c = tally.result[small && kind != "outside" ? kind + ", small" : kind];
+  ++c.cases;
+  std::string said = j["verdict"];
+  std::set<std::string> left(truth.effects.begin(), truth.effects.end());
+  if (kind == "outside") left.clear();
+  int wrong = 0;
+  for (const auto& cause : j["causes"]) {
+    const std::string name = cause["effect"];
+    std::set<std::string> class_of{name};
+    for (const auto& e : cause["equivalent"]) class_of.insert(e.get<std::string>());
+    std::string matched;
+    if (left.count(name)) matched = name;
+    for (const auto& e : class_of)
+      if (matched.empty() && left.count(e)) matched = e;
+    if (matched.empty())
+      ++wrong;
+    else
+      left.erase(matched);
+    tally
+        .confusion[{matched.empty() ? (truth.effects.empty() ? "null" : truth.effects[0]) : matched,
+                    matched.empty() ? name : matched}]++;
+    said += " " + name;
+    if (cause["equivalent"].size()) {
+      said += "{";
+      for (const auto& e : cause["equivalent"]) said += e.get<std::string>() + " ";
+      said += "}";
+    }
+    said += fmt::format("({:.2f})", cause["share_of_excess_variance"].get<double>());
+  }
+  for (const auto& e : left) tally.confusion[{e, "nothing"}]++;
+  const bool none = j["causes"].empty();
+  const bool remainder = j["verdict"] == "unexplained" || j["verdict"] == "partly_explained";
+  if (kind == "outside" && none) tally.confusion[{truth.effects[0], "nothing"}]++;
+  if (kind == "null" && none) tally.confusion[{"null", "nothing"}]++;
+  const bool right = kind == "null"      ? none && !remainder
+                     : kind == "outside" ? none && remainder
+                                         : wrong == 0 && left.empty();
+  c.right += right;
+  c.wrong += wrong > 0;
+  c.missed += !left.empty();
+  c.claimed += !none;
+  c.unexplained += remainder;
+  fmt::print("{} {} seed {} {}:{} {} ->{} [{:.1f} s]\n", kind, i, o.seed,
+             wrong > 0 ? "WRONG"
+             : right   ? "right"
+                       : "missed",
+             sizes, truth.summary, " " + said, seconds);
+  if (remainder)
+    fmt::print("      remains: {} {:.4f} mm\n", j["residual_after"]["unexplained_kinds"].dump(),
+               j["residual_after"]["unexplained_rms_mm"].get<double>());
+  std::fflush(stdout);
+  if (settings.keep.empty()) std::filesystem::remove_all(folder);
+}
+
+/// False: not understood.
+bool read(int argc, char** argv, Settings& s) {
+  if (argc < 2) return false;
+  s.program = argv[1];
   for (int i = 2; i < argc; ++i) {
     const std::string a = argv[i];
     if (a == "--full") {
-      counts = {{"null", 200}, {"single", 600}, {"double", 300}, {"triple", 150}, {"outside", 150}};
+      s.counts = {
+          {"null", 200}, {"single", 600}, {"double", 300}, {"triple", 150}, {"outside", 150}};
       continue;
     }
-    if (a == "--strict") {
-      strict = true;
+    if (a == "--strict" || a == "--controls") {
+      (a == "--strict" ? s.strict : s.controls) = true;
       continue;
     }
-    if (i + 1 >= argc) return 2;
+    if (i + 1 >= argc) return false;
     const std::string v = argv[++i];
     if (a == "--seed")
-      seed = std::stoull(v);
+      s.seed = std::stoull(v);
     else if (a == "--from")
-      from = std::stoi(v);
+      s.from = std::stoi(v);
+    else if (a == "--only")
+      s.only = std::stoi(v);
     else if (a == "--effect")
-      only = v;
+      s.effect = v;
     else if (a == "--keep")
-      keep = v;
+      s.keep = v;
     else if (a == "--picture")
-      picture = v;
+      s.picture = v;
     else if (a == "--points")
-      points = std::stoi(v);
-    else if (a == "--size")
-      size = std::stod(v);
+      s.points = std::stoi(v);
+    else if (a == "--over")
+      s.over = std::stod(v);
+    else if (a == "--jobs")
+      s.jobs = static_cast<unsigned>(std::max(1, std::stoi(v)));
+    else if (a == "--null" || a == "--single" || a == "--double" || a == "--triple" ||
+             a == "--outside")
+      s.counts[a.substr(2)] = std::stoi(v);
     else
-      counts[a.substr(2)] = std::stoi(v);
+      return false;
   }
-  std::map<std::string, Count> result;
-  std::map<std::pair<std::string, std::string>, int> confusion;
-  double slowest = 0;
-  for (const char* kind : {"null", "single", "double", "triple", "outside"}) {
-    for (int i = from; i < counts[kind]; ++i) {
-      challenge::Options o;
-      o.seed = seed * 1'000'003 + static_cast<std::uint64_t>(i) * 17 +
-               static_cast<std::uint64_t>(kind[0]);
-      o.size = size;
-      o.points = points;
-      std::mt19937_64 draw(o.seed);
-      const std::string k = kind;
-      const int hide = k == "null" ? 0 : k == "double" ? 2 : k == "triple" ? 3 : 1;
-      const auto& names = k == "outside" ? challenge::nameless() : challenge::hideable();
-      while (static_cast<int>(o.effects.size()) < hide) {
-        std::string name = names[k == "single" ? static_cast<std::size_t>(i) % names.size()
-                                               : draw() % names.size()];
-        if (!only.empty()) name = only;
-        if (std::find(o.effects.begin(), o.effects.end(), name) == o.effects.end())
-          o.effects.push_back(name);
-      }
-      const std::filesystem::path folder =
-          keep.empty() ? std::filesystem::temp_directory_path() /
-                             fmt::format("challenge_{}", static_cast<long>(o.seed))
-                       : std::filesystem::path(keep) / fmt::format("{}_{}", kind, i);
-      const auto truth = challenge::make_case(o, folder);
-      const auto begin = std::chrono::steady_clock::now();
-      const std::string command =
-          fmt::format("'{}' diagnose '{}' --out '{}' --quiet{} > '{}' 2>&1", argv[1],
-                      (folder / "case.toml").string(), (folder / "out").string(),
-                      keep.empty() ? " --no-controls" : "", (folder / "log").string());
-      const int rc = std::system(command.c_str());
-      const double seconds =
-          std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-      slowest = std::max(slowest, seconds);
-      nlohmann::json j;
-      try {
-        std::ifstream(folder / "out" / "diagnosis.json") >> j;
-      } catch (const std::exception&) {
-        fmt::print("{} {} seed {}: no diagnosis (exit {})\n", kind, i, o.seed, rc);
-        continue;
-      }
-      Count& c = result[kind];
-      ++c.cases;
-      std::string said = j["verdict"];
-      std::set<std::string> left(truth.effects.begin(), truth.effects.end());
-      if (k == "outside") left.clear();
-      int wrong = 0;
-      for (const auto& cause : j["causes"]) {
-        const std::string name = cause["effect"];
-        std::set<std::string> class_of{name};
-        for (const auto& e : cause["equivalent"]) class_of.insert(e.get<std::string>());
-        std::string matched;
-        if (left.count(name)) matched = name;
-        for (const auto& e : class_of)
-          if (matched.empty() && left.count(e)) matched = e;
-        if (matched.empty())
-          ++wrong;
-        else
-          left.erase(matched);
-        confusion[{matched.empty() ? (truth.effects.empty() ? "null" : truth.effects[0]) : matched,
-                   matched.empty() ? name : matched}]++;
-        said += " " + name;
-        if (cause["equivalent"].size()) {
-          said += "{";
-          for (const auto& e : cause["equivalent"]) said += e.get<std::string>() + " ";
-          said += "}";
-        }
-        said += fmt::format("({:.2f})", cause["share_of_excess_variance"].get<double>());
-      }
-      for (const auto& e : left) confusion[{e, "nothing"}]++;
-      const bool none = j["causes"].empty();
-      const bool remainder = j["verdict"] == "unexplained" || j["verdict"] == "partly_explained";
-      const bool right = wrong == 0 && left.empty();
-      c.right += k == "null" ? none && !remainder : k == "outside" ? none && remainder : right;
-      c.wrong += wrong > 0;
-      c.missed += !left.empty();
-      c.claimed += !none;
-      c.unexplained += remainder;
-      fmt::print("{} {} seed {} {}: {} ->{} [{:.1f} s]\n", kind, i, o.seed,
-                 wrong > 0 ? "WRONG"
-                 : right   ? "right"
-                           : "missed",
-                 truth.summary, " " + said, seconds);
-      if (remainder)
-        fmt::print("      remains: {} {:.4f} mm\n", j["residual_after"]["unexplained_kinds"].dump(),
-                   j["residual_after"]["unexplained_rms_mm"].get<double>());
-      std::fflush(stdout);
-      if (keep.empty()) std::filesystem::remove_all(folder);
-    }
+  return true;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Settings settings;
+  if (!read(argc, argv, settings)) {
+    std::puts(
+        "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
+        "[--full] [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X] "
+        "[--jobs N] [--keep FOLDER] [--controls] [--picture FILE] [--strict]");
+    return 2;
   }
-  fmt::print("\n{:8} {:>6} {:>7} {:>7} {:>8} {:>12}\n", "", "cases", "right", "wrong", "claimed",
+  std::vector<std::pair<std::string, int>> cases;
+  for (const char* kind : {"null", "single", "double", "triple", "outside"})
+    for (int i = settings.from; i < settings.counts[kind]; ++i)
+      if (settings.only < 0 || i == settings.only) cases.emplace_back(kind, i);
+  Tally tally;
+  std::atomic<std::size_t> next{0};
+  {
+    std::vector<std::jthread> workers;
+    for (unsigned w = 0; w < settings.jobs; ++w)
+      workers.emplace_back([&] {
+        for (std::size_t k; (k = next++) < cases.size();)
+          one(settings, cases[k].first, cases[k].second, tally);
+      });
+  }
+  fmt::print("\n{:14} {:>6} {:>7} {:>7} {:>8} {:>12}\n", "", "cases", "right", "wrong", "claimed",
              "unexplained");
-  for (const auto& [kind, c] : result)
-    fmt::print("{:8} {:6} {:6.1f}% {:6.1f}% {:7.1f}% {:11.1f}%\n", kind, c.cases,
+  bool fell = false;
+  for (const auto& [kind, c] : tally.result) {
+    fmt::print("{:14} {:6} {:6.1f}% {:6.1f}% {:7.1f}% {:11.1f}%\n", kind, c.cases,
                100.0 * c.right / c.cases, 100.0 * c.wrong / c.cases, 100.0 * c.claimed / c.cases,
                100.0 * c.unexplained / c.cases);
-  fmt::print("slowest case {:.1f} s\n", slowest);
-  if (!picture.empty()) write_confusion(confusion, picture);
-  bool fell = false;
-  for (const auto& [kind, c] : result)
     fell |= c.wrong > 0 || (kind == "null" && c.claimed > 0) ||
             (kind == "outside" && c.right < c.cases);
-  return strict && fell ? 1 : 0;
+  }
+  fmt::print("slowest case {:.1f} s, {} at a time\n", tally.slowest, settings.jobs);
+  if (!settings.picture.empty()) write_confusion(tally.confusion, settings.picture);
+  return settings.strict && fell ? 1 : 0;
 }

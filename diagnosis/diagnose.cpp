@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -144,7 +145,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     if (keys.empty() && straight_for.empty()) return;
     if (keys == straight_for && !keys.empty()) return;
     straight_for = std::move(keys);
-    for (int round = 0; round < (straight_for.empty() ? 1 : 2); ++round) {
+    for (int round = 0; round < (straight_for.empty() ? 1 : 3); ++round) {
       const Fit f = detail::fit(bank, detail::columns_of(bank, with), kAll);
       auto straight = detail::beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm);
       for (std::size_t i = 0; i < given.size(); ++i)
@@ -298,21 +299,34 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
                                   std::abs(column.parameter.per_column)});
     }
     const double gain = g.objective - f.objective;
+    const auto rival_fit = [&](const std::vector<Member>& with) {
+      const auto columns = detail::columns_of(bank, with);
+      const Fit h = detail::fit(bank, columns, kAll);
+      return std::pair{h.objective, detail::squares(bank, columns, h.coefficients, kAll, nullptr)};
+    };
+    // Rivals are compared with the member as it is without its own second order, and where they
+    // come close with that of each.
+    const auto [linear, linear_squares] = rival_fit(members);
+    const double far = std::fmax(kEquivalent, kEquivalentShare * gain),
+                 far_squares = points * tell_apart * tell_apart;
     for (const Candidate& other : search.candidates) {
       if (std::any_of(members.begin(), members.end(),
                       [&](const Member& x) { return x.effect == other.effect; }))
         continue;
       const auto found = detail::best_form(bank, others, other, kAll, false);
       if (!std::isfinite(found.objective)) continue;
-      const double worse = found.objective - f.objective;
       auto instead = others;
       instead.push_back({other.effect, other.forms[found.form]});
-      const auto wide = detail::columns_of(bank, instead);
-      const double apart =
-          detail::squares(bank, wide, detail::fit(bank, wide, kAll).coefficients, kAll, nullptr) -
-          left_squares;
-      if (worse < std::fmax(kEquivalent, kEquivalentShare * gain) ||
-          apart < points * tell_apart * tell_apart)
+      auto [objective, with_squares] = rival_fit(instead);
+      double worse = objective - linear, apart = with_squares - linear_squares;
+      if (worse < 10.0 * far || apart < 4.0 * far_squares) {
+        straighten(instead);
+        std::tie(objective, with_squares) = rival_fit(instead);
+        worse = objective - f.objective;
+        apart = with_squares - left_squares;
+        straighten(others);
+      }
+      if (worse < far || apart < far_squares)
         c.equivalent.push_back(other.effect->name);
       else if (g.objective - found.objective > 20.0)
         d.rejected.push_back(

@@ -38,8 +38,9 @@ struct Form {
   std::vector<Column> columns;
   /// Values that the law fixes, reported beside the parameters.
   std::vector<std::pair<std::string, double>> fixed{};
-  /// 1 or -1: only coefficients of that sign are physical (first column); 0: any.
+  /// 1 or -1: only coefficients of that sign are physical (of the first columns); 0: any.
   int sign = 0;
+  std::size_t signed_columns = 1;
   /// Neighbours of this form, closer than the grid's; empty: nothing to refine.
   std::function<std::vector<Form>()> finer{};
 };
@@ -56,7 +57,8 @@ struct Effect {
   std::string separate_by;  ///< the measurement that tells it from those
   std::string correction;   ///< what to change at the machine; empty: nothing
   /// Axes along which the cause shifts the whole part by an amount that depends on a zero nobody
-  /// knows (that of a scale, of a warm-up): "z". Beside it, such a shift is no finding.
+  /// knows (that of a scale, of a warm-up): "z"; "r": each scan along its beam. Beside it, such a
+  /// shift is no finding.
   std::string unknown_shift{};
   Needs needs = Needs::nothing;
   std::function<std::vector<Form>(const Scene&)> forms;

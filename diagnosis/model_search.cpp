@@ -21,7 +21,8 @@ bool physical(const Bank& bank, const std::vector<int>& model, const Member& mem
     const Column& c = member.form.columns[k];
     const auto at = std::find(model.begin(), model.end(), bank.index.at(c.key)) - model.begin();
     const double value = f.coefficients(at);
-    if (k == 0 && member.form.sign != 0 && value * member.form.sign < 0.0) return false;
+    if (k < member.form.signed_columns && member.form.sign != 0 && value * member.form.sign < 0.0)
+      return false;
     if (std::abs(value * c.parameter.per_column) > c.parameter.plausible) return false;
   }
   return true;

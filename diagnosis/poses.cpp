@@ -89,12 +89,20 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       free.conservativeResize(Eigen::NoChange, free.cols() + 1);
       free.rightCols(1) = shift([&](std::size_t) { return axes[axis]; });
     }
+  const bool stations =
+      std::all_of(m.scene.has_station.begin(), m.scene.has_station.end(), [](bool b) { return b; });
+  const auto along_beams = [&] {
+    return shift(
+        [&](std::size_t s) { return normalized(m.set_ups[s].centre_mm - m.scene.stations[s]); });
+  };
   std::vector<Pattern> patterns{
       {"tool.length_offset", "offset_mm", shift([&](std::size_t) { return axes[2]; })}};
-  if (std::all_of(m.scene.has_station.begin(), m.scene.has_station.end(), [](bool b) { return b; }))
-    patterns.push_back({"scanner.range_bias", "bias_mm", shift([&](std::size_t s) {
-                          return normalized(m.set_ups[s].centre_mm - m.scene.stations[s]);
-                        })});
+  if (stations && shift_unknown(d.causes, 'r')) {
+    free.conservativeResize(Eigen::NoChange, free.cols() + 1);
+    free.rightCols(1) = along_beams();
+  } else if (stations) {
+    patterns.push_back({"scanner.range_bias", "bias_mm", along_beams()});
+  }
   // The poses' own error is what makes the rest as large as it is.
   struct Found {
     std::size_t pattern;

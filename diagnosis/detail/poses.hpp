@@ -18,7 +18,7 @@
 namespace maquette::diagnosis::detail {
 
 /// Whether one of `causes`, or of those that may stand in their place, shifts the whole part along
-/// an axis ('x', 'y', 'z') by an amount that nobody knows.
+/// an axis ('x', 'y', 'z', or 'r': each scan along its beam) by an amount that nobody knows.
 [[nodiscard]] bool shift_unknown(const std::vector<Cause>& causes, char axis);
 
 void add_pose_causes(const Measurements& measurements, const Bank& bank,

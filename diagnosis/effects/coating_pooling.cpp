@@ -38,6 +38,7 @@ void add_coating_pooling(std::vector<Effect>& all) {
       if (k + 1 == kFilmLengths_mm.size()) continue;
       f.law = fmt::format("over {:.2g} to {:.2g} mm", length, kFilmLengths_mm[k + 1]);
       f.columns.push_back(levelled(k + 1));
+      f.signed_columns = 2;
       f.fixed.clear();
       forms.push_back(std::move(f));
     }

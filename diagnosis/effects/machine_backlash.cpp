@@ -33,7 +33,9 @@ void add_machine_backlash(std::vector<Effect>& all) {
                          0.5 * kPlayWidths_mm[k], scene.ball_radius_mm,
                          [=](const Observation&, const CutState& s, Vec3) {
                            return CutChange{along_axis(axis, -component(s.play[k], axis)), 0.0};
-                         })}});
+                         })},
+             {},
+             1});
       return forms;
     };
     all.push_back(std::move(e));

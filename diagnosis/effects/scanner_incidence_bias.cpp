@@ -15,6 +15,7 @@ void add_scanner_incidence_bias(std::vector<Effect>& all) {
   e.depends_on = "angle of incidence";
   e.looks_like = {"tool.radius_error", "coating.shadow"};
   e.separate_by = "a second station at another height";
+  e.unknown_shift = std::string("r");
   e.needs = Needs::station;
   e.forms = [](const Scene&) {
     const auto law = [](const char* key, const char* name, int kind) {

@@ -15,6 +15,7 @@ void add_scanner_range_scale(std::vector<Effect>& all) {
   e.depends_on = "range";
   e.looks_like = {"stock.swelling"};
   e.separate_by = "a scale bar in the scene";
+  e.unknown_shift = std::string("r");
   e.needs = Needs::station;
   e.forms = [](const Scene& scene) {
     const double half = scene.half_mm();

@@ -37,6 +37,7 @@ void add_scanner_spot_blur(std::vector<Effect>& all) {
       if (k + 1 == kSpotWidths_mm.size()) continue;
       f.law = fmt::format("spot between {:.2g} and {:.2g} mm", width, 2.0 * kSpotWidths_mm[k + 1]);
       f.columns.push_back(spot(k + 1));
+      f.signed_columns = 2;
       f.fixed.clear();
       forms.push_back(std::move(f));
     }

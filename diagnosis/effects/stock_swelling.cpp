@@ -13,7 +13,7 @@ void add_stock_swelling(std::vector<Effect>& all) {
   e.source = "thermal expansion 54 to 72 um/m/K of polyurethane; moisture";
   e.acts_on = "stock";
   e.depends_on = "position";
-  e.unknown_shift = std::string("xyz");
+  e.unknown_shift = std::string("xyzr");
   e.looks_like = {"scanner.range_scale", "machine.scale_x"};
   e.separate_by = "temperature log; invar bar in the scene";
   e.correction = "";

@@ -31,13 +31,15 @@ void add_tool_wear(std::vector<Effect>& all) {
     std::vector<Form> forms;
     for (const Law law : {Law{"even", 1.0}, Law{"fast at first", 0.5}, Law{"late", 2.0}})
       for (const bool tip_held : {true, false})
-        forms.push_back(
-            {fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
-             {cut_column(fmt::format("wear{}{}", law.power, tip_held), {"radius_loss_mm", 1.0, 1.0},
-                         kSize_mm, radius, [=](const Observation&, const CutState& s, Vec3) {
-                           const double loss = std::pow(s.cut_share, law.power);
-                           return CutChange{{0.0, 0.0, tip_held ? 0.0 : loss}, -loss};
-                         })}});
+        forms.push_back({fmt::format("{}, {}", law.name, tip_held ? "tip held" : "all round"),
+                         {cut_column(fmt::format("wear{}{}", law.power, tip_held),
+                                     {"radius_loss_mm", 1.0, 1.0}, kSize_mm, radius,
+                                     [=](const Observation&, const CutState& s, Vec3) {
+                                       const double loss = std::pow(s.cut_share, law.power);
+                                       return CutChange{{0.0, 0.0, tip_held ? 0.0 : loss}, -loss};
+                                     })},
+                         {},
+                         1});
     return forms;
   };
   all.push_back(std::move(e));

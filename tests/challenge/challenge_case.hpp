@@ -26,6 +26,7 @@ struct Options {
   std::vector<std::string> effects;
   double size = 1.0;          ///< of all effects, over what is usual
   std::vector<double> sizes;  ///< of each effect, besides; empty: 1
+  double noise = 1.0;         ///< of ranges, coat and block, over what is usual
   int points = 300'000;       ///< of each scan
 };
 

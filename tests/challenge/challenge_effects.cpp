@@ -176,8 +176,7 @@ Hidden hide(const std::string& e, double size, const World& w, Draw& d, std::str
   } else if (e == "coating.shadow") {
     a = size * d.uniform(0.1, 0.25);
     const double azimuth = d.uniform(0, 2 * kPi), up = d.uniform(0.3, 0.7);
-    const Vec3 s{std::cos(up) * std::cos(azimuth), std::cos(up) * std::sin(azimuth),
-                 std::sin(up)};
+    const Vec3 s{std::cos(up) * std::cos(azimuth), std::cos(up) * std::sin(azimuth), std::sin(up)};
     h.surface = [=](Field& f) {
       const Field was = smooth(f, 0.4);
       for (int r = 0; r < f.n; ++r)
@@ -214,21 +213,19 @@ Hidden hide(const std::string& e, double size, const World& w, Draw& d, std::str
           for (const auto& t : dents)
             f.at(r, k) -=
                 t[3] *
-                std::exp(-0.5 *
-                         (std::pow(k * f.step - t[0], 2) + std::pow(r * f.step - t[1], 2)) /
+                std::exp(-0.5 * (std::pow(k * f.step - t[0], 2) + std::pow(r * f.step - t[1], 2)) /
                          (t[2] * t[2]));
     };
   } else if (e == "rings" || e == "ripples") {
     a = size * d.uniform(0.03, 0.1);
-    const double wavelength = d.uniform(5, 20), cx = d.uniform(0, kSide),
-                 cy = d.uniform(0, kSide),
+    const double wavelength = d.uniform(5, 20), cx = d.uniform(0, kSide), cy = d.uniform(0, kSide),
                  angle = d.uniform(0.25, 1.3) + kPi / 2 * std::floor(d.uniform(0, 2));
     h.surface = [=](Field& f) {
       for (int r = 0; r < f.n; ++r)
         for (int k = 0; k < f.n; ++k) {
           const double x = k * f.step, y = r * f.step;
-          const double way = e == "rings" ? std::hypot(x - cx, y - cy)
-                                          : x * std::cos(angle) + y * std::sin(angle);
+          const double way =
+              e == "rings" ? std::hypot(x - cx, y - cy) : x * std::cos(angle) + y * std::sin(angle);
           f.at(r, k) += a * std::sin(2 * kPi * way / wavelength);
         }
     };

@@ -20,8 +20,7 @@ MatrixXd cosines() {
   MatrixXd c(kNodes, kNodes);
   for (int k = 0; k < kNodes; ++k)
     for (int i = 0; i < kNodes; ++i)
-      c(k, i) =
-          std::sqrt((k == 0 ? 1.0 : 2.0) / kNodes) * std::cos(kPi * k * (i + 0.5) / kNodes);
+      c(k, i) = std::sqrt((k == 0 ? 1.0 : 2.0) / kNodes) * std::cos(kPi * k * (i + 0.5) / kNodes);
   return c;
 }
 
@@ -34,9 +33,7 @@ struct Map {
     sum(r, c) += v;
     count(r, c) += 1;
   }
-  MatrixXd mean() const {
-    return (sum.array() / count.array().max(1.0)).matrix();
-  }
+  MatrixXd mean() const { return (sum.array() / count.array().max(1.0)).matrix(); }
 };
 
 }  // namespace
@@ -68,15 +65,17 @@ std::vector<double> over_limit(const Options& options) {
       const Vec3 p = o + e.range * e.beam, n = e.normal, about = p - kMiddle;
       incidence[ku] += std::pow(maquette::dot(n, e.beam), 2);
       met[ku] += 1;
-      const double pose[6] = {n.x, n.y, n.z, n.z * about.y - n.y * about.z,
-                              n.x * about.z - n.z * about.x, n.y * about.x - n.x * about.y};
-      for (std::size_t c = 0; c < 6; ++c)
-        maps[effects + 6 * ku + c][ku].add(p.x, p.y, pose[c]);
+      const double pose[6] = {n.x,
+                              n.y,
+                              n.z,
+                              n.z * about.y - n.y * about.z,
+                              n.x * about.z - n.z * about.x,
+                              n.y * about.x - n.x * about.y};
+      for (std::size_t c = 0; c < 6; ++c) maps[effects + 6 * ku + c][ku].add(p.x, p.y, pose[c]);
       for (std::size_t j = 0; j < effects; ++j) {
         const Echo f = echo(cuts[j], tops[j], {w.hidden[j]}, k, o, azimuth, elevation);
         if (!f.met) continue;
-        const double moved =
-            maquette::dot(n, o + f.range * direction(f.azimuth, f.elevation) - p);
+        const double moved = maquette::dot(n, o + f.range * direction(f.azimuth, f.elevation) - p);
         // A ray that passes an edge on the other side tells of the edge.
         if (std::abs(moved) < 1.0) maps[j][ku].add(p.x, p.y, moved);
       }
@@ -111,7 +110,8 @@ std::vector<double> over_limit(const Options& options) {
     const auto spectrum = [&](const MatrixXd& m) -> MatrixXd {
       return cosine * m * cosine.transpose();
     };
-    put(x, spectrum(0.5 * (a + b)).cwiseProduct(means), spectrum(0.5 * (a - b)).cwiseProduct(halves));
+    put(x, spectrum(0.5 * (a + b)).cwiseProduct(means),
+        spectrum(0.5 * (a - b)).cwiseProduct(halves));
   }
   // What is left of each effect beside everything else.
   const auto left = [&](const MatrixXd& of, std::size_t j) {

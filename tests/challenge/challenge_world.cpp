@@ -123,8 +123,8 @@ World draw_world(const Options& options, Draw& d) {
         Vec3 p = w.along_x ? Vec3{s, across, 0} : Vec3{across, s, 0};
         p.z = std::round(1e4 * drop(w.design, p.x, p.y)) / 1e4;
         if (first) {
-          out += fmt::format("G0 X{:.4f} Y{:.4f}\nG1 Z{:.4f} F600\nF{:.0f}\n", p.x, p.y, p.z,
-                             kFeed);
+          out +=
+              fmt::format("G0 X{:.4f} Y{:.4f}\nG1 Z{:.4f} F600\nF{:.0f}\n", p.x, p.y, p.z, kFeed);
           first = false;
           time += maquette::norm(Vec3{p.x, p.y, at.z} - at) / 10000 + std::abs(at.z - p.z) / 600;
           path.push_back({{p.x, p.y, at.z}, time, length, true, pass});
@@ -161,9 +161,10 @@ World draw_world(const Options& options, Draw& d) {
         20 + range * std::sin(elevation)};
   }
   for (int k = 0; k < 2; ++k) {
-    w.shift[static_cast<std::size_t>(k)] = {0.01 * d.normal(), 0.01 * d.normal(), 0.01 * d.normal()};
+    w.shift[static_cast<std::size_t>(k)] = {0.01 * d.normal(), 0.01 * d.normal(),
+                                            0.01 * d.normal()};
     w.rotation[static_cast<std::size_t>(k)] = {5e-5 * d.normal(), 5e-5 * d.normal(),
-                                             5e-5 * d.normal()};
+                                               5e-5 * d.normal()};
   }
   for (std::size_t k = 0; k < options.effects.size(); ++k) {
     const double size = k < options.sizes.size() ? options.sizes[k] : 1.0;
@@ -173,7 +174,9 @@ World draw_world(const Options& options, Draw& d) {
   w.noise.rough_length = 0.25 * std::pow(12.0, d.uniform(0, 1));
   if (d.uniform(0, 1) < 0.4) w.noise.wavy = d.uniform(0.002, 0.02);
   w.noise.wavy_length = 10.0 * std::pow(10.0, d.uniform(0, 1));
-  w.noise.sigma = d.uniform(0.03, 0.08);
+  w.noise.sigma = options.noise * d.uniform(0.03, 0.08);
+  w.noise.rough *= options.noise;
+  w.noise.wavy *= options.noise;
   w.summary += fmt::format(" | passes along {} noise {:.3f} rough {:.3f}/{:.2f} wavy {:.4f}/{:.0f}",
                            w.along_x ? "x" : "y", w.noise.sigma, w.noise.rough,
                            w.noise.rough_length, w.noise.wavy, w.noise.wavy_length);

@@ -40,6 +40,12 @@ constexpr double kSimulationFloor_mm = 0.0025;
 /// Two causes whose fits differ by less are not told apart: the simulation of what they differ in
 /// (ridges, creases, the steepest slopes) is not better than that, mm rms.
 constexpr double kTellApart_mm = 0.0015;
+/// Of choosing, cutting anew and pruning.
+constexpr int kRounds = 4;
+/// A cause that explains less of the excess than this, and in whose place two others would do, is
+/// not named: what several causes look like is also what the error of a large one looks like.
+constexpr double kVagueShare = 0.15;
+constexpr std::size_t kVagueRivals = 2;
 /// What signatures may be wrong by, as a share of what all causes together move.
 constexpr double kSignatureError = 0.08;
 
@@ -84,6 +90,14 @@ std::vector<Member> members_of(const std::vector<Confirmed>& confirmed) {
 std::vector<Member> without(std::vector<Member> members, std::size_t k) {
   members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
   return members;
+}
+
+/// The same causes.
+bool alike(const std::vector<Member>& a, const std::vector<Member>& b) {
+  return a.size() == b.size() && std::all_of(a.begin(), a.end(), [&](const Member& x) {
+           return std::any_of(b.begin(), b.end(),
+                              [&](const Member& y) { return x.effect == y.effect; });
+         });
 }
 
 /// What is in no point of the observations that lie in `odd` squares.
@@ -155,15 +169,16 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   };
   // Members without which the rest, cut anew, does as well: straightened residuals favour what they
   // were straightened for.
+  const auto score = [&](const std::vector<Member>& of) {
+    straighten(of);
+    return detail::fit(bank, detail::columns_of(bank, of), {kChoose}).objective +
+           detail::price(bank, of);
+  };
   const auto pruned = [&](std::vector<Member> with) {
+    const double null = score({});
     while (!with.empty()) {
-      straighten(with);
-      const auto score = [&](const std::vector<Member>& of) {
-        straighten(of);
-        return detail::fit(bank, detail::columns_of(bank, of), {kChoose}).objective +
-               detail::price(bank, of);
-      };
-      double least = score(with);
+      const double all = score(with);
+      double least = all + detail::kPriceOfGain * std::fmax(0.0, null - all);
       std::size_t drop = with.size();
       for (std::size_t k = 0; k < with.size(); ++k)
         if (const double fewer = score(without(with, k)); fewer < least) {
@@ -183,14 +198,18 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     bank.weight = detail::effective_weights(bank, model, detail::fit(bank, model, kAll));
   };
   weigh({});
-  auto members = detail::choose(search, bank, d.ranking, run);
-  if (!members.empty()) {
-    members = pruned(members);
-    weigh(members);
-    d.ranking.clear();
-    members = detail::choose(search, bank, d.ranking, run);
-    members = pruned(members);
-    weigh(members);
+  std::vector<Member> members;
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<Ranked> alone;
+    auto chosen = detail::choose(search, bank, alone, run);
+    d.ranking = std::move(alone);
+    if (chosen.empty() && members.empty()) break;
+    straighten(chosen);
+    chosen = pruned(detail::polished(search, bank, std::move(chosen)));
+    weigh(chosen);
+    const bool settled = round > 0 && alike(chosen, members);
+    members = std::move(chosen);
+    if (settled || run.stopped()) break;
   }
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
@@ -262,81 +281,116 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   }
   run.progress(0.8);
 
+  // Names, and what would do as well in their place.
+  double vague = 0.0;
+  while (true) {
+    const auto model = detail::columns_of(bank, members);
+    const Fit f = detail::fit(bank, model, kAll);
+    double points = 0.0;
+    const double left_squares = detail::squares(bank, model, f.coefficients, kAll, &points);
+    const double structured =
+        d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
+                          : 0.0;
+    const double excess = std::fmax(1e-300, null_squares - left_squares + structured);
+    // Names hang on differences between fits: those must stand out of what nothing explains.
+    const double tell_apart = std::max(
+        {kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
+         kSignatureError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points)});
+    std::vector<Cause> causes;
+    std::vector<Rejected> ruled_out;
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      const Member& member = members[k];
+      const auto others = without(members, k);
+      straighten(others);
+      const auto small = detail::columns_of(bank, others);
+      const Fit g = detail::fit(bank, small, kAll);
+      Cause c;
+      c.effect = member.effect->name;
+      c.law = member.form.law;
+      c.fixed = member.form.fixed;
+      c.separate_by = member.effect->separate_by;
+      c.p_value = std::fmax(confirmed[k].p_value, 1e-300);
+      c.share = std::clamp(
+          (detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares) / excess,
+          0.0, 1.0);
+      for (const Column& column : member.form.columns) {
+        const auto at =
+            std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin();
+        c.parameters.push_back({column.parameter.name,
+                                f.coefficients(at) * column.parameter.per_column,
+                                std::sqrt(std::fmax(0.0, f.covariance(at, at))) *
+                                    std::abs(column.parameter.per_column)});
+      }
+      const double gain = g.objective - f.objective;
+      const auto rival_fit = [&](const std::vector<Member>& with) {
+        const auto columns = detail::columns_of(bank, with);
+        const Fit h = detail::fit(bank, columns, kAll);
+        return std::pair{h.objective,
+                         detail::squares(bank, columns, h.coefficients, kAll, nullptr)};
+      };
+      // Rivals are compared with the member as it is without its own second order, and where they
+      // come close with that of each.
+      const auto [linear, linear_squares] = rival_fit(members);
+      const double far = std::fmax(kEquivalent, kEquivalentShare * gain),
+                   far_squares = points * tell_apart * tell_apart;
+      for (const Candidate& other : search.candidates) {
+        if (std::any_of(members.begin(), members.end(),
+                        [&](const Member& x) { return x.effect == other.effect; }))
+          continue;
+        const auto found = detail::best_form(bank, others, other, kAll, false);
+        if (!std::isfinite(found.objective)) continue;
+        auto instead = others;
+        instead.push_back({other.effect, other.forms[found.form]});
+        auto [objective, with_squares] = rival_fit(instead);
+        double worse = objective - linear, apart = with_squares - linear_squares;
+        if (worse < 10.0 * far || apart < 4.0 * far_squares) {
+          straighten(instead);
+          std::tie(objective, with_squares) = rival_fit(instead);
+          worse = objective - f.objective;
+          apart = with_squares - left_squares;
+          straighten(others);
+        }
+        if (worse < far || apart < far_squares)
+          c.equivalent.push_back(other.effect->name);
+        else if (g.objective - found.objective > 20.0)
+          ruled_out.push_back(
+              {other.effect->name,
+               fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
+                           c.effect, worse / 4.605)});
+      }
+      causes.push_back(std::move(c));
+    }
+    straighten(members);
+    std::size_t drop = members.size();
+    double least = kVagueShare;
+    for (std::size_t k = 0; k < members.size(); ++k)
+      if (members.size() > 1 && causes[k].equivalent.size() >= kVagueRivals &&
+          causes[k].share < least) {
+        least = causes[k].share;
+        drop = k;
+      }
+    if (drop == members.size()) {
+      d.causes = std::move(causes);
+      d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());
+      break;
+    }
+    vague += least;
+    d.rejected.push_back(
+        {members[drop].effect->name,
+         fmt::format("small beside the others, and {} other causes would do in its place",
+                     causes[drop].equivalent.size())});
+    confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
+    members = members_of(confirmed);
+    straighten(members);
+  }
   const auto model = detail::columns_of(bank, members);
   const Fit f = detail::fit(bank, model, kAll);
   const auto r_after = detail::residuals_of(m.observations, members, bank, f);
-  double points = 0.0;
-  const double left_squares = detail::squares(bank, model, f.coefficients, kAll, &points);
-  const double structured =
-      d.remainder.found ? points * d.remainder.structured_rms_mm * d.remainder.structured_rms_mm
-                        : 0.0;
-  const double excess = std::fmax(1e-300, null_squares - left_squares + structured);
-  // Names hang on differences between fits: those must stand out of what nothing explains.
-  const double tell_apart =
-      std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
-                kSignatureError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points)});
-  for (std::size_t k = 0; k < members.size(); ++k) {
-    const Member& member = members[k];
-    const auto others = without(members, k);
-    straighten(others);
-    const auto small = detail::columns_of(bank, others);
-    const Fit g = detail::fit(bank, small, kAll);
-    Cause c;
-    c.effect = member.effect->name;
-    c.law = member.form.law;
-    c.fixed = member.form.fixed;
-    c.separate_by = member.effect->separate_by;
-    c.p_value = std::fmax(confirmed[k].p_value, 1e-300);
-    c.share = std::clamp(
-        (detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares) / excess, 0.0,
-        1.0);
-    for (const Column& column : member.form.columns) {
-      const auto at =
-          std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin();
-      c.parameters.push_back({column.parameter.name,
-                              f.coefficients(at) * column.parameter.per_column,
-                              std::sqrt(std::fmax(0.0, f.covariance(at, at))) *
-                                  std::abs(column.parameter.per_column)});
-    }
-    const double gain = g.objective - f.objective;
-    const auto rival_fit = [&](const std::vector<Member>& with) {
-      const auto columns = detail::columns_of(bank, with);
-      const Fit h = detail::fit(bank, columns, kAll);
-      return std::pair{h.objective, detail::squares(bank, columns, h.coefficients, kAll, nullptr)};
-    };
-    // Rivals are compared with the member as it is without its own second order, and where they
-    // come close with that of each.
-    const auto [linear, linear_squares] = rival_fit(members);
-    const double far = std::fmax(kEquivalent, kEquivalentShare * gain),
-                 far_squares = points * tell_apart * tell_apart;
-    for (const Candidate& other : search.candidates) {
-      if (std::any_of(members.begin(), members.end(),
-                      [&](const Member& x) { return x.effect == other.effect; }))
-        continue;
-      const auto found = detail::best_form(bank, others, other, kAll, false);
-      if (!std::isfinite(found.objective)) continue;
-      auto instead = others;
-      instead.push_back({other.effect, other.forms[found.form]});
-      auto [objective, with_squares] = rival_fit(instead);
-      double worse = objective - linear, apart = with_squares - linear_squares;
-      if (worse < 10.0 * far || apart < 4.0 * far_squares) {
-        straighten(instead);
-        std::tie(objective, with_squares) = rival_fit(instead);
-        worse = objective - f.objective;
-        apart = with_squares - left_squares;
-        straighten(others);
-      }
-      if (worse < far || apart < far_squares)
-        c.equivalent.push_back(other.effect->name);
-      else if (g.objective - found.objective > 20.0)
-        d.rejected.push_back(
-            {other.effect->name,
-             fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
-                         c.effect, worse / 4.605)});
-    }
-    d.causes.push_back(std::move(c));
+  if (vague > 0.0) {
+    d.remainder.found = true;
+    d.remainder.kinds.emplace_back("what several causes look like");
+    d.remainder.share = std::fmax(d.remainder.share, vague);
   }
-  straighten(members);
   std::sort(d.causes.begin(), d.causes.end(),
             [](const Cause& a, const Cause& b) { return a.share > b.share; });
 

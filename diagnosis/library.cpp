@@ -24,7 +24,7 @@ Form step_form(int axis, double share, double step, double minutes) {
 std::vector<Form> step_forms(int axis, const Scene& scene) {
   std::vector<Form> forms;
   for (const double share : scene.steps[static_cast<std::size_t>(axis)])
-    forms.push_back(step_form(axis, share, 1.0 / 256.0, scene.duration_min));
+    forms.push_back(step_form(axis, share, 1.0 / 64.0, scene.duration_min));
   for (int k = 1; k < 16; ++k)
     forms.push_back(step_form(axis, k / 16.0, 1.0 / 16.0, scene.duration_min));
   return forms;

@@ -73,7 +73,50 @@ void refine(const Search& search, const Bank& bank, State& state) {
   }
 }
 
+/// A refined form becomes a candidate for all that follow. Other causes that have columns of its
+/// kind (a step is one whoever made it) have it too, or they would seem worse by not being refined.
+void offer(Search& search, const Member& member) {
+  const auto kind = [](const Form& f) {
+    return f.columns.size() == 1
+               ? f.columns[0].key.substr(0, f.columns[0].key.find_first_of("0123456789"))
+               : std::string();
+  };
+  const std::string its = kind(member.form);
+  for (Candidate& c : search.candidates)
+    if (c.effect == member.effect ||
+        (!its.empty() && std::any_of(c.forms.begin(), c.forms.end(),
+                                     [&](const Form& f) { return kind(f) == its; })))
+      c.forms.push_back(member.form);
+}
+
 }  // namespace
+
+std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members) {
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    const double now = score_of(bank, members, {kChoose}, true);
+    State s{members, now};
+    const auto at = s.members.begin() + static_cast<std::ptrdiff_t>(k);
+    std::rotate(at, at + 1, s.members.end());
+    const auto same =
+        std::find_if(search.candidates.begin(), search.candidates.end(),
+                     [&](const Candidate& c) { return c.effect == members[k].effect; });
+    auto others = s.members;
+    others.pop_back();
+    Candidate coarse{same->effect, {}};
+    for (const Form& f : same->forms)
+      if (f.finer) coarse.forms.push_back(f);
+    if (coarse.forms.empty()) continue;
+    const BestForm found = best_form(bank, others, coarse, {kChoose}, true);
+    if (!std::isfinite(found.objective)) continue;
+    s.members.back().form = coarse.forms[found.form];
+    refine(search, bank, s);
+    if (!(s.score < now)) continue;
+    members[k].form = s.members.back().form;
+    add_columns(bank, search.observations, members[k].form.columns);
+    offer(search, members[k]);
+  }
+  return members;
+}
 
 double price(const Bank& bank, const std::vector<Member>& members) {
   return kPricePerColumn * static_cast<double>(columns_of(bank, members).size() -
@@ -155,20 +198,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
       if (s.members.back().form.columns[0].key == before) continue;
       added.insert(added.end(), s.members.back().form.columns.begin(),
                    s.members.back().form.columns.end());
-      // Other causes that have columns of this kind (a step is one whoever made it) have it too, or
-      // they would seem worse by not being refined.
-      const Form& refined = s.members.back().form;
-      const auto kind = [](const Form& f) {
-        return f.columns.size() == 1
-                   ? f.columns[0].key.substr(0, f.columns[0].key.find_first_of("0123456789"))
-                   : std::string();
-      };
-      for (Candidate& c : search.candidates)
-        if (c.effect == s.members.back().effect ||
-            (!kind(refined).empty() &&
-             std::any_of(c.forms.begin(), c.forms.end(),
-                         [&](const Form& f) { return kind(f) == kind(refined); })))
-          c.forms.push_back(refined);
+      offer(search, s.members.back());
     }
     add_columns(bank, search.observations, added);
     for (State& s : kept) s.score = score_of(bank, s.members, {kChoose}, true);
@@ -201,8 +231,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
       s.members[k].form = same->forms[found.form];
       s.score = found.objective;
     }
-    const bool better =
-        kept.front().score < best.score - kPriceOfGain * std::fmax(0.0, null - best.score);
+    const bool better = kept.front().score < best.score;
     if (better) best = kept.front();
     beam = std::move(kept);
     if (!better) break;

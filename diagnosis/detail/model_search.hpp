@@ -32,8 +32,8 @@ struct Candidate {
 /// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
 inline constexpr double kPricePerColumn = 10.0;
 inline constexpr double kPricePerCause = 10.0;
-/// And as a share of what the causes before it gain: what a large cause leaves because its
-/// signature is not exact is not to be named after a small one.
+/// And, once all are found, as a share of what all gain together: what a large cause leaves because
+/// its signature is not exact is not to be named after a small one.
 inline constexpr double kPriceOfGain = 0.01;
 
 /// Six directions of each set-up's pose, and the difference between cut and designed surface.
@@ -54,6 +54,10 @@ struct Search {
 /// @param ranking  what each candidate gains alone, best first
 [[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
                                          const RunContext& run);
+
+/// The same causes with forms refined anew, each beside all others: a moment or a length that was
+/// found while others were missing is a little off.
+[[nodiscard]] std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members);
 
 /// What a model costs while choosing.
 [[nodiscard]] double price(const Bank& bank, const std::vector<Member>& members);

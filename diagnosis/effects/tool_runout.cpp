@@ -20,7 +20,7 @@ void add_tool_runout(std::vector<Effect>& all) {
     // The body swept by a ball that runs out is that of balls moved towards the place.
     const double radius = scene.ball_radius_mm;
     std::vector<Form> forms;
-    for (const double size : {0.01, 0.05}) {
+    for (const double size : {0.01, 0.05, 0.12}) {
       Form f{fmt::format("eccentric by about {} mm", size),
              {cut_column(fmt::format("runout{}", size), {"eccentricity_mm", 1.0, 0.5}, size, radius,
                          [=](const Observation&, const CutState&, Vec3 n) {

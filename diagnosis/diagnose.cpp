@@ -40,6 +40,8 @@ constexpr double kSimulationFloor_mm = 0.0025;
 /// Two causes whose fits differ by less are not told apart: the simulation of what they differ in
 /// (ridges, creases, the steepest slopes) is not better than that, mm rms.
 constexpr double kTellApart_mm = 0.0015;
+/// In -2 log likelihood: what is missed by more to first order is missed cut anew, too.
+constexpr double kClose = 500.0;
 /// Of choosing, cutting anew and pruning.
 constexpr int kRounds = 4;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
@@ -151,6 +153,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   // Residuals less what the members' cut moves beyond their signatures; kept while they are the
   // same.
   std::vector<std::string> straight_for;
+  detail::Signatures signatures;
   const auto straighten = [&](const std::vector<Member>& with) {
     std::vector<std::string> keys;
     for (const Member& k : with)
@@ -159,9 +162,16 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     if (keys.empty() && straight_for.empty()) return;
     if (keys == straight_for && !keys.empty()) return;
     straight_for = std::move(keys);
-    for (int round = 0; round < (straight_for.empty() ? 1 : 3); ++round) {
+    Eigen::VectorXd last;
+    for (int round = 0; round < (straight_for.empty() ? 1 : 4); ++round) {
       const Fit f = detail::fit(bank, detail::columns_of(bank, with), kAll);
-      auto straight = detail::beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm);
+      // At rest to a hundredth: second order of a hundredth of a size is a ten-thousandth of it.
+      if (round > 0 && (f.coefficients - last).tail(f.coefficients.size() - bank.nuisances).norm() <
+                           0.01 * last.tail(last.size() - bank.nuisances).norm())
+        break;
+      last = f.coefficients;
+      auto straight =
+          detail::beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm, signatures);
       for (std::size_t i = 0; i < given.size(); ++i)
         m.observations[i].residual_mm = straight[i] = given[i] - straight[i];
       detail::exchange_residuals(bank, straight);
@@ -180,11 +190,20 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       const double all = score(with);
       double least = all + detail::kPriceOfGain * std::fmax(0.0, null - all);
       std::size_t drop = with.size();
-      for (std::size_t k = 0; k < with.size(); ++k)
+      // Without one, to first order: only those that are missed little are cut anew.
+      std::vector<double> linear;
+      for (std::size_t k = 0; k < with.size(); ++k) {
+        const auto fewer = without(with, k);
+        linear.push_back(detail::fit(bank, detail::columns_of(bank, fewer), {kChoose}).objective +
+                         detail::price(bank, fewer));
+      }
+      for (std::size_t k = 0; k < with.size(); ++k) {
+        if (linear[k] - all > std::fmax(kClose, 10.0 * (least - all))) continue;
         if (const double fewer = score(without(with, k)); fewer < least) {
           least = fewer;
           drop = k;
         }
+      }
       if (drop == with.size()) break;
       with = without(with, drop);
     }
@@ -239,12 +258,17 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     double least = INFINITY;
     for (std::size_t k = 0; k < members.size(); ++k) {
       const auto fewer = without(members, k);
-      straighten(fewer);
       const auto small = detail::columns_of(bank, fewer);
-      const Fit g = detail::fit(bank, small, kAll);
-      const double explained =
-          detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
+      const auto missed = [&] {
+        const Fit g = detail::fit(bank, small, kAll);
+        return detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
+      };
       const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * moved);
+      straighten(members);
+      double explained = missed();
+      if (explained > 10.0 * std::fmax(points * floor * floor, structured)) continue;
+      straighten(fewer);
+      explained = missed();
       if (explained >= least) continue;
       if (!(explained > points * floor * floor))
         why = fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
@@ -333,11 +357,12 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       const auto [linear, linear_squares] = rival_fit(members);
       const double far = std::fmax(kEquivalent, kEquivalentShare * gain),
                    far_squares = points * tell_apart * tell_apart;
+      const detail::Screen beside = detail::screen(bank, others, kAll);
       for (const Candidate& other : search.candidates) {
         if (std::any_of(members.begin(), members.end(),
                         [&](const Member& x) { return x.effect == other.effect; }))
           continue;
-        const auto found = detail::best_form(bank, others, other, kAll, false);
+        const auto found = detail::best_form(bank, others, other, kAll, false, beside);
         if (!std::isfinite(found.objective)) continue;
         auto instead = others;
         instead.push_back({other.effect, other.forms[found.form]});

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
+#include <numeric>
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -15,6 +16,8 @@ namespace {
 
 constexpr std::size_t kBeam = 4;
 constexpr std::size_t kMostCauses = 5;
+constexpr double kFar = 500.0;      // in -2 log likelihood
+constexpr std::size_t kFitted = 6;  // of the forms of a candidate
 
 bool physical(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f) {
   for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
@@ -106,7 +109,8 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
     for (const Form& f : same->forms)
       if (f.finer) coarse.forms.push_back(f);
     if (coarse.forms.empty()) continue;
-    const BestForm found = best_form(bank, others, coarse, {kChoose}, true);
+    const BestForm found =
+        best_form(bank, others, coarse, {kChoose}, true, screen(bank, others, {kChoose}));
     if (!std::isfinite(found.objective)) continue;
     s.members.back().form = coarse.forms[found.form];
     refine(search, bank, s);
@@ -135,17 +139,79 @@ std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members
   return model;
 }
 
+double Screen::gain(const Bank& bank, const Form& form) const {
+  const Eigen::Index y = bank.y();
+  std::vector<int> at;
+  for (const Column& c : form.columns) at.push_back(bank.index.at(c.key));
+  double best = 0.0;
+  for (const Eigen::MatrixXd& m : rest) {
+    Eigen::MatrixXd a = m(at, at);
+    const Eigen::VectorXd b = m(at, y);
+    // What the model has already is worth nothing.
+    for (std::size_t k = 0; k < at.size(); ++k)
+      a(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)) += 1e-9;
+    const Eigen::VectorXd x = a.ldlt().solve(b);
+    bool allowed = true;
+    for (std::size_t k = 0; k < std::min(at.size(), form.signed_columns); ++k)
+      allowed &= form.sign == 0 || x(static_cast<Eigen::Index>(k)) * form.sign >= 0.0;
+    if (allowed) best = std::fmax(best, x.dot(b));
+  }
+  return best;
+}
+
+Screen screen(const Bank& bank, const std::vector<Member>& members, const std::vector<int>& sets) {
+  const auto model = columns_of(bank, members);
+  const Fit f = fit(bank, model, sets);
+  const Eigen::Index n = bank.y() + 1;
+  Eigen::MatrixXd details = Eigen::MatrixXd::Zero(n, n);
+  std::array<Eigen::MatrixXd, 2> sum;
+  for (const int set : sets)
+    for (std::size_t g = 0; g < kGroups; ++g)
+      details += bank.weight[g] / f.variance[g] * bank.sets[static_cast<std::size_t>(set)].gram[g];
+  for (int white = 0; white < 2; ++white) {
+    Eigen::MatrixXd& all = sum[static_cast<std::size_t>(white)] = details;
+    for (std::size_t u = 0; u < kTops; ++u) {
+      const Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[u])];
+      for (const int set : sets) {
+        const TopSums& top = bank.sets[static_cast<std::size_t>(set)].top[u];
+        if (top.weight.empty()) continue;
+        all += (white == 1 ? top.gram[0] / (f.top_variance[u] * (1.0 + theta.ratio))
+                           : top.gram[static_cast<std::size_t>(f.theta[u])] / f.top_variance[u]);
+      }
+    }
+  }
+  Screen s;
+  for (std::size_t k = 0; k < 2; ++k) {
+    Eigen::MatrixXd a = sum[k](model, model);
+    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    a = d.asDiagonal() * a * d.asDiagonal();
+    a.diagonal().array() += 1e-10;
+    const Eigen::MatrixXd across = d.asDiagonal() * sum[k](model, Eigen::all);
+    s.rest[k] = sum[k] - across.transpose() * a.ldlt().solve(across);
+  }
+  return s;
+}
+
 BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Candidate& candidate,
-                   const std::vector<int>& sets, bool priced) {
-  std::vector<double> scores(candidate.forms.size(), INFINITY);
-  oneapi::tbb::parallel_for(std::size_t{0}, candidate.forms.size(), [&](std::size_t k) {
+                   const std::vector<int>& sets, bool priced, const Screen& screen) {
+  std::vector<std::size_t> order(candidate.forms.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  if (order.size() > kFitted) {
+    std::vector<double> gain(order.size());
+    for (const std::size_t k : order) gain[k] = screen.gain(bank, candidate.forms[k]);
+    std::partial_sort(order.begin(), order.begin() + kFitted, order.end(),
+                      [&](std::size_t a, std::size_t b) { return gain[a] > gain[b]; });
+    order.resize(kFitted);
+  }
+  std::vector<double> scores(order.size(), INFINITY);
+  oneapi::tbb::parallel_for(std::size_t{0}, order.size(), [&](std::size_t k) {
     auto members = others;
-    members.push_back({candidate.effect, candidate.forms[k]});
+    members.push_back({candidate.effect, candidate.forms[order[k]]});
     scores[k] = score_of(bank, members, sets, priced);
   });
   BestForm best;
   for (std::size_t k = 0; k < scores.size(); ++k)
-    if (scores[k] < best.objective) best = {scores[k], k};
+    if (scores[k] < best.objective) best = {scores[k], order[k]};
   return best;
 }
 
@@ -156,12 +222,13 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
   std::vector<State> beam{best};
   for (std::size_t step = 0; step < kMostCauses; ++step) {
     std::vector<State> next;
-    for (const State& from : beam)
+    for (const State& from : beam) {
+      const Screen beside = screen(bank, from.members, {kChoose});
       for (const Candidate& c : search.candidates) {
         if (std::any_of(from.members.begin(), from.members.end(),
                         [&](const Member& m) { return m.effect == c.effect; }))
           continue;
-        const BestForm found = best_form(bank, from.members, c, {kChoose}, true);
+        const BestForm found = best_form(bank, from.members, c, {kChoose}, true, beside);
         if (step == 0 && std::isfinite(found.objective))
           ranking.push_back({c.effect->name, c.forms[found.form].law, null - found.objective});
         if (!(found.objective < from.score)) continue;
@@ -170,6 +237,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
         s.score = found.objective;
         next.push_back(std::move(s));
       }
+    }
     if (run.stopped() || next.empty()) break;
     std::sort(next.begin(), next.end(),
               [](const State& a, const State& b) { return a.score < b.score; });
@@ -226,7 +294,8 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
       const auto same =
           std::find_if(search.candidates.begin(), search.candidates.end(),
                        [&](const Candidate& c) { return c.effect == s.members[k].effect; });
-      const BestForm found = best_form(bank, others, *same, {kChoose}, true);
+      const BestForm found =
+          best_form(bank, others, *same, {kChoose}, true, screen(bank, others, {kChoose}));
       if (!(found.objective < s.score)) continue;
       s.members[k].form = same->forms[found.form];
       s.score = found.objective;
@@ -257,8 +326,10 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     for (std::size_t k = 0; k < members.size(); ++k) {
       auto fewer = members;
       fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
-      settle(fewer);
       const auto small = columns_of(bank, fewer);
+      settle(members);
+      // What is missed by far to first order need not be cut anew.
+      if (fit(bank, small, {kConfirm}).objective - full < kFar) settle(fewer);
       const double gain = fit(bank, small, {kConfirm}).objective - full;
       const int degrees = static_cast<int>(model.size() - small.size());
       double p = chi_squared_tail(gain, std::max(1, degrees));

@@ -9,16 +9,25 @@ namespace maquette::diagnosis::detail {
 
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
-                                  const Fit& f, double ball_radius_mm) {
+                                  const Fit& f, double ball_radius_mm, Signatures& known) {
   struct Term {
     const Column& column;
     double coefficient;
+    const std::vector<float>* signature;
   };
   std::vector<Term> terms;
   const auto model = columns_of(bank, members);
   for (std::size_t k = static_cast<std::size_t>(bank.nuisances); k < model.size(); ++k) {
     const Column& c = bank.columns[static_cast<std::size_t>(model[k])];
-    if (c.cut) terms.push_back({c, f.coefficients(static_cast<Eigen::Index>(k))});
+    if (!c.cut) continue;
+    std::vector<float>& signature = known[c.key];
+    if (signature.empty()) {
+      signature.resize(all.size());
+      oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+        signature[i] = static_cast<float>(c.value(all[i]));
+      });
+    }
+    terms.push_back({c, f.coefficients(static_cast<Eigen::Index>(k)), &signature});
   }
   std::vector<double> beyond(all.size(), 0.0);
   if (terms.empty()) return beyond;
@@ -29,7 +38,7 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
       for (const Term& t : terms) together += t.coefficient * t.column.cut(o, s, n);
       return together;
     });
-    for (const Term& t : terms) beyond[i] -= t.coefficient * t.column.value(o);
+    for (const Term& t : terms) beyond[i] -= t.coefficient * static_cast<double>((*t.signature)[i]);
   });
   return beyond;
 }

@@ -75,13 +75,25 @@ struct Confirmed {
                                              double level, std::vector<Rejected>& rejected,
                                              const Settle& settle);
 
-/// Best objective over the forms of a candidate beside `others`, on `sets`.
+/// What columns would gain beside a model were its noise to stay: normal equations with the model's
+/// columns eliminated, at the noise of its fit and, for a long process takes what a drift does,
+/// with white means of cells.
+struct Screen {
+  std::array<Eigen::MatrixXd, 2> rest;  ///< columns of the bank, the residual last
+  /// In -2 log likelihood, the larger of both noises; 0 where the coefficients are not physical.
+  [[nodiscard]] double gain(const Bank& bank, const Form& form) const;
+};
+[[nodiscard]] Screen screen(const Bank& bank, const std::vector<Member>& model,
+                            const std::vector<int>& sets);
+
+/// Best objective over the forms of a candidate beside `others`, on `sets`. Of many forms those are
+/// fitted that the screen finds best.
 struct BestForm {
   double objective = INFINITY;
   std::size_t form = 0;
 };
 [[nodiscard]] BestForm best_form(const Bank& bank, const std::vector<Member>& others,
                                  const Candidate& candidate, const std::vector<int>& sets,
-                                 bool priced);
+                                 bool priced, const Screen& screen);
 
 }  // namespace maquette::diagnosis::detail

@@ -3,17 +3,21 @@
 
 // What a model leaves of each observation.
 
+#include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "diagnosis/detail/model_search.hpp"
 
 namespace maquette::diagnosis::detail {
 
+/// Signatures of columns at all observations, by key: they cost as much as a cut.
+using Signatures = std::unordered_map<std::string, std::vector<float>>;
 /// What cutting anew with all causes together moves beyond the sum of their signatures, mm.
 [[nodiscard]] std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                                 const std::vector<Member>& members,
                                                 const Bank& bank, const Fit& f,
-                                                double ball_radius_mm);
+                                                double ball_radius_mm, Signatures& known);
 /// Residuals of a fitted model, its nuisances levelled on all sets (squares.hpp), mm.
 [[nodiscard]] std::vector<double> residuals_of(const std::vector<Observation>& all,
                                                const std::vector<Member>& members, const Bank& bank,

@@ -165,10 +165,12 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     Eigen::VectorXd last;
     for (int round = 0; round < (straight_for.empty() ? 1 : 4); ++round) {
       const Fit f = detail::fit(bank, detail::columns_of(bank, with), kAll);
-      // At rest to a hundredth: second order of a hundredth of a size is a ten-thousandth of it.
-      if (round > 0 && (f.coefficients - last).tail(f.coefficients.size() - bank.nuisances).norm() <
-                           0.01 * last.tail(last.size() - bank.nuisances).norm())
-        break;
+      // At rest to a fiftieth: second order of a fiftieth of a size is a hundredth of second order.
+      bool at_rest = round > 0;
+      for (Eigen::Index k = bank.nuisances; at_rest && k < last.size(); ++k)
+        at_rest = std::abs(f.coefficients(k) - last(k)) <
+                  0.02 * std::abs(last(k)) + 0.2 * std::sqrt(std::fmax(0.0, f.covariance(k, k)));
+      if (at_rest) break;
       last = f.coefficients;
       auto straight =
           detail::beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm, signatures);
@@ -198,7 +200,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
                          detail::price(bank, fewer));
       }
       for (std::size_t k = 0; k < with.size(); ++k) {
-        if (linear[k] - all > std::fmax(kClose, 10.0 * (least - all))) continue;
+        if (linear[k] - all > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
         if (const double fewer = score(without(with, k)); fewer < least) {
           least = fewer;
           drop = k;

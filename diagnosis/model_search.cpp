@@ -16,8 +16,8 @@ namespace {
 
 constexpr std::size_t kBeam = 4;
 constexpr std::size_t kMostCauses = 5;
-constexpr double kFar = 500.0;      // in -2 log likelihood
-constexpr std::size_t kFitted = 6;  // of the forms of a candidate
+constexpr double kFar = 2000.0;     // in -2 log likelihood
+constexpr std::size_t kFitted = 4;  // of the forms of a candidate, at either noise
 
 bool physical(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f) {
   for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
@@ -139,12 +139,13 @@ std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members
   return model;
 }
 
-double Screen::gain(const Bank& bank, const Form& form) const {
+std::array<double, 2> Screen::gain(const Bank& bank, const Form& form) const {
   const Eigen::Index y = bank.y();
   std::vector<int> at;
   for (const Column& c : form.columns) at.push_back(bank.index.at(c.key));
-  double best = 0.0;
-  for (const Eigen::MatrixXd& m : rest) {
+  std::array<double, 2> gains{};
+  for (std::size_t noise = 0; noise < 2; ++noise) {
+    const Eigen::MatrixXd& m = rest[noise];
     Eigen::MatrixXd a = m(at, at);
     const Eigen::VectorXd b = m(at, y);
     // What the model has already is worth nothing.
@@ -154,9 +155,9 @@ double Screen::gain(const Bank& bank, const Form& form) const {
     bool allowed = true;
     for (std::size_t k = 0; k < std::min(at.size(), form.signed_columns); ++k)
       allowed &= form.sign == 0 || x(static_cast<Eigen::Index>(k)) * form.sign >= 0.0;
-    if (allowed) best = std::fmax(best, x.dot(b));
+    if (allowed) gains[noise] = x.dot(b);
   }
-  return best;
+  return gains;
 }
 
 Screen screen(const Bank& bank, const std::vector<Member>& members, const std::vector<int>& sets) {
@@ -196,12 +197,19 @@ BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Ca
                    const std::vector<int>& sets, bool priced, const Screen& screen) {
   std::vector<std::size_t> order(candidate.forms.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  if (order.size() > kFitted) {
-    std::vector<double> gain(order.size());
-    for (const std::size_t k : order) gain[k] = screen.gain(bank, candidate.forms[k]);
-    std::partial_sort(order.begin(), order.begin() + kFitted, order.end(),
-                      [&](std::size_t a, std::size_t b) { return gain[a] > gain[b]; });
-    order.resize(kFitted);
+  if (order.size() > 2 * kFitted) {
+    std::vector<std::array<double, 2>> gain;
+    for (const Form& f : candidate.forms) gain.push_back(screen.gain(bank, f));
+    std::vector<std::size_t> kept;
+    for (std::size_t noise = 0; noise < 2; ++noise) {
+      const auto middle = order.begin() + static_cast<std::ptrdiff_t>(kFitted);
+      std::partial_sort(order.begin(), middle, order.end(), [&](std::size_t x, std::size_t y) {
+        return gain[x][noise] > gain[y][noise];
+      });
+      for (std::size_t k = 0; k < kFitted; ++k)
+        if (std::find(kept.begin(), kept.end(), order[k]) == kept.end()) kept.push_back(order[k]);
+    }
+    order = std::move(kept);
   }
   std::vector<double> scores(order.size(), INFINITY);
   oneapi::tbb::parallel_for(std::size_t{0}, order.size(), [&](std::size_t k) {

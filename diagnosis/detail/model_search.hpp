@@ -80,8 +80,8 @@ struct Confirmed {
 /// with white means of cells.
 struct Screen {
   std::array<Eigen::MatrixXd, 2> rest;  ///< columns of the bank, the residual last
-  /// In -2 log likelihood, the larger of both noises; 0 where the coefficients are not physical.
-  [[nodiscard]] double gain(const Bank& bank, const Form& form) const;
+  /// In -2 log likelihood at either noise; 0 where the coefficients are not physical.
+  [[nodiscard]] std::array<double, 2> gain(const Bank& bank, const Form& form) const;
 };
 [[nodiscard]] Screen screen(const Bank& bank, const std::vector<Member>& model,
                             const std::vector<int>& sets);

@@ -2,6 +2,7 @@
 #include "diagnosis/case_input.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 #include <set>
@@ -24,6 +25,9 @@ namespace {
 constexpr double kBorder_mm = 1.0;  // the outermost rim is edge, not surface
 constexpr std::size_t kSettle = 20'000;
 constexpr double kGrazing = 0.1;  // least cosine of incidence at which a beam's foot is looked for
+// And at which a point is used: more obliquely, edges hide what is behind them, and small errors of
+// the slope are large ones of the range.
+constexpr double kOblique = 0.25;
 constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after settling
 constexpr double kStone_mm = 1e-3;        // higher than the ground: a stone
 constexpr double kBesideStone_mm = 3.0;   // a beam's width and what stones hide
@@ -258,6 +262,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     std::vector<std::uint8_t> good(l.points.size(), 0);
     const std::optional<Vec3> station =
         l.station ? std::optional(set_up.model_from_file.point(*l.station)) : std::nullopt;
+    std::atomic<std::size_t> oblique{0};
     oneapi::tbb::parallel_for(std::size_t{0}, l.points.size(), [&](std::size_t i) {
       const Vec3 p = set_up.model_from_file.point(l.points[i]);
       if (p.x < m.scene.box.min.x + kBorder_mm || p.x > m.scene.box.max.x - kBorder_mm ||
@@ -280,11 +285,22 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         if (cosine > kGrazing) {
           along_beam = e / cosine;
           foot = p + along_beam * beam;
+          // Once more from there: over a bent surface a long way is not known by its first slope.
+          if (const auto there = surface.at(foot.x, foot.y)) {
+            const double across = -dot(beam, there->normal);
+            const double left = (foot.z - there->height_mm) * there->normal.z - input.coat_mm;
+            if (across > kGrazing) along_beam += left / across;
+            foot = p + along_beam * beam;
+          }
         }
       }
       auto seen = surface.observe(foot.x, foot.y);
       if (!seen) return;
       Observation& o = *seen;
+      if (station && !(-dot(beam, o.slope_normal) > kOblique)) {
+        ++oblique;
+        return;
+      }
       o.residual_mm =
           (foot.z - o.place.z) * o.normal.z - input.coat_mm - along_beam * dot(beam, o.normal);
       if (!(std::abs(o.residual_mm) <= input.reach_mm)) return;
@@ -299,6 +315,10 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       made[i] = std::move(o);
       good[i] = 1;
     });
+    if (oblique > 0)
+      m.notes.push_back(
+          fmt::format("{}: {} points seen more obliquely than {:.0f} degrees are not used",
+                      set_up.name, oblique.load(), std::acos(kOblique) * 57.29577951308232));
     const std::size_t from = m.observations.size();
     Vec3 centre;
     for (std::size_t i = 0; i < made.size(); ++i)

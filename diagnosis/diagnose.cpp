@@ -391,8 +391,9 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     std::size_t drop = members.size();
     double least = kVagueShare;
     for (std::size_t k = 0; k < members.size(); ++k)
-      if (members.size() > 1 && causes[k].equivalent.size() >= kVagueRivals &&
-          causes[k].share < least) {
+      if (members.size() > 1 && causes[k].share < least &&
+          (causes[k].equivalent.size() >= kVagueRivals ||
+           causes[k].share < kSignatureError * kSignatureError)) {
         least = causes[k].share;
         drop = k;
       }
@@ -401,11 +402,13 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());
       break;
     }
-    vague += least;
+    if (causes[drop].equivalent.size() >= kVagueRivals) vague += least;
     d.rejected.push_back(
         {members[drop].effect->name,
-         fmt::format("small beside the others, and {} other causes would do in its place",
-                     causes[drop].equivalent.size())});
+         causes[drop].equivalent.size() < kVagueRivals
+             ? std::string("smaller than what the signatures of the others may be wrong by")
+             : fmt::format("small beside the others, and {} other causes would do in its place",
+                           causes[drop].equivalent.size())});
     confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
     members = members_of(confirmed);
     straighten(members);

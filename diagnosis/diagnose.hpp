@@ -18,7 +18,9 @@
 ///   anew together, at their estimated sizes, and what that moves beyond the sum of their
 ///   signatures is taken off the residuals before the next round (Gauss and Newton with a fixed
 ///   Jacobian).
-/// - Choosing: beam search over combinations on one third of the blocks, backward steps included.
+/// - Choosing: beam search over combinations on one third of the blocks, backward steps included;
+///   the best is cut anew, its moments and lengths refined, what is not missed dropped; and again
+///   from nothing with the residuals that this leaves, until the causes stay.
 /// - Confirming: each cause must earn its place on another third, with all others refitted, at a
 ///   level that shares 1 % over all tests that can be made; and what was fitted on the first third
 ///   must predict the second.
@@ -89,8 +91,9 @@ struct Dependence {  ///< mean residual by classes of a covariate
 
 struct Remainder {
   bool found = false;
-  std::vector<std::string> kinds;  ///< "lonely places", "edges", "a wave", "rings"
-  double share = 0.0;              ///< of the excess variance
+  /// "lonely places", "edges", "a wave", "rings"; or "what several causes look like"
+  std::vector<std::string> kinds;
+  double share = 0.0;  ///< of the excess variance
   double structured_rms_mm = 0.0;
   double morans_i = 0.0, p_white = 1.0;
   double smooth_mm = 0.0, smooth_length_mm = 0.0;  ///< of the generic process

@@ -150,6 +150,77 @@ TEST(Inference, NamesTwoCausesAndNoThird) {
               names(d->causes[1], "machine.backlash_x"));
 }
 
+TEST(Inference, NamesThreeCausesOfWhichTheFirstTwoHideTheThird) {
+  // A drift of another cause makes a long process, which takes most of a step (docs/derivations/
+  // diagnosis.md): the step's gain is small until the drift has its name.
+  const auto d =
+      diagnose(part(31, {.white_mm = 0.03},
+                    [](const Observation& o) {
+                      const double u = (o.place.x - 80.0) / 80.0;
+                      return dot(o.along, {1e-3 * (o.place.x - 80.0), 0.0,
+                                           (o.path_share > 0.33 ? 0.06 : 0.0) + 0.15 * u * u * u});
+                    }),
+               1);
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->causes.size(), 3U);
+  for (const char* name : {"machine.scale_x", "machine.step_loss_z", "machine.straightness_x"})
+    EXPECT_TRUE(std::any_of(d->causes.begin(), d->causes.end(), [&](const Cause& c) {
+      return names(c, name);
+    })) << name;
+}
+
+TEST(Inference, BelievesLargeErrorsOfAxes) {
+  // 8 mrad: a spindle out of tram by half a degree.
+  const auto d = diagnose(part(32, {.white_mm = 0.03},
+                               [](const Observation& o) {
+                                 return dot(o.along, {0.008 * (o.tip.z - 10.0), 0.0, 0.0});
+                               }),
+                          1);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->causes.size(), 1U);
+  EXPECT_EQ(d->causes[0].effect, "machine.squareness_xz");
+  EXPECT_NEAR(d->causes[0].parameters[0].value, 8000.0, 4.0 * d->causes[0].parameters[0].sigma);
+}
+
+TEST(Inference, ShiftsAlongTheBeamsAreOfTheScaleOfRangeOrOfTheBlock) {
+  // A block that has grown looks like ranges that are too long, but for a shift along the beams
+  // that nobody can know: it is no third thing.
+  const auto d = diagnose(part(33, {},
+                               [](const Observation& o) {
+                                 return dot(o.along, 0.0012 * (o.place - Vec3{80, 80, 10}));
+                               }),
+                          1);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->causes.size(), 1U);
+  EXPECT_TRUE(names(d->causes[0], "stock.swelling"));
+}
+
+TEST(Screen, GainsAreThoseOfAFitAtTheSameNoise) {
+  const auto m = part(34, {.smooth_mm = 0.01}, [](const Observation& o) {
+    return dot(o.along, {5e-4 * (o.place.x - 80.0), 0.0, 0.0});
+  });
+  std::vector<std::string> untestable;
+  const auto candidates = detail::candidates_of(m.scene, untestable);
+  const auto bank =
+      detail::sum_up(m.observations, detail::nuisances_of(m), detail::all_columns(candidates),
+                     detail::lay_out(m.scene.box, 1));
+  const auto model = detail::columns_of(bank, {});
+  const auto fit = detail::fit(bank, model, {detail::kChoose});
+  const auto screen = detail::screen(bank, {}, {detail::kChoose});
+  int compared = 0;
+  for (const auto& c : candidates)
+    for (const Form& form : c.forms) {
+      if (form.columns.size() != 1 || form.sign != 0) continue;
+      const auto b =
+          detail::beside(bank, model, fit, bank.index.at(form.columns[0].key), {detail::kChoose});
+      if (!(b.information > 1.0)) continue;  // rounding of what the poses take whole
+      const double gain = b.estimate * b.estimate * b.information;
+      EXPECT_NEAR(screen.gain(bank, form)[0], gain, 1e-3 * gain + 1e-3) << form.law;
+      ++compared;
+    }
+  EXPECT_GT(compared, 30);
+}
+
 TEST(Inference, KeepsACoatFromRegistration) {
   const auto d =
       diagnose(part(43, {}, [](const Observation& o) { return 0.08 * dot(o.along, o.normal); }), 1);

@@ -129,6 +129,7 @@ TEST_F(Rs274, HasNothingToSayAboutThePostsPrograms) {
     o.blending = Millimetres{seed < 3 ? 0.002 : 0.0};
     o.comments = {"MSG, this (is) a; comment %", std::string(400, 'w')};
     o.max_lines = seed == 4 ? 2000 : 0;
+    o.relative = seed % 2 == 1;
     auto writer = ProgramWriter::create(folder_ / "part.ngc", o);
     ASSERT_THAT(writer, Succeeds());
     const auto path = random_path(static_cast<std::uint64_t>(seed), 5000);
@@ -147,24 +148,29 @@ TEST_F(Rs274, HasNothingToSayAboutThePostsPrograms) {
 
 // The size of a band's program: every block.
 TEST_F(Rs274, ReadsAWholeBand) {
-  ProgramOptions o;
-  o.safe_z = Millimetres{40.0};
-  o.blending = Millimetres{0.002};
-  auto writer = ProgramWriter::create(folder_ / "band.ngc", o);
-  ASSERT_THAT(writer, Succeeds());
-  writer->tool({}, 18000.0);
-  const auto path = random_path(9, 200000);
-  ASSERT_THAT(writer->add(path.moves), Succeeds());
-  ASSERT_THAT(writer->commit(), Succeeds());
-  expect_same(folder_ / "band.ngc", 1e-4);
+  for (const bool relative : {false, true}) {
+    ProgramOptions o;
+    o.relative = relative;
+    o.safe_z = Millimetres{40.0};
+    o.blending = Millimetres{0.002};
+    auto writer = ProgramWriter::create(folder_ / "band.ngc", o);
+    ASSERT_THAT(writer, Succeeds());
+    writer->tool({}, 18000.0);
+    const auto path = random_path(9, 200000);
+    ASSERT_THAT(writer->add(path.moves), Succeeds());
+    ASSERT_THAT(writer->commit(), Succeeds());
+    expect_same(folder_ / "band.ngc", 1e-4);
+  }
 }
 
 TEST_F(Rs274, ReadsWhatMillWrites) {
   const auto design =
       maquette::testing_support::ground(maquette::testing_support::Ground::rolling, 2, 121, 0.5);
-  for (const bool zigzag : {true, false}) {
+  for (const auto& [zigzag, relative] :
+       {std::pair{true, false}, {false, false}, {true, true}, {false, true}}) {
     MillOptions options;
     options.zigzag = zigzag;
+    options.relative = relative;
     ASSERT_THAT(mill(design, options, folder_ / "part.ngc"), Succeeds());
     expect_same(folder_ / "part.ngc", 1e-4);
   }

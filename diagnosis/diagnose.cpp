@@ -46,8 +46,10 @@ constexpr double kClose = 500.0;
 constexpr int kRounds = 4;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
 /// not named: what several causes look like is also what the error of a large one looks like.
-constexpr double kVagueShare = 0.15;
+constexpr double kVagueShare = 0.25;
 constexpr std::size_t kVagueRivals = 2;
+/// Squares that a cause which is not the largest must explain, over those that nothing explains.
+constexpr double kBesideUnknown = 3.0;
 /// What signatures may be wrong by, as a share of what all causes together move.
 constexpr double kSignatureError = 0.08;
 
@@ -257,7 +259,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     d.remainder.share = structured / excess;
     std::size_t drop = members.size();
     std::string why;
-    double least = INFINITY;
+    const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * moved);
+    std::vector<double> explained;
     for (std::size_t k = 0; k < members.size(); ++k) {
       const auto fewer = without(members, k);
       const auto small = detail::columns_of(bank, fewer);
@@ -265,22 +268,24 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
         const Fit g = detail::fit(bank, small, kAll);
         return detail::squares(bank, small, g.coefficients, kAll, nullptr) - left_squares;
       };
-      const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * moved);
       straighten(members);
-      double explained = missed();
-      if (explained > 10.0 * std::fmax(points * floor * floor, structured)) continue;
+      explained.push_back(missed());
+      if (explained[k] > 10.0 * std::fmax(points * floor * floor, structured)) continue;
       straighten(fewer);
-      explained = missed();
-      if (explained >= least) continue;
-      if (!(explained > points * floor * floor))
+      explained[k] = missed();
+    }
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      // Beside something unknown only the largest is taken for what it looks like.
+      const bool largest = explained[k] >= *std::max_element(explained.begin(), explained.end());
+      if (drop < members.size() && explained[k] >= explained[drop]) continue;
+      if (!(explained[k] > points * floor * floor))
         why = fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
                           floor);
-      else if (d.remainder.found && explained < structured)
+      else if (d.remainder.found && explained[k] < (largest ? 1.0 : kBesideUnknown) * structured)
         why = "explains less than what remains unexplained beside it";
       else
         continue;
       drop = k;
-      least = explained;
     }
     straighten(members);
     if (drop == members.size() && d.remainder.found && odd.count() > 0 && !members.empty()) {

@@ -30,7 +30,8 @@
 /// - What remains is tested against a stationary Gaussian process: lonely places, edges, lines and
 ///   rings of the spectrum. If it fails, the rest is unexplained, and causes that explain less
 ///   than what is left, or that hang on the odd places, are not named.
-/// Cost: two scans of 300 000 points in 10 to 20 s on two cores.
+/// Cost: two scans of 300 000 points in 15 to 30 s of one core with one cause, up to 80 s with
+/// three.
 
 #include <array>
 #include <optional>

@@ -277,21 +277,16 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       Vec3 beam;
       if (station) {
         beam = normalized(p - *station);
-        const auto near = surface.at(p.x, p.y);
-        if (!near) return;
-        const double e = (p.z - near->height_mm) * near->normal.z - input.coat_mm;
-        const double cosine = -dot(beam, near->normal);
-        if (!(std::abs(e) <= input.reach_mm)) return;
-        if (cosine > kGrazing) {
-          along_beam = e / cosine;
+        // Two steps: over a bent surface a long way is not known by its first slope.
+        for (int step = 0; step < 2; ++step) {
+          const auto near = surface.at(foot.x, foot.y);
+          if (!near) return;
+          const double e = (foot.z - near->height_mm) * near->normal.z - input.coat_mm;
+          const double cosine = -dot(beam, near->normal);
+          if (step == 0 && !(std::abs(e) <= input.reach_mm)) return;
+          if (!(cosine > kGrazing)) break;
+          along_beam += e / cosine;
           foot = p + along_beam * beam;
-          // Once more from there: over a bent surface a long way is not known by its first slope.
-          if (const auto there = surface.at(foot.x, foot.y)) {
-            const double across = -dot(beam, there->normal);
-            const double left = (foot.z - there->height_mm) * there->normal.z - input.coat_mm;
-            if (across > kGrazing) along_beam += left / across;
-            foot = p + along_beam * beam;
-          }
         }
       }
       auto seen = surface.observe(foot.x, foot.y);

@@ -30,6 +30,7 @@ using detail::kConfirm;
 using detail::kReport;
 using detail::Layout;
 using detail::Member;
+using detail::without;
 
 const std::vector<int> kAll{kChoose, kConfirm, kReport};
 using detail::kEquivalent;
@@ -89,11 +90,6 @@ std::vector<Member> members_of(const std::vector<Confirmed>& confirmed) {
   std::vector<Member> all;
   for (const Confirmed& c : confirmed) all.push_back(c.member);
   return all;
-}
-
-std::vector<Member> without(std::vector<Member> members, std::size_t k) {
-  members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
-  return members;
 }
 
 /// The same causes.

@@ -76,6 +76,11 @@ void refine(const Search& search, const Bank& bank, State& state) {
   }
 }
 
+auto candidate_of(const Search& search, const Effect* effect) {
+  return std::find_if(search.candidates.begin(), search.candidates.end(),
+                      [&](const Candidate& c) { return c.effect == effect; });
+}
+
 /// A refined form becomes a candidate for all that follow. Other causes that have columns of its
 /// kind (a step is one whoever made it) have it too, or they would seem worse by not being refined.
 void offer(Search& search, const Member& member) {
@@ -94,17 +99,18 @@ void offer(Search& search, const Member& member) {
 
 }  // namespace
 
+std::vector<Member> without(std::vector<Member> members, std::size_t k) {
+  members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
+  return members;
+}
+
 std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members) {
   for (std::size_t k = 0; k < members.size(); ++k) {
     const double now = score_of(bank, members, {kChoose}, true);
-    State s{members, now};
-    const auto at = s.members.begin() + static_cast<std::ptrdiff_t>(k);
-    std::rotate(at, at + 1, s.members.end());
-    const auto same =
-        std::find_if(search.candidates.begin(), search.candidates.end(),
-                     [&](const Candidate& c) { return c.effect == members[k].effect; });
-    auto others = s.members;
-    others.pop_back();
+    const auto others = without(members, k);
+    State s{others, now};
+    s.members.push_back(members[k]);
+    const auto same = candidate_of(search, members[k].effect);
     Candidate coarse{same->effect, {}};
     for (const Form& f : same->forms)
       if (f.finer) coarse.forms.push_back(f);
@@ -281,12 +287,11 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     // Backward: what the newest has made superfluous goes.
     for (State& s : kept)
       for (std::size_t k = 0; k + 1 < s.members.size();) {
-        auto fewer = s.members;
-        fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
-        const double without = score_of(bank, fewer, {kChoose}, true);
-        if (without < s.score) {
+        auto fewer = without(s.members, k);
+        const double score = score_of(bank, fewer, {kChoose}, true);
+        if (score < s.score) {
           s.members = std::move(fewer);
-          s.score = without;
+          s.score = score;
         } else {
           ++k;
         }
@@ -297,11 +302,8 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     for (std::size_t k = 0; k < kept.front().members.size() && kept.front().members.size() > 1;
          ++k) {
       State& s = kept.front();
-      auto others = s.members;
-      others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
-      const auto same =
-          std::find_if(search.candidates.begin(), search.candidates.end(),
-                       [&](const Candidate& c) { return c.effect == s.members[k].effect; });
+      const auto others = without(s.members, k);
+      const auto same = candidate_of(search, s.members[k].effect);
       const BestForm found =
           best_form(bank, others, *same, {kChoose}, true, screen(bank, others, {kChoose}));
       if (!(found.objective < s.score)) continue;
@@ -332,20 +334,22 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     double worst_p = 0.0, least = INFINITY;
     std::string why;
     for (std::size_t k = 0; k < members.size(); ++k) {
-      auto fewer = members;
-      fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(k));
+      const auto fewer = without(members, k);
       const auto small = columns_of(bank, fewer);
       settle(members);
+      double gain = fit(bank, small, {kConfirm}).objective - full;
       // What is missed by far to first order need not be cut anew.
-      if (fit(bank, small, {kConfirm}).objective - full < kFar) settle(fewer);
-      const double gain = fit(bank, small, {kConfirm}).objective - full;
+      if (gain < kFar) {
+        settle(fewer);
+        gain = fit(bank, small, {kConfirm}).objective - full;
+      }
       const int degrees = static_cast<int>(model.size() - small.size());
       double p = chi_squared_tail(gain, std::max(1, degrees));
       // The first third's coefficients, without this one's own refit, must predict the second.
       const Fit chosen_fewer = fit(bank, small, {kChoose});
-      const double without =
+      const double unaided =
           objective_held(bank, small, chosen_fewer.coefficients, bank.nuisances, {kConfirm});
-      if (!(without - predicted > 0.5 * gain) || !(without - predicted > 0.0)) p = std::max(p, 0.5);
+      if (!(unaided - predicted > 0.5 * gain) || !(unaided - predicted > 0.0)) p = std::max(p, 0.5);
       good.push_back({members[k], p});
       worst_p = std::fmax(worst_p, p);
       // Of those that fail the one goes that is missed least: of two that stand for one cause, the
@@ -358,12 +362,12 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
         why = fmt::format(
             "chosen on one third of the blocks; on the next it gains {:.1f} with {} parameters "
             "refitted, {:.1f} as it was fitted on the first",
-            gain, degrees, without - predicted);
+            gain, degrees, unaided - predicted);
       }
     }
     if (worst_p < level) break;
     rejected.push_back({members[worst].effect->name, why});
-    members.erase(members.begin() + static_cast<std::ptrdiff_t>(worst));
+    members = without(std::move(members), worst);
     good.clear();
   }
   return good;

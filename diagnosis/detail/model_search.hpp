@@ -21,6 +21,9 @@ struct Member {
 /// In -2 log likelihood, a ratio of 100: causes closer than that are not told apart.
 inline constexpr double kEquivalent = 9.2;
 
+/// All but the k-th.
+[[nodiscard]] std::vector<Member> without(std::vector<Member> members, std::size_t k);
+
 struct Candidate {
   const Effect* effect = nullptr;
   std::vector<Form> forms;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <fstream>
 #include <stdexcept>
 
@@ -133,6 +132,10 @@ Field cut_of(const World& w, const std::vector<Hidden>& hidden) {
   return cut;
 }
 
+double above(const Field& surface) {
+  return *std::max_element(surface.z.begin(), surface.z.end()) + 0.1;
+}
+
 Rays rays_of(const World& w, int scan, int points) {
   const Vec3 o = w.station[static_cast<std::size_t>(scan)];
   const Vec3 axis = maquette::normalized(kMiddle - o);
@@ -202,7 +205,7 @@ Truth make_case(const Options& options, const std::filesystem::path& folder) {
   std::vector<std::array<double, 3>> holes;
   for (int i = 0; i < static_cast<int>(d.uniform(0, 5)); ++i)
     holes.push_back({d.uniform(0, kSide), d.uniform(0, kSide), d.uniform(3, 15)});
-  const double top = *std::max_element(cut.z.begin(), cut.z.end()) + 0.1;
+  const double top = above(cut);
   std::string toml =
       "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\ngcode = "
       "\"part.ngc\"\n[tool]\nball_diameter_mm = 6.0\n[coating]\nthickness_mm = "

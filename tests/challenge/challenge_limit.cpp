@@ -44,7 +44,7 @@ std::vector<double> over_limit(const Options& options) {
   const std::size_t effects = w.hidden.size();
   if (effects == 0) return {};
   const Field plain = cut_of(w, {});
-  const double plain_top = *std::max_element(plain.z.begin(), plain.z.end()) + 0.1;
+  const double plain_top = above(plain);
   const std::size_t columns = effects + kPoseColumns;
   // Of each column what it moves along the normal, by scan.
   std::vector<std::array<Map, 2>> maps(columns);
@@ -54,7 +54,7 @@ std::vector<double> over_limit(const Options& options) {
   for (const Hidden& h : w.hidden) {
     const bool cut_anew = h.machine || h.radius || h.radial > 0 || h.bend || h.surface;
     cuts.push_back(cut_anew ? cut_of(w, {h}) : plain);
-    tops.push_back(*std::max_element(cuts.back().z.begin(), cuts.back().z.end()) + 0.1);
+    tops.push_back(above(cuts.back()));
   }
   for (int k = 0; k < 2; ++k) {
     const auto ku = static_cast<std::size_t>(k);

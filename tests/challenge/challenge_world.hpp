@@ -111,6 +111,9 @@ Hidden hide(const std::string& effect, double size, const World& world, Draw& d,
 /// The surface that a scanner meets, without random parts.
 Field cut_of(const World& world, const std::vector<Hidden>& hidden);
 
+/// A height that nothing of the surface reaches.
+double above(const Field& surface);
+
 /// Where a scan's rays go: an even grid of angles.
 struct Rays {
   Vec3 from;
@@ -130,7 +133,7 @@ struct Echo {
   double range = 0, azimuth = 0, elevation = 0;  ///< as the scanner tells
   Vec3 normal, beam;                             ///< of the place it met
 };
-/// @param top  nothing of the surface is higher
+/// @param top  above(surface)
 Echo echo(const Field& surface, double top, const std::vector<Hidden>& hidden, int scan, Vec3 from,
           double azimuth, double elevation);
 inline Vec3 direction(double azimuth, double elevation) {

@@ -24,10 +24,12 @@ namespace maquette::meshing::detail {
 class MeshSurface {
  public:
   using Corner = std::uint32_t;
-  static constexpr Corner kNone = std::numeric_limits<Corner>::max();
+  static constexpr Corner kNone = std::numeric_limits<Corner>::max(), kUnset = kNone - 1;
 
   /// @pre all indices in range, fewer than 2^32 / 3 triangles
-  explicit MeshSurface(const TriMesh& mesh) : mesh_(mesh) {
+  explicit MeshSurface(const TriMesh& mesh)
+      : mesh_(mesh), vertex_of_(reinterpret_cast<const std::uint32_t*>(mesh.triangles.data())) {
+    static_assert(sizeof(mesh.triangles.front()) == 3 * sizeof(std::uint32_t));
     const auto corners = static_cast<Corner>(3 * mesh.triangles.size());
     first_.assign(mesh.vertices_mm.size() + 1, 0);
     for (Corner c = 0; c < corners; ++c) ++first_[vertex(c) + 1];
@@ -35,8 +37,12 @@ class MeshSurface {
     at_.resize(corners);
     std::vector<Corner> fill(first_.begin(), first_.end() - 1);
     for (Corner c = 0; c < corners; ++c) at_[fill[vertex(c)]++] = c;
-    opposite_.resize(corners);
-    for (Corner c = 0; c < corners; ++c) opposite_[c] = find_opposite(c);
+    opposite_.assign(corners, kUnset);
+    for (Corner c = 0; c < corners; ++c) {
+      if (opposite_[c] != kUnset) continue;
+      opposite_[c] = find_opposite(c);
+      if (opposite_[c] != kNone && !degenerate(c)) opposite_[opposite_[c]] = c;
+    }
   }
 
   [[nodiscard]] std::size_t vertices() const { return mesh_.vertices_mm.size(); }
@@ -45,7 +51,7 @@ class MeshSurface {
     return static_cast<Corner>(3 * triangle);
   }
   [[nodiscard]] bool exists(Corner c) const { return c != kNone; }
-  [[nodiscard]] std::uint32_t vertex(Corner c) const { return mesh_.triangles[c / 3][c % 3]; }
+  [[nodiscard]] std::uint32_t vertex(Corner c) const { return vertex_of_[c]; }
   [[nodiscard]] Vec3 point(Corner c) const { return mesh_.vertices_mm[vertex(c)]; }
   [[nodiscard]] Corner next(Corner c) const { return c % 3 == 2 ? c - 2 : c + 1; }
   [[nodiscard]] Corner prev(Corner c) const { return c % 3 == 0 ? c + 2 : c - 1; }
@@ -64,6 +70,11 @@ class MeshSurface {
   }
 
  private:
+  /// An edge counts twice then, and opposite() is not mutual.
+  [[nodiscard]] bool degenerate(Corner c) const {
+    const std::uint32_t v = vertex(c), a = vertex(next(c)), b = vertex(prev(c));
+    return v == a || v == b || a == b;
+  }
   [[nodiscard]] Corner find_opposite(Corner c) const {
     const std::uint32_t a = vertex(next(c)), b = vertex(prev(c));
     Corner found = kNone;
@@ -82,6 +93,7 @@ class MeshSurface {
   }
 
   const TriMesh& mesh_;
+  const std::uint32_t* vertex_of_;  ///< by corner
   std::vector<Corner> first_, at_, opposite_;
 };
 

@@ -5,7 +5,9 @@
 //
 //   plane waves ............... exact on a plane and on waves z(x), from lines at many angles
 //   round waves ............... exact on a plane of 1 M triangles
-//   1 % around a point ........ wave, cylinder, cone, sphere, harsh terrain against exact lines
+//   1 % around a point ........ wave, cylinder, cone, sphere; harsh terrain against exact lines,
+//   too
+//                               short where waves meet by a little more
 //   a point beside a line ..... first order when refined
 //   exact_radius .............. with no limit, exact on cylinder and cone all the way round
 //   obtuse triangles .......... a sheared plane whose corners have up to 160 degrees
@@ -374,14 +376,16 @@ double mean_turn_deg(const ModelField& f) {
          (static_cast<double>(f.z_mm.rows() - 1) * static_cast<double>(f.z_mm.cols() - 1));
 }
 
-// Against straight lines followed all the way. Measured 0.0070 and 0.0174; without the vertex
-// beyond the facing edge 0.012 and 0.032.
+// Against straight lines followed all the way. Measured: too long by 0.0034,
+// 0.0057, 0.0088, too short, where waves meet, by 0.0106, 0.0094, 0.0124; too long 0.007, 0.017 and
+// more where lines are not followed back.
 TEST(GeodesicPoint, StaysWithinItsErrorOnHarshTerrain) {
   struct Case {
-    double noise_mm, least_turn_deg, worst;
+    double noise_mm, least_turn_deg, most_long, most_short;
   };
-  for (const Case& k : {Case{0.1, 20.0, 0.009}, Case{0.2, 38.0, 0.025}}) {
-    double worst = 0.0;
+  for (const Case& k : {Case{0.1, 20.0, 0.005, 0.0125}, Case{0.2, 38.0, 0.008, 0.0125},
+                        Case{0.25, 44.0, 0.0115, 0.015}}) {
+    double worst = 0.0, least = 0.0;
     for (const std::uint64_t seed : {1U, 2U, 3U}) {
       const ModelField f = testing_support::random_terrain(
           seed, 90, 90, 0.5, k.noise_mm > 0.15 ? 0.1 : 0.3, k.noise_mm);
@@ -394,11 +398,13 @@ TEST(GeodesicPoint, StaysWithinItsErrorOnHarshTerrain) {
         const double truth = exact.cells()[i], error = static_cast<double>(d.cells()[i]) - truth;
         if (truth <= 0.0) continue;
         worst = std::max(worst, error / truth);
+        least = std::min(least, error / truth);
         // Too short by half an edge at most, where waves meet.
         ASSERT_GT(error, -0.5 * std::numbers::sqrt2 * 0.5) << "seed " << seed << " vertex " << i;
       }
     }
-    EXPECT_LE(worst, k.worst) << k.noise_mm;
+    EXPECT_LE(worst, k.most_long) << k.noise_mm;
+    EXPECT_GE(least, -k.most_short) << k.noise_mm;
   }
 }
 

@@ -63,6 +63,9 @@ struct VerifyJob {
   std::vector<fs::path> programs;    ///< each file that is to be cut, in order
   std::vector<std::string> bands{};  ///< of each program, for the table of times; or empty
   fs::path design;
+  /// What is to be left where stones and spheres get their seats (machined_job): gouge and excess
+  /// are against it.
+  std::optional<fs::path> machined;
   std::optional<fs::path> stones, mesh;  ///< with both: gouge against the mesh is checked too
   bool stones_stand = false;             ///< while it is milled: the cutter must pass beside them
   std::optional<fs::path> stock;         ///< model field: what an earlier operation left

@@ -22,9 +22,10 @@ using nlohmann::json;
 namespace {
 
 /// Deepest place where the simulated cut lies below the mesh that is shown, exported
-/// and rendered; under the stones the mesh is not milled and does not count.
+/// and rendered; under the stones and in their seats the mesh is not milled and does not count.
 Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled,
                                   const heightmap::ModelField& design,
+                                  const heightmap::ModelField& machined,
                                   const heightmap::ModelField& with_stones) {
   MAQUETTE_TRY(const auto cut, heightmap::heights_at(as_milled, mesh.vertices_mm));
   double deepest = 0.0;
@@ -35,6 +36,7 @@ Result<double> gouge_against_mesh(const TriMesh& mesh, const fs::path& as_milled
     constexpr double kOnSurface = 1e-3;
     if (!(std::fabs(v.z - terrain) < kOnSurface)) continue;
     if (heightmap::height_at(with_stones, v.x, v.y) > terrain + kOnSurface) continue;
+    if (heightmap::height_at(machined, v.x, v.y) < terrain - kOnSurface) continue;
     if (!std::isnan(cut[i])) deepest = std::max(deepest, v.z - cut[i]);
   }
   return deepest;
@@ -58,6 +60,10 @@ Result<void> check_tools(const VerifyJob& job, const heightmap::ModelField& desi
 
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
+  heightmap::ModelField machined = design;
+  if (job.machined) {
+    MAQUETTE_TRY(machined, heightmap::read_model_field(*job.machined));
+  }
   cnc::VerifyOptions options = job.options;
   heightmap::ModelField stock;
   if (job.stock) {
@@ -91,7 +97,7 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   JobResult result;
   result.outputs = {folder / "certificate.json", folder / "as_milled.tif", folder / "excess.png"};
   // Excess (red) and gouge (blue) on the design's own nodes.
-  Grid<float> excess(design.z_mm.rows(), design.z_mm.cols());
+  Grid<float> excess(machined.z_mm.rows(), machined.z_mm.cols());
   std::optional<heightmap::ModelFieldWriter> writer;
   const cnc::RowSink rows = [&](const cnc::MilledShape& shape, std::ptrdiff_t row,
                                 std::span<const float> heights) -> Result<void> {
@@ -106,17 +112,17 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
     const std::ptrdiff_t k = (shape.cols - 1) / (excess.cols() - 1);
     if (row % k == 0)
       for (std::ptrdiff_t c = 0; c < excess.cols(); ++c)
-        excess(row / k, c) = heights[static_cast<std::size_t>(c * k)] - design.z_mm(row / k, c);
+        excess(row / k, c) = heights[static_cast<std::size_t>(c * k)] - machined.z_mm(row / k, c);
     return writer->write_row(heights);
   };
-  MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, design, options, rows, run));
+  MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, machined, options, rows, run));
   MAQUETTE_TRY_VOID(check_tools(job, design, certificate));
   MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
   double as_built_gouge = 0.0;
   if (job.extended) {
     MAQUETTE_TRY(const auto model, extended_model(*job.extended, run));
-    heightmap::ModelField built = design;
+    heightmap::ModelField built = machined;
     for (std::size_t i = 0; i < excess.cells().size(); ++i)
       built.z_mm.cells()[i] += excess.cells()[i];
     model.build(built);
@@ -124,7 +130,7 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
     MAQUETTE_TRY_VOID(heightmap::write_model_field(built, result.outputs.back()));
     double squares = 0.0, nodes = 0.0, above = 0.0;
     for (std::size_t i = 0; i < excess.cells().size(); ++i) {
-      const double off = static_cast<double>(built.z_mm.cells()[i] - design.z_mm.cells()[i]);
+      const double off = static_cast<double>(built.z_mm.cells()[i] - machined.z_mm.cells()[i]);
       if (std::isnan(off)) continue;
       squares += off * off;
       nodes += 1.0;
@@ -144,9 +150,9 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   if (job.mesh && job.stones) {
     MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
     MAQUETTE_TRY(const auto mesh, meshing::read_mesh(*job.mesh));
-    MAQUETTE_TRY(
-        figures["max_gouge_against_mesh_mm"],
-        gouge_against_mesh(mesh, result.outputs[1], design, meshing::with_stones(design, plan)));
+    MAQUETTE_TRY(figures["max_gouge_against_mesh_mm"],
+                 gouge_against_mesh(mesh, result.outputs[1], design, machined,
+                                    meshing::with_stones(design, plan)));
   }
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], figures.dump(1)));
   MAQUETTE_TRY_VOID(drawing.finish());

@@ -123,11 +123,21 @@ struct Strategy {
                                           Millimetres margin, const std::filesystem::path& out,
                                           const RunContext& run);
 
+/// Seats, outlines and bores: what they take away is not of the design.
+[[nodiscard]] bool cuts_into_design(const MillJob& job);
+/// The design with what those of `jobs` take out of it, on its own nodes: what all operations
+/// together may leave at the least. Seats are as their programs are proven; a mark is its depth, a
+/// bore its floor over all facets that it touches. @return errors of the strategies' files
+[[nodiscard]] Result<JobResult> machined_job(std::span<const MillJob> jobs,
+                                             const std::filesystem::path& design,
+                                             const std::filesystem::path& out);
+
 /// One program of several operations, with a tool change where the next one has another tool. Each
 /// cuts what the one before has left, and is timed and proven by its own lines of the program.
 /// Post, name, work offset and splitting are those of the first job. Beside the program: what each
-/// operation leaves and the ridges it predicts (<program>.<operation>.stock.tif, .scallop.tif), and
-/// the tools for verify (<program>.tools.toml). @pre at least one job; names and tools as jobs_of()
+/// operation leaves and the ridges it predicts (<program>.<operation>.stock.tif, .scallop.tif),
+/// what is to be left where one cuts into the design (<program>.machined.tif), and the tools for
+/// verify (<program>.tools.toml). @pre at least one job; names and tools as jobs_of()
 /// (operations.hpp) gives them. @return as mill_job()
 [[nodiscard]] Result<JobResult> mill_operations_job(std::span<const MillJob> jobs,
                                                     const std::filesystem::path& out,

@@ -80,6 +80,9 @@ MillJob with_values(MillJob job, const Operation& o) {
   set(job.ball_before_diameter_mm, o.ball_before_mm);
   set(job.ramp_deg, o.ramp_deg);
   set(job.cell_mm, o.cell_mm);
+  set(job.gap_mm, o.gap_mm);
+  set(job.bed_mm, o.bed_mm);
+  set(job.mark_depth_mm, o.mark_depth_mm);
   if (!std::isnan(o.feed_mm_per_min)) job.feed = FeedRate{o.feed_mm_per_min};
   if (!std::isnan(o.plunge_feed_mm_per_min)) job.plunge_feed = FeedRate{o.plunge_feed_mm_per_min};
   set(job.spindle_rpm, o.spindle_rpm);
@@ -119,6 +122,9 @@ Schema operation_schema(Operation& o, std::vector<std::string> strategies) {
          0.01, 500});
   t.add({"ramp_deg", &o.ramp_deg, "rough: steepest way down in material", 0.5, 45});
   t.add({"cell_mm", &o.cell_mm, "rough: grid it is planned on", 0.05, 20});
+  t.add({"gap_mm", &o.gap_mm, "seats, outlines: room around a stone", 0, 100});
+  t.add({"bed_mm", &o.bed_mm, "seats: room under a stone", 0, 100});
+  t.add({"mark_depth_mm", &o.mark_depth_mm, "outlines", 0, 100});
   t.add({"feed_mm_per_min", &o.feed_mm_per_min, "instead of the material's", 0.01, 100000});
   t.add({"plunge_feed_mm_per_min", &o.plunge_feed_mm_per_min, "the same", 0.01, 100000});
   t.add({"spindle_rpm", &o.spindle_rpm, "the same", 1, 200000});

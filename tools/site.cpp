@@ -12,6 +12,7 @@
 #include "cnc/machine.hpp"
 #include "core/check.hpp"
 #include "tools/scanner_file.hpp"
+#include "tools/sphere_file.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -23,6 +24,11 @@ std::vector<std::string> preset_names(const std::vector<Preset>& presets) {
   std::vector<std::string> names;
   for (const Preset& p : presets) names.push_back(p.name);
   return names;
+}
+
+bool has_strategy(const Site& s, std::string_view strategy) {
+  return std::any_of(s.operations.begin(), s.operations.end(),
+                     [&](const Operation& o) { return o.strategy == strategy; });
 }
 
 /// What no single key can say about itself. One message a finding.
@@ -67,6 +73,8 @@ std::vector<std::string> contradictions(const Site& s) {
     found.push_back(
         fmt::format("rough.cell_mm {} must be at most an eighth of rough.diameter_mm {}",
                     s.rough_cell_mm, s.rough_diameter_mm));
+  if (s.spheres.empty() && has_strategy(s, "sphere-seats"))
+    found.emplace_back("operation sphere-seats needs spheres.file: which spheres, and where");
   if (s.samples_per_pixel !=
       std::llround(std::pow(std::round(std::sqrt(static_cast<double>(s.samples_per_pixel))), 2)))
     found.push_back(
@@ -125,6 +133,11 @@ SiteFile empty_site_file() {
 
   t.section("bands", "Strips that are milled one at a time.");
   t.add({"bands.max_width_mm", &s.band_max_width_mm, "in y", 1, 20000});
+
+  t.section("spheres", "Reference spheres that tie a scan to the machine.");
+  t.add({"spheres.file", &s.spheres,
+         "of docs/spheres.md: their bores are milled last, unless an operation sphere-seats says "
+         "when, and touch.ngc probes them (LinuxCNC)"});
 
   t.section("cutter", "");
   t.add({"cutter.ball_diameter_mm", &s.ball_diameter_mm, "of the ball nose", 0.1, 100});
@@ -251,10 +264,7 @@ SiteFile empty_site_file() {
       "What is milled, one after the other; none: rough (if enabled) and raster, as the sections "
       "above say. Remove the # to have others (docs/operations.md); keys that are not given are "
       "as those sections and the strategy have them.",
-      [&s] {
-        return operation_schema(s.operations.emplace_back(), {"rough", "semi-finish", "raster",
-                                                              "waterline", "geodesic", "rest"});
-      });
+      [&s] { return operation_schema(s.operations.emplace_back(), cutting_strategies()); });
   t.array(
       "source",
       "Elevation products, coarse to fine; none: the embedded site is generated. Remove the # "
@@ -298,6 +308,10 @@ Result<SiteFile> read_site(const std::filesystem::path& path,
   if (const auto material = cnc::find_material(file.site->material); !material)
     return fail(kConfigInvalid, fmt::format("{}: key 'stock.material': {}", path.string(),
                                             material.error().message));
+  if (!file.site->spheres.empty())
+    if (auto spheres = read_spheres(file.site->spheres); !spheres)
+      return tl::unexpected(
+          std::move(spheres.error()).within(path.string() + ": key 'spheres.file'"));
   if (const auto found = contradictions(*file.site); !found.empty())
     return fail(kConfigInvalid,
                 fmt::format("{}: {}", path.string(),
@@ -306,10 +320,13 @@ Result<SiteFile> read_site(const std::filesystem::path& path,
 }
 
 std::vector<Operation> operations_of(const Site& site) {
-  if (!site.operations.empty()) return {site.operations.begin(), site.operations.end()};
-  std::vector<Operation> operations;
-  if (site.roughing) operations.emplace_back().strategy = "rough";
-  operations.emplace_back().strategy = "raster";
+  std::vector<Operation> operations(site.operations.begin(), site.operations.end());
+  if (operations.empty()) {
+    if (site.roughing) operations.emplace_back().strategy = "rough";
+    operations.emplace_back().strategy = "raster";
+  }
+  if (!site.spheres.empty() && !has_strategy(site, "sphere-seats"))
+    operations.emplace_back().strategy = "sphere-seats";
   return operations;
 }
 

@@ -58,6 +58,8 @@ struct Site {
 
   double band_max_width_mm = 500.0;
 
+  std::filesystem::path spheres;  ///< none: the block has no reference spheres
+
   double ball_diameter_mm = 6.0;
   std::deque<Operation> operations;  ///< none: roughing, if enabled, and raster passes
   bool roughing = true;

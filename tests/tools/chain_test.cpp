@@ -27,6 +27,9 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "heightmap/height_field.hpp"
+#include "meshing/stones.hpp"
 #include "scan/cloud.hpp"
 #include "support/matchers.hpp"
 #include "support/program.hpp"
@@ -346,11 +349,74 @@ TEST_F(Chain, OperationsOfASite) {
     EXPECT_EQ(refused.exit_code, 2);
     EXPECT_THAT(refused.err, testing::HasSubstr(says));
   };
-  wrong("[[operation]]\nstrategy = \"seats\"\n", "semi-finish");
+  wrong("[[operation]]\nstrategy = \"probe\"\n", "semi-finish");
+  wrong("[[operation]]\nstrategy = \"sphere-seats\"\n", "needs spheres.file");
+  wrong("[spheres]\nfile = \"nowhere.toml\"\n", "nowhere.toml");
   wrong(
       "[[operation]]\nstrategy = \"raster\"\n[[operation]]\nstrategy = \"semi-finish\"\n"
       "diameter_mm = 8.0\n",
       "give each cutter its own number");
+}
+
+/// Seats, marks and bores are cut into what the finish has left, and certified with it; a cut that
+/// is none of them still counts.
+TEST_F(Chain, SeatsMarksAndSpheresOfASite) {
+  const fs::path site = scratch() / "seats.toml", made = scratch() / "seats";
+  std::ofstream(scratch() / "spheres.toml")
+      << "sphere_radius_mm = 6.0\nhole_radius_mm = 4.0\n[[sphere]]\nname = \"a\"\nat_mm = [-20.0, "
+         "-20.0, 0.0]\n[[sphere]]\nname = \"b\"\nat_mm = [60.0, -20.0, 0.0]\n";
+  std::ofstream(site) << slurp(fs::path(MAQUETTE_SOURCE) / "assets/sites/default.toml")
+                      << "\n[spheres]\nfile = \"spheres.toml\"\n"
+                         "[[operation]]\nstrategy = \"rough\"\n[[operation]]\nstrategy = "
+                         "\"raster\"\n[[operation]]\nstrategy = \"seats\"\ngap_mm = 0.8\nbed_mm "
+                         "= 0.3\n[[operation]]\nstrategy = \"outlines\"\nmark_depth_mm = 0.2\n";
+  const std::string stages =
+      "--stage products --stage fuse --stage stones --stage mesh --stage machined --stage mill "
+      "--stage touch --stage verify ";
+  const Outcome o = run_program(scratch().path(), "run " + site.string() + kSmall + stages +
+                                                      "--set scales=[200] --out " + made.string());
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const fs::path at = made / "s200";
+  for (const char* file : {"machined.tif", "bands/band_02.seats.ngc", "seats.stock.tif",
+                           "bands/band_01.outlines.ngc", "sphere-seats.ngc", "touch.ngc"})
+    EXPECT_TRUE(fs::exists(at / file)) << file;
+  const json c = json::parse(slurp(at / "certificate.json"));
+  EXPECT_LE(c["max_gouge_mm"].get<double>() + c["bound_mm"].get<double>(), 0.02);
+  EXPECT_LE(c["max_gouge_against_mesh_mm"].get<double>(), 0.02);
+  EXPECT_EQ(c["rapid_collisions"], 0);
+  std::map<int, int> rows;
+  for (const json& row : c["machining_time"]) ++rows[row["tool"].get<int>()];
+  EXPECT_GT(rows[3], 0) << "seats";
+  EXPECT_GT(rows[4], 0) << "outlines";
+  EXPECT_EQ(rows[5], 1) << "bores";
+
+  // The floors are there: 0.3 mm below each stone's lowest point, and no lower.
+  const auto design = heightmap::read_model_field(at / "design.tif");
+  const auto meant = heightmap::read_model_field(at / "machined.tif");
+  const auto cut = heightmap::read_model_field(at / "as_milled.tif");
+  const auto stones = meshing::read_stone_plan(at / "stones.json");
+  ASSERT_TRUE(design && meant && cut && stones);
+  std::size_t seated = 0;
+  for (const meshing::PlacedStone& stone : *stones) {
+    Vec3 lowest{0.0, 0.0, INFINITY};
+    for (const Vec3& v : meshing::stone_mesh(stone).vertices_mm)
+      if (v.z < lowest.z) lowest = v;
+    if (heightmap::height_at(*design, lowest.x, lowest.y) < lowest.z) continue;
+    const double floor = lowest.z - 0.3;
+    EXPECT_NEAR(heightmap::height_at(*meant, lowest.x, lowest.y), floor, 1e-3);
+    // A ball of 3 mm, 0.2 mm between its passes: ridges of 3 um; below, what a program may.
+    EXPECT_NEAR(heightmap::height_at(*cut, lowest.x, lowest.y), floor, 0.02);
+    ++seated;
+  }
+  EXPECT_GE(seated, 3U);
+
+  // Certified against the design itself, the same cut is far too deep.
+  const Outcome plain = run_program(
+      scratch().path(),
+      fmt::format("verify {} --design {} --ball-diameter-mm 3 --max-gouge-mm 0.02 --out {}",
+                  (at / "bands/band_02.seats.ngc").string(), (at / "design.tif").string(),
+                  (scratch() / "against_design").string()));
+  EXPECT_EQ(plain.exit_code, 1) << plain.err;
 }
 
 TEST_F(Chain, RefusesAFolderThatIsInUse) {

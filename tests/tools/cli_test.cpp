@@ -361,6 +361,33 @@ TEST_F(CommandLine, OperationsSayWhatIsWrong) {
     EXPECT_EQ(e.path().extension(), e.path().stem() == "design" ? ".tif" : ".toml") << "is left";
 }
 
+/// A bore within the outline is meant, one operation among others; against the bare design it is a
+/// gouge.
+TEST_F(CommandLine, BoresWithinThePartAreCertified) {
+  const heightmap::ModelField level{Grid<float>(61, 61, 5.0F), Millimetres{0.5}, Millimetres{0.0},
+                                    Millimetres{0.0}};
+  const fs::path d = scratch / "level.tif";
+  ASSERT_THAT(heightmap::write_model_field(level, d), testing_support::Succeeds());
+  const auto spheres = file("spheres.toml",
+                            "sphere_radius_mm = 6.0\nhole_radius_mm = 4.0\n[[sphere]]\nat_mm = "
+                            "[15.1, 14.8, 5.0]\n");
+  const auto operations = file("bores.toml",
+                               "[[operation]]\nstrategy = \"raster\"\n[[operation]]\nstrategy = "
+                               "\"sphere-seats\"\n");
+  const fs::path part = scratch / "bored.ngc";
+  const auto milled =
+      run(fmt::format("mill {} --quiet --operations {} --spheres {} --out {}", d.string(),
+                      operations.string(), spheres.string(), part.string()));
+  ASSERT_EQ(milled.exit_code, 0) << milled.err;
+  const auto against = [&](const char* what) {
+    return run(fmt::format("verify {} --quiet --design {} --tools {} --max-gouge-mm 0.02 --out {}",
+                           part.string(), (scratch / what).string(),
+                           (scratch / "bored.tools.toml").string(), (scratch / "bored").string()));
+  };
+  EXPECT_EQ(against("bored.machined.tif").exit_code, 0) << against("bored.machined.tif").err;
+  EXPECT_EQ(against("level.tif").exit_code, 1);
+}
+
 /// Seats are bored, spheres that lie a little beside their plan are touched, and the touches
 /// become datums.
 TEST_F(CommandLine, ReferenceSpheresBecomeDatums) {

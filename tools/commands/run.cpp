@@ -51,6 +51,7 @@ MillJob mill_of(const Site& site, std::string_view strategy) {
   job.program.max_bytes = static_cast<std::uint64_t>(site.max_bytes);
   job.stock_margin = Millimetres{site.stock_margin_mm};
   job.base_thickness = Millimetres{site.base_thickness_mm};
+  if (!site.spheres.empty()) job.spheres = site.spheres;
   if (strategy == "rough") {
     job.tool.cutter = cnc::Cutter::bull(0.5 * site.rough_diameter_mm, site.rough_corner_radius_mm);
     job.stepover_mm = site.rough_stepover_mm;
@@ -58,7 +59,8 @@ MillJob mill_of(const Site& site, std::string_view strategy) {
     job.allowance_mm = site.rough_allowance_mm;
     job.ramp_deg = site.rough_ramp_deg;
     job.cell_mm = site.rough_cell_mm;
-  } else if (strategy != "rest") {
+  } else if (strategy == "raster" || strategy == "semi-finish" || strategy == "waterline" ||
+             strategy == "geodesic") {
     job.tool.cutter = cnc::Cutter::ball(0.5 * site.ball_diameter_mm);
     if (strategy == "raster" || strategy == "geodesic") job.stepover_mm = site.stepover_mm;
   }
@@ -154,6 +156,29 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
       values({"name", "bands.", "cutter.", "rough.", "mill.", "machine.", "stock.", "operation"});
   const bool split = site.max_lines > 0 || site.max_bytes > 0;
   const std::vector<cnc::Tool> tools = tools_of(operations);
+  std::vector<MillJob> into_design;
+  for (const MillJob& operation : operations)
+    if (cuts_into_design(operation)) {
+      into_design.push_back(operation);
+      into_design.back().stones = stones;
+    }
+  const fs::path machined = here / "machined.tif";
+  const auto needs = [&](const MillJob& operation) {
+    std::vector<fs::path> files{design};
+    if (cuts_into_design(operation))
+      files.push_back(operation.strategy == "sphere-seats" ? site.spheres : stones);
+    return files;
+  };
+  if (!into_design.empty()) {
+    std::vector<fs::path> inputs;
+    for (const MillJob& operation : into_design)
+      for (fs::path& input : needs(operation)) inputs.push_back(std::move(input));
+    stages.push_back(single("machined", inputs, {"operation", "spheres."},
+                            [=](const RunContext& run) -> Result<JobResult> {
+                              run.progress(0.0);
+                              return machined_job(into_design, design, machined);
+                            }));
+  }
   const MillJob* finish = finishing(operations);
   VerifyJob cut;
   std::vector<fs::path> finish_programs;
@@ -161,7 +186,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   for (const MillJob& operation : operations) {
     const bool last = &operation == &operations.back();
     Stage stage{fmt::format("{}.mill.{}", name, operation.name), {}};
-    std::vector<fs::path> inputs{design}, programs;
+    std::vector<fs::path> inputs = needs(operation), programs;
     if (stock) inputs.push_back(*stock);
     const bool whole = !strategy_of(operation.strategy).in_bands;
     for (std::size_t b = 0; b < (whole ? 1 : bands); ++b) {
@@ -177,6 +202,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
              fs::create_directories(program.parent_path(), ec);
              MillJob mill = operation;
              mill.design = design;
+             mill.stones = stones;
              mill.stock = stock;
              mill.leave_stock = whole && !last;
              if (!whole) {
@@ -207,8 +233,22 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     stock = left;
   }
 
+  if (!site.spheres.empty() && site.post == "linuxcnc")  // no other control writes contacts
+    stages.push_back(single(
+        "touch", {design, site.spheres}, {"name", "mill.", "machine.", "stock.", "spheres."},
+        [=, &site, touch = here / fmt::format("touch.{}", extension)](const RunContext& run) {
+          MillJob probe = mill_of(site, "probe-spheres");
+          probe.design = design;
+          probe.spheres = site.spheres;
+          probe.leave_stock = false;
+          probe.program.work_offset = work_offset_of(site, 0);
+          probe.program.name = fmt::format("{} 1:{:g} touch", site.name, scale);
+          return mill_job(probe, touch, run);
+        }));
+
   // All of them in their order, each with its tool.
   cut.design = design;
+  if (!into_design.empty()) cut.machined = machined;
   cut.options.machine = *cnc::find_machine(site.machine);
   cut.options.tools = tools;
   cut.options.finish_tool = finish == nullptr ? 0 : finish->tool.number;
@@ -220,6 +260,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   cut.options.stepover = Millimetres{finish == nullptr ? NAN : finish->stepover_mm};
   cut.max_gouge = Millimetres{site.max_gouge_mm};
   std::vector<fs::path> verify_inputs{design, stones, mesh};
+  if (cut.machined) verify_inputs.push_back(machined);
   verify_inputs.insert(verify_inputs.end(), cut.programs.begin(), cut.programs.end());
   const bool extended = !site.extended.empty();
   if (extended) verify_inputs.push_back(site.extended);

@@ -2,6 +2,8 @@
 
 // Several operations, one program: each cuts what the one before has left.
 
+#include <algorithm>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -51,6 +53,11 @@ Result<JobResult> mill_operations_job(std::span<const MillJob> jobs, const fs::p
     std::error_code ec;
     fs::rename(file, result.outputs.back(), ec);
     if (ec) return tl::unexpected(write_error(result.outputs.back(), ec.value()));
+  }
+  if (std::any_of(jobs.begin(), jobs.end(), cuts_into_design)) {
+    MAQUETTE_TRY(const auto machined,
+                 machined_job(jobs, jobs.front().design, beside(out, "machined")));
+    result.outputs.push_back(machined.outputs.front());
   }
   result.outputs.push_back(out.parent_path() / (out.stem().string() + ".tools.toml"));
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), tool_table_text(tools_of(jobs))));

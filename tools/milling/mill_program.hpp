@@ -7,12 +7,14 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "cnc/engrave.hpp"
 #include "cnc/path_certificate.hpp"
 #include "cnc/path_figures.hpp"
 #include "cnc/program.hpp"
 #include "cnc/stock_depth.hpp"
 #include "heightmap/height_field.hpp"
 #include "tools/milling.hpp"
+#include "tools/sphere_file.hpp"
 
 namespace maquette::tools {
 
@@ -124,6 +126,14 @@ class MillProgram {
   double blending_mm_;
   cnc::PathFigures figures_;
 };
+
+/// What seats and outlines are made for. @return CNC_ENGRAVE_OPTION_OUT_OF_RANGE, errors of the
+/// stones' file
+[[nodiscard]] Result<std::vector<cnc::Seat>> seats_of(const MillJob& job,
+                                                      const heightmap::ModelField& design);
+
+/// Those of a job's file. @return TOOLS_CONFIG_INVALID without one, errors of sphere_file.hpp
+[[nodiscard]] Result<std::vector<ReferenceSphere>> spheres_of(const MillJob& job);
 
 /// <program>.<what>.tif
 [[nodiscard]] std::filesystem::path beside(const std::filesystem::path& program,

@@ -82,7 +82,9 @@ Result<JobResult> take_away(const MillJob& job, const Piece& piece,
   return result;
 }
 
-Result<std::vector<cnc::Seat>> seats_of(const MillJob& job, const Piece& piece) {
+}  // namespace
+
+Result<std::vector<cnc::Seat>> seats_of(const MillJob& job, const heightmap::ModelField& design) {
   if (!job.stones)
     return fail(cnc::kEngraveOptionOutOfRange,
                 fmt::format("{}: no stones are given; expected the stones.json that `maquette "
@@ -93,10 +95,8 @@ Result<std::vector<cnc::Seat>> seats_of(const MillJob& job, const Piece& piece) 
         cnc::kEngraveOptionOutOfRange,
         fmt::format("gap is {} mm, bed {} mm; both must be from 0 to 100", job.gap_mm, job.bed_mm));
   MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(*job.stones));
-  return cnc::stone_seats(piece.design, stones, job.gap_mm, job.bed_mm);
+  return cnc::stone_seats(design, stones, job.gap_mm, job.bed_mm);
 }
-
-}  // namespace
 
 Result<JobResult> rest_job(const MillJob& job, const fs::path& out, const RunContext& run) {
   const double before = 0.5 * job.ball_before_diameter_mm, radius = job.tool.cutter.radius_mm;
@@ -117,7 +117,7 @@ Result<JobResult> rest_job(const MillJob& job, const fs::path& out, const RunCon
 Result<JobResult> seats_job(const MillJob& job, const fs::path& out, const RunContext& run) {
   MAQUETTE_TRY(Piece piece, piece_of(job, 4.0 * job.tool.cutter.radius_mm));
   takes_layers(job, piece);
-  MAQUETTE_TRY(const auto seats, seats_of(job, piece));
+  MAQUETTE_TRY(const auto seats, seats_of(job, piece.design));
   const heightmap::ModelField seated = cnc::with_seats(piece.design, seats);
   cnc::RestMap map = cnc::seat_map(piece.design, seated);
   keep_band(piece, map);
@@ -128,7 +128,7 @@ Result<JobResult> seats_job(const MillJob& job, const fs::path& out, const RunCo
 Result<JobResult> outlines_job(const MillJob& job, const fs::path& out, const RunContext& run) {
   const double radius = job.tool.cutter.radius_mm;
   MAQUETTE_TRY(const Piece piece, piece_of(job, 4.0 * radius));
-  MAQUETTE_TRY(auto seats, seats_of(job, piece));
+  MAQUETTE_TRY(auto seats, seats_of(job, piece.design));
   if (!std::isnan(piece.first_y_mm))  // of those in this band
     std::erase_if(seats, [&](const cnc::Seat& seat) {
       double y = 0.0;

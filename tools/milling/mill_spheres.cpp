@@ -21,14 +21,6 @@ namespace {
 constexpr double kLevel_mm = 0.05;  // that a rim may be off the surface it is milled into
 constexpr double kRimWidth_mm = 1.0;
 
-Result<std::vector<ReferenceSphere>> spheres_of(const MillJob& job) {
-  if (!job.spheres)
-    return fail(kConfigInvalid, fmt::format("{}: no spheres are given; expected --spheres, a .toml "
-                                            "file with a [[sphere]] for each",
-                                            job.strategy));
-  return read_spheres(*job.spheres);
-}
-
 /// The design from `nearest` to `farthest` around a seat must be from `least` to `most` high.
 /// Beyond its outline nothing is known.
 Result<void> keep_level(const heightmap::ModelField& design, const ReferenceSphere& sphere,
@@ -63,6 +55,14 @@ json rows_of(const std::vector<ReferenceSphere>& spheres) {
 }
 
 }  // namespace
+
+Result<std::vector<ReferenceSphere>> spheres_of(const MillJob& job) {
+  if (!job.spheres)
+    return fail(kConfigInvalid, fmt::format("{}: no spheres are given; expected --spheres, a .toml "
+                                            "file with a [[sphere]] for each",
+                                            job.strategy));
+  return read_spheres(*job.spheres);
+}
 
 Result<JobResult> sphere_seats_job(const MillJob& job, const fs::path& out, const RunContext& run) {
   MAQUETTE_TRY(const auto spheres, spheres_of(job));

@@ -37,7 +37,7 @@ const Strategy kStrategies[] = {
      cnc::Cutter::ball(0.5), kNone, kNone, kNone, outlines_job},
     {"probe", "touches the block's corner and sets the work offset there (G38.2)", true, false, 10,
      cnc::Cutter::ball(1.0), kNone, kNone, kNone, probe_job},
-    {"sphere-seats", "bores that the reference spheres of --spheres rest in", false, false, 5,
+    {"sphere-seats", "bores that the reference spheres of --spheres rest in", false, true, 5,
      cnc::Cutter::flat(3.0), kNone, kNone, kNone, sphere_seats_job},
     {"probe-spheres", "touches the reference spheres of --spheres (G38.2), for the scan", false,
      false, 10, cnc::Cutter::ball(1.0), kNone, kNone, kNone, probe_spheres_job},

@@ -262,7 +262,9 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     std::vector<std::uint8_t> good(l.points.size(), 0);
     const std::optional<Vec3> station =
         l.station ? std::optional(set_up.model_from_file.point(*l.station)) : std::nullopt;
-    std::atomic<std::size_t> oblique{0};
+    std::optional<SpotView> spots;
+    if (station) spots.emplace(surface.spots(*station));
+    std::atomic<std::size_t> oblique{0}, ends{0};
     oneapi::tbb::parallel_for(std::size_t{0}, l.points.size(), [&](std::size_t i) {
       const Vec3 p = set_up.model_from_file.point(l.points[i]);
       if (p.x < m.scene.box.min.x + kBorder_mm || p.x > m.scene.box.max.x - kBorder_mm ||
@@ -277,7 +279,14 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       Vec3 beam;
       if (station) {
         beam = normalized(p - *station);
-        // Two steps: over a bent surface a long way is not known by its first slope.
+        // First where the beam meets the surface's nodes: over kinks and bends a long way is not
+        // known by slopes at the point. Where it meets another flank, from the point.
+        const double range = norm(p - *station);
+        if (const auto way = surface.range_mm(*station, beam);
+            way && std::abs(*way - range) <= input.reach_mm) {
+          along_beam = *way - range;
+          foot = p + along_beam * beam;
+        }
         for (int step = 0; step < 2; ++step) {
           const auto near = surface.at(foot.x, foot.y);
           if (!near) return;
@@ -296,6 +305,10 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         ++oblique;
         return;
       }
+      if (station && spots->at_an_end(o.place)) {
+        ++ends;
+        return;
+      }
       o.residual_mm =
           (foot.z - o.place.z) * o.normal.z - input.coat_mm - along_beam * dot(beam, o.normal);
       if (!(std::abs(o.residual_mm) <= input.reach_mm)) return;
@@ -305,7 +318,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         o.has_station = true;
         o.range_mm = norm(foot - *station);
         o.beam = beam;
-        o.spot = surface.spot(o.place, o.normal, beam);
+        o.spot = spots->further(o.place);
       }
       made[i] = std::move(o);
       good[i] = 1;
@@ -314,6 +327,10 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       m.notes.push_back(
           fmt::format("{}: {} points seen more obliquely than {:.0f} degrees are not used",
                       set_up.name, oblique.load(), std::acos(kOblique) * 57.29577951308232));
+    if (ends > 0)
+      m.notes.push_back(fmt::format(
+          "{}: {} points within {:.3g} mm of where the surface ends or hides another are not used",
+          set_up.name, ends.load(), spots->end_mm()));
     const std::size_t from = m.observations.size();
     Vec3 centre;
     for (std::size_t i = 0; i < made.size(); ++i)

@@ -43,12 +43,16 @@ constexpr double kSimulationFloor_mm = 0.0025;
 constexpr double kTellApart_mm = 0.0015;
 /// In -2 log likelihood: what is missed by more to first order is missed cut anew, too.
 constexpr double kClose = 500.0;
+/// Causes that are tried in the place of a chosen one, the closest to first order.
+constexpr std::size_t kRivals = 3;
 /// Of choosing, cutting anew and pruning.
 constexpr int kRounds = 4;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
 /// not named: what several causes look like is also what the error of a large one looks like.
 constexpr double kVagueShare = 0.25;
 constexpr std::size_t kVagueRivals = 2;
+/// As many in its place make any cause nameless.
+constexpr std::size_t kNameless = 8;
 /// Squares that a cause which is not the largest must explain, over those that nothing explains.
 constexpr double kBesideUnknown = 3.0;
 /// What signatures may be wrong by, as a share of what all causes together move.
@@ -184,6 +188,43 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     return detail::fit(bank, detail::columns_of(bank, of), {kChoose}).objective +
            detail::price(bank, of);
   };
+  // A member in whose place another cause, cut anew, does better was only found first.
+  const auto exchanged = [&](std::vector<Member> with) {
+    for (int round = 0; round < kRounds; ++round) {
+      double best = score(with) - detail::kPricePerCause;
+      std::vector<Member> better;
+      for (std::size_t k = 0; k < with.size(); ++k) {
+        const auto others = without(with, k);
+        straighten(others);
+        const double now = detail::fit(bank, detail::columns_of(bank, with), {kChoose}).objective +
+                           detail::price(bank, with);
+        const detail::Screen beside = detail::screen(bank, others, {kChoose});
+        std::vector<std::pair<double, Member>> rivals;
+        for (const Candidate& other : search.candidates) {
+          if (std::any_of(with.begin(), with.end(),
+                          [&](const Member& x) { return x.effect == other.effect; }))
+            continue;
+          const auto found = detail::best_form(bank, others, other, {kChoose}, true, beside);
+          if (found.objective < now + kClose)
+            rivals.emplace_back(found.objective, Member{other.effect, other.forms[found.form]});
+        }
+        std::sort(rivals.begin(), rivals.end(),
+                  [](const auto& a, const auto& b) { return a.first < b.first; });
+        for (std::size_t r = 0; r < std::min(rivals.size(), kRivals); ++r) {
+          auto instead = with;
+          instead[k] = rivals[r].second;
+          if (const double s = score(instead); s < best) {
+            best = s;
+            better = std::move(instead);
+          }
+        }
+      }
+      if (better.empty()) break;
+      with = detail::polished(search, bank, std::move(better), straighten);
+    }
+    straighten(with);
+    return with;
+  };
   const auto pruned = [&](std::vector<Member> with) {
     const double null = score({});
     while (!with.empty()) {
@@ -224,7 +265,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     d.ranking = std::move(alone);
     if (chosen.empty() && members.empty()) break;
     straighten(chosen);
-    chosen = pruned(detail::polished(search, bank, std::move(chosen)));
+    chosen = pruned(detail::polished(search, bank, std::move(chosen), straighten));
+    if (auto other = exchanged(chosen); !alike(other, chosen)) chosen = pruned(std::move(other));
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
     members = std::move(chosen);
@@ -391,13 +433,15 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     straighten(members);
     std::size_t drop = members.size();
     double least = kVagueShare;
-    for (std::size_t k = 0; k < members.size(); ++k)
-      if (members.size() > 1 && causes[k].share < least &&
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      const bool nameless = causes[k].equivalent.size() >= kNameless;
+      if ((nameless || members.size() > 1) && causes[k].share < (nameless ? 1.1 : least) &&
           (causes[k].equivalent.size() >= kVagueRivals ||
            causes[k].share < kSignatureError * kSignatureError)) {
         least = causes[k].share;
         drop = k;
       }
+    }
     if (drop == members.size()) {
       d.causes = std::move(causes);
       d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());

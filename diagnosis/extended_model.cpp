@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -19,6 +20,17 @@ struct ExtendedModel::Parts {
   double coat_mm = 0.0;
   std::vector<KnownTerm> built, seen;
   std::vector<std::string> names;
+  bool blurs = false;
+  std::mutex guard;
+  std::vector<std::unique_ptr<SpotView>> views;  ///< of the stations asked for so far
+
+  const SpotView& view(Vec3 station) {
+    const std::scoped_lock lock(guard);
+    for (const auto& v : views)
+      if (v->station() == station) return *v;
+    views.push_back(std::make_unique<SpotView>(surface->spots(station)));
+    return *views.back();
+  }
 };
 
 ExtendedModel::ExtendedModel(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
@@ -48,7 +60,10 @@ Result<ExtendedModel> ExtendedModel::make(const CaseInput& input, const RunConte
   const std::vector<Vec3> centres(input.scans.size() + input.probes.size(), p.scene.centre());
   MAQUETTE_TRY(auto terms, restore(input.known, p.scene, centres));
   for (KnownTerm& t : terms) (t.scanner ? p.seen : p.built).push_back(std::move(t));
-  for (const KnownCause& k : input.known) p.names.push_back(k.effect);
+  for (const KnownCause& k : input.known) {
+    p.names.push_back(k.effect);
+    p.blurs |= k.effect == "scanner.spot_blur";
+  }
   return ExtendedModel(std::move(parts));
 }
 
@@ -87,7 +102,7 @@ Vec3 ExtendedModel::seen(Vec3 p, Vec3 station, std::size_t scan) const {
   o->has_station = true;
   o->range_mm = norm(p - station);
   o->beam = (1.0 / o->range_mm) * (p - station);
-  o->spot = parts_->surface->spot(o->place, o->normal, o->beam);
+  if (parts_->blurs) o->spot = parts_->view(station).further(o->place);
   o->place = p;
   const auto moved = [&](Vec3 along) {
     o->along = along;

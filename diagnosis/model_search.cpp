@@ -104,17 +104,19 @@ std::vector<Member> without(std::vector<Member> members, std::size_t k) {
   return members;
 }
 
-std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members) {
+std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,
+                             const Settle& settle) {
   for (std::size_t k = 0; k < members.size(); ++k) {
-    const double now = score_of(bank, members, {kChoose}, true);
-    const auto others = without(members, k);
-    State s{others, now};
-    s.members.push_back(members[k]);
     const auto same = candidate_of(search, members[k].effect);
     Candidate coarse{same->effect, {}};
     for (const Form& f : same->forms)
       if (f.finer) coarse.forms.push_back(f);
     if (coarse.forms.empty()) continue;
+    const auto others = without(members, k);
+    settle(others);  // residuals straightened for a form favour it
+    const double now = score_of(bank, members, {kChoose}, true);
+    State s{others, now};
+    s.members.push_back(members[k]);
     const BestForm found =
         best_form(bank, others, coarse, {kChoose}, true, screen(bank, others, {kChoose}));
     if (!std::isfinite(found.objective)) continue;

@@ -14,6 +14,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -26,12 +27,6 @@ namespace maquette::diagnosis {
 /// is a mixture of both, good to a hundredth at this step.
 inline constexpr std::array<double, 13> kFilmLengths_mm{0.5, 0.6, 0.75, 0.9, 1.1, 1.35, 1.6,
                                                         1.9, 2.3, 2.8,  3.4, 4.1, 5.0};
-/// Widths of lost motion for which the play of the axes is followed, mm: small play is taken up
-/// at once, wide play eats short moves.
-inline constexpr std::array<double, 5> kPlayWidths_mm{0.02, 0.05, 0.1, 0.2, 0.4};
-/// Distances by which the machine trails the command, mm.
-inline constexpr std::array<double, 6> kLagLengths_mm{0.3, 0.6, 1.0, 1.4, 1.9, 2.6};
-
 /// Widths (standard deviations) of a scanner's spot for which its mean is taken, mm.
 inline constexpr std::array<double, 7> kSpotWidths_mm{0.6, 0.8, 1.05, 1.4, 1.8, 2.3, 3.0};
 
@@ -40,24 +35,14 @@ inline constexpr double kRivalHeight_mm = 0.2;
 
 /// What the machine did at a place of the program.
 struct CutState {
-  struct Small {  ///< a Vec3 in half the memory: there are many
-    float x = 0.0F, y = 0.0F, z = 0.0F;
-    Small() = default;
-    Small(Vec3 v)
-        : x(static_cast<float>(v.x)), y(static_cast<float>(v.y)), z(static_cast<float>(v.z)) {}
-    operator Vec3() const {
-      return {static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
-    }
-  };
   Vec3 tip;                  ///< of the cutter
   Vec3 feed;                 ///< unit direction of motion, or zero
   double path_share = NAN;   ///< of the program's time, 0 to 1
   double cut_share = NAN;    ///< of its cutting length
   double path_mm = NAN;      ///< cutting length so far
   std::int32_t section = 0;  ///< tool, program or band
-  std::array<Small, kPlayWidths_mm.size()>
-      play;  ///< by axis, -1 .. 1: side of the slack, less its mean
-  std::array<Small, kLagLengths_mm.size()> lag;  ///< off the path by a first-order lag, mm
+  std::uint32_t move = 0;    ///< of the program: what a Trail goes by
+  float move_share = 0.0F;   ///< of that move's length
 };
 
 /// A pass that runs by a place, a little above the one that made it: if passes are displaced
@@ -97,25 +82,29 @@ struct Observation : CutState {
 struct CutChange {
   Vec3 tip_mm;
   double radius_mm = 0.0;
+  Vec3 tip_per_mm{};  ///< by how much more elsewhere with each mm of way; small changes need none
   CutChange& operator+=(const CutChange& o) {
     tip_mm += o.tip_mm;
     radius_mm += o.radius_mm;
+    tip_per_mm += o.tip_per_mm;
     return *this;
   }
   friend CutChange operator*(double k, const CutChange& c) {
-    return {k * c.tip_mm, k * c.radius_mm};
+    return {k * c.tip_mm, k * c.radius_mm, k * c.tip_per_mm};
   }
 };
 
 /// By how much a pass leaves its surface higher where its ball has the normal `n`, upwards, mm. The
 /// pass is straight there: its ball sweeps a cylinder along the feed, and the lower of the two
 /// heights at which the upright through the place meets the changed cylinder is the new surface.
-/// Exact for straight passes; where the changed ball does not reach, to first order.
+/// Exact for passes that are straight before and after; where the changed ball does not reach, to
+/// first order.
 [[nodiscard]] inline double rise_mm(const CutState& s, Vec3 n, double radius_mm,
                                     const CutChange& c) {
   const Vec3 along = s.feed - dot(s.feed, n) * n;
   const double length = norm(along);
-  const Vec3 f = length > 1e-9 ? (1.0 / length) * along : Vec3{};
+  Vec3 f = length > 1e-9 ? (1.0 / length) * along : Vec3{};
+  if (length > 1e-9 && dot(c.tip_per_mm, c.tip_per_mm) > 0.0) f = normalized(f + c.tip_per_mm);
   const auto across = [&](Vec3 v) { return v - dot(v, f) * f; };
   const Vec3 up = across({0.0, 0.0, 1.0});
   const Vec3 from = across(-radius_mm * n - c.tip_mm - Vec3{0.0, 0.0, c.radius_mm});
@@ -138,6 +127,13 @@ template <class Change>
   return lowest * dot(o.along, o.normal) * o.normal.z;
 }
 
+/// Off the command by `at`, and by `per_mm` more with each mm of way.
+struct Drift {
+  Vec3 at, per_mm;
+};
+/// What follows the command all along the program: where it stands at a state.
+using Trail = std::function<Drift(const CutState&)>;
+
 /// What all observations of a case have in common.
 struct Scene {
   Box3 box;  ///< of the part's surface
@@ -149,6 +145,11 @@ struct Scene {
   /// Candidates of chatter: waves over the longer side along x and y, over the cutting length.
   std::vector<double> waves_x, waves_y, waves_path;
   double cut_mm = 0.0;  ///< cutting length of the program
+  /// Of a width of lost motion, mm: the side of the slack on which each axis stands, -1 .. 1, less
+  /// its mean over the cut. Empty without a program.
+  std::function<Trail(double width_mm)> slack;
+  /// Of a first-order lag, mm of way: how far the tip is off the path, mm. Empty without a program.
+  std::function<Trail(double lag_mm)> lag;
   /// Candidates of steps along x, y, z: shares of the program's time.
   std::array<std::vector<double>, 3> steps;
   std::vector<bool> has_station;  ///< by set-up

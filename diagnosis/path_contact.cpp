@@ -13,15 +13,23 @@ constexpr double kChord_mm = 0.002;
 constexpr double kRapid_mm_min = 10'000.0;
 constexpr double kBin_mm = 0.75;
 constexpr double kPiece_mm = 1.0;  // the lag is interpolated along pieces of this length
-using Play = std::array<CutState::Small, kPlayWidths_mm.size()>;
-using Lag = std::array<CutState::Small, kLagLengths_mm.size()>;
+/// A Vec3 in half the memory: there is one for each piece of the program.
+struct Small {
+  float x = 0.0F, y = 0.0F, z = 0.0F;
+  Small() = default;
+  Small(Vec3 v)
+      : x(static_cast<float>(v.x)), y(static_cast<float>(v.y)), z(static_cast<float>(v.z)) {}
+  operator Vec3() const {
+    return {static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
+  }
+};
 
 struct Move {
   Vec3 from, to;
   double start_min, end_min;
   double start_mm, end_mm;  // cutting length
   std::int32_t section;
-  std::uint32_t state;  // of its end; that of its start is one before
+  std::uint32_t end;  // its end in the command; its start is one before
 };
 
 /// A move as its underside needs it: a line in plan, upright moves without length.
@@ -48,9 +56,13 @@ Vec3 between(Vec3 a, Vec3 b, double share) {
   return a + share * (b - a);
 }
 
-double follow(double& slack, double step, double width) {
-  slack = std::clamp(slack + step, -0.5 * width, 0.5 * width);
-  return 2.0 * slack / width;
+/// How far the slack of an axis is taken up to one side after a step, -1 .. 1.
+double taken(double before, double step, double width) {
+  return std::clamp(before + 2.0 * step / width, -1.0, 1.0);
+}
+Vec3 taken(Vec3 before, Vec3 step, double width) {
+  return {taken(before.x, step.x, width), taken(before.y, step.y, width),
+          taken(before.z, step.z, width)};
 }
 }  // namespace
 
@@ -58,9 +70,7 @@ struct CutPath::Moves {
   double radius = 3.0;
   std::vector<Move> moves;
   std::vector<Swath> swaths;  // of the moves
-  std::vector<Play> play;     // at the end of each chord
-  std::array<Vec3, kPlayWidths_mm.size()> play_mean{};
-  std::vector<Lag> lag;
+  std::vector<Vec3> command;  // every place of it, rapids too
   std::vector<double> section_start_min;
   double total_min = 0.0, total_mm = 0.0;
   double x0 = 0.0, y0 = 0.0;
@@ -73,44 +83,66 @@ struct CutPath::Moves {
   void each_near(double x, double y, const double& limit, const Visit& visit) const;
   [[nodiscard]] CutState state(std::uint32_t index, double share) const;
   [[nodiscard]] Vec3 normal(const CutState& s, double x, double y, double height) const;
-  void trail(const std::vector<Vec3>& all, const std::vector<std::uint32_t>& state_at);
 };
 
-CutPath::CutPath(std::unique_ptr<Moves> moves) : moves_(std::move(moves)) {}
-CutPath::CutPath(CutPath&&) noexcept = default;
-CutPath::~CutPath() = default;
+CutPath::CutPath(std::shared_ptr<const Moves> moves) : moves_(std::move(moves)) {}
+
+Trail CutPath::slack(double width) const {
+  const Moves& m = *moves_;
+  std::vector<Small> at(m.command.size());
+  Vec3 now;
+  for (std::size_t i = 1; i < m.command.size(); ++i)
+    at[i] = now = taken(now, m.command[i] - m.command[i - 1], width);
+  // What is the same for all of the cut is a shift, which belongs to registration.
+  Vec3 mean;
+  for (const Move& move : m.moves)
+    mean += ((move.end_mm - move.start_mm) / std::fmax(1e-9, m.total_mm)) * Vec3(at[move.end]);
+  return [=, at = std::move(at), moves = moves_](const CutState& s) {
+    const Move& move = moves->moves[s.move];
+    const Vec3 way = move.to - move.from, before = at[move.end - 1];
+    // Slack is taken up at once, not evenly along the move.
+    const Vec3 here = taken(before, static_cast<double>(s.move_share) * way, width);
+    const double per_mm = 2.0 / (width * norm(way));
+    const auto going = [&](double side, double step) {
+      return std::abs(side) < 1.0 ? per_mm * step : 0.0;
+    };
+    return Drift{here - mean, {going(here.x, way.x), going(here.y, way.y), going(here.z, way.z)}};
+  };
+}
 
 /// First-order lag of the whole motion, rapids included: p' = (c - p) / e in arc length, exact
 /// along lines. Off the path: p(s + e) - c(s), for delay along the path is no error of form.
-void CutPath::Moves::trail(const std::vector<Vec3>& all,
-                           const std::vector<std::uint32_t>& state_at) {
+Trail CutPath::lag(double e) const {
+  const auto& all = moves_->command;
   const std::size_t n = all.size();
   std::vector<double> s(n, 0.0);
   for (std::size_t i = 1; i < n; ++i) s[i] = s[i - 1] + norm(all[i] - all[i - 1]);
-  std::vector<Vec3> p(n);
-  for (std::size_t k = 0; k < kLagLengths_mm.size(); ++k) {
-    const double e = kLagLengths_mm[k];
-    p[0] = all[0];
-    const auto advance = [e](Vec3 p0, Vec3 c0, Vec3 u, double length) {
-      return c0 + length * u - e * u + std::exp(-length / e) * (p0 - c0 + e * u);
-    };
-    for (std::size_t i = 1; i < n; ++i) {
-      const double length = s[i] - s[i - 1];
-      p[i] = length > 0.0
-                 ? advance(p[i - 1], all[i - 1], (1.0 / length) * (all[i] - all[i - 1]), length)
-                 : p[i - 1];
-    }
-    std::size_t j = 0;
-    for (std::size_t i = 0; i < n; ++i) {
-      const double ahead = s[i] + e;
-      while (j + 1 < n && s[j + 1] < ahead) ++j;
-      Vec3 there = p[j];
-      if (j + 1 < n && s[j + 1] > s[j])
-        there =
-            advance(p[j], all[j], (1.0 / (s[j + 1] - s[j])) * (all[j + 1] - all[j]), ahead - s[j]);
-      lag[state_at[i]][k] = there - all[i];
-    }
+  const auto advance = [e](Vec3 p0, Vec3 c0, Vec3 u, double length) {
+    return c0 + length * u - e * u + std::exp(-length / e) * (p0 - c0 + e * u);
+  };
+  std::vector<Vec3> p(all.begin(), all.begin() + (n > 0 ? 1 : 0));
+  for (std::size_t i = 1; i < n; ++i) {
+    const double length = s[i] - s[i - 1];
+    p.push_back(length > 0.0
+                    ? advance(p[i - 1], all[i - 1], (1.0 / length) * (all[i] - all[i - 1]), length)
+                    : p[i - 1]);
   }
+  std::vector<Small> off(n);
+  std::size_t j = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double ahead = s[i] + e;
+    while (j + 1 < n && s[j + 1] < ahead) ++j;
+    Vec3 there = p[j];
+    if (j + 1 < n && s[j + 1] > s[j])
+      there =
+          advance(p[j], all[j], (1.0 / (s[j + 1] - s[j])) * (all[j + 1] - all[j]), ahead - s[j]);
+    off[i] = there - all[i];
+  }
+  return [off = std::move(off), moves = moves_](const CutState& at) {
+    const Move& move = moves->moves[at.move];
+    // Not told how it changes along the way: the command has corners there, the tip has none.
+    return Drift{between(off[move.end - 1], off[move.end], static_cast<double>(at.move_share)), {}};
+  };
 }
 
 void CutPath::Moves::bin() {
@@ -154,13 +186,9 @@ void CutPath::Moves::bin() {
 
 Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
                               double ball_radius_mm, const RunContext& run) {
-  auto made = std::make_unique<Moves>();
+  auto made = std::make_shared<Moves>();
   Moves& m = *made;
   m.radius = ball_radius_mm;
-  Play play{};
-  std::array<Vec3, kPlayWidths_mm.size()> slack{};
-  std::vector<Vec3> all;                // every place of the command, rapids too
-  std::vector<std::uint32_t> state_at;  // its state
   int tool = -1;
   std::int32_t section = -1;
   std::size_t program_of_section = 0;
@@ -177,25 +205,14 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
         }
         const auto take_piece = [&](Vec3 a, Vec3 b) {
           const double length = norm(b - a);
-          if (all.empty() || !(all.back() == a)) {
-            all.push_back(a);
-            state_at.push_back(static_cast<std::uint32_t>(m.play.size()));
-            m.play.push_back(play);
-          }
-          for (std::size_t k = 0; k < play.size(); ++k) {
-            const double w = kPlayWidths_mm[k];
-            play[k] = Vec3{follow(slack[k].x, b.x - a.x, w), follow(slack[k].y, b.y - a.y, w),
-                           follow(slack[k].z, b.z - a.z, w)};
-          }
+          if (m.command.empty() || !(m.command.back() == a)) m.command.push_back(a);
+          m.command.push_back(b);
           const double minutes =
               length / (rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min);
-          const auto state = static_cast<std::uint32_t>(m.play.size());
-          m.play.push_back(play);
-          all.push_back(b);
-          state_at.push_back(state);
           if (!rapid) {
             m.moves.push_back({a, b, m.total_min, m.total_min + minutes, m.total_mm,
-                               m.total_mm + length, section, state});
+                               m.total_mm + length, section,
+                               static_cast<std::uint32_t>(m.command.size() - 1)});
             m.total_mm += length;
           }
           m.total_min += minutes;
@@ -218,15 +235,6 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
     MAQUETTE_TRY(const auto summary, cnc::read_gcode(programs[program], take, run));
     (void)summary;
   }
-  // What is the same for all of the cut is a shift, which belongs to registration.
-  for (std::size_t k = 0; k < kPlayWidths_mm.size() && m.total_mm > 0.0; ++k) {
-    Vec3 mean;
-    for (const Move& move : m.moves)
-      mean += ((move.end_mm - move.start_mm) / m.total_mm) * Vec3(m.play[move.state][k]);
-    m.play_mean[k] = mean;
-  }
-  m.lag.resize(m.play.size());
-  if (!all.empty()) m.trail(all, state_at);
   m.bin();
   return CutPath(std::move(made));
 }
@@ -300,18 +308,8 @@ CutState CutPath::Moves::state(std::uint32_t index, double share) const {
   s.path_share = total_min > 0.0 ? minutes / total_min : 0.0;
   s.cut_share = total_mm > 0.0 ? s.path_mm / total_mm : 0.0;
   s.section = move.section;
-  const std::uint32_t end = move.state, begin = end > 0 ? end - 1 : 0;
-  for (std::size_t k = 0; k < s.play.size(); ++k) {
-    // Slack is taken up at once, not evenly along the move.
-    const auto taken = [&](double before, double step) {
-      return std::clamp(before + 2.0 * share * step / kPlayWidths_mm[k], -1.0, 1.0);
-    };
-    const Vec3 before = play[begin][k], step = move.to - move.from;
-    s.play[k] = Vec3{taken(before.x, step.x), taken(before.y, step.y), taken(before.z, step.z)} -
-                play_mean[k];
-  }
-  for (std::size_t k = 0; k < s.lag.size(); ++k)
-    s.lag[k] = between(lag[begin][k], lag[end][k], share);
+  s.move = index;
+  s.move_share = static_cast<float>(share);
   return s;
 }
 

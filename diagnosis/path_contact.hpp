@@ -15,7 +15,8 @@
 /// first order (envelope theorem), also where two passes meet.
 ///
 /// Time is length over feed; rapids take 10 m/min. Accelerations are left out.
-/// Cost: 150 bytes a move; about 1 us a point at 0.5 mm between passes and a 6 mm ball.
+/// Cost: 200 bytes a move, a trail 12 or 24 more; about 1 us a point at 0.5 mm between passes and a
+/// 6 mm ball.
 
 #include <filesystem>
 #include <memory>
@@ -38,8 +39,6 @@ class CutPath {
   /// @return the path, or an error of the G-code reader
   [[nodiscard]] static Result<CutPath> read(std::span<const std::filesystem::path> programs,
                                             double ball_radius_mm, const RunContext& run);
-  CutPath(CutPath&&) noexcept;
-  ~CutPath();
   /// none: no cutting move within a radius.
   /// @param rivals  unless null: the other passes that come within kRivalHeight_mm of the surface
   ///   there, lowest first, at most 8
@@ -47,6 +46,10 @@ class CutPath {
                                           std::vector<Rival>* rivals = nullptr) const;
   /// Of the cut surface alone, in half the time.
   [[nodiscard]] std::optional<double> height(double x_mm, double y_mm) const;
+  /// Scene::slack of these programs: play operators of that width, followed through rapids too.
+  [[nodiscard]] Trail slack(double width_mm) const;
+  /// Scene::lag of these programs: p' = (c - p) / e in arc length, compared at the same place.
+  [[nodiscard]] Trail lag(double lag_mm) const;
   [[nodiscard]] double duration_min() const;
   [[nodiscard]] double cut_mm() const;  ///< length of the cutting moves
   /// Shares of the time at which a new tool, program or band begins; the first is left out.
@@ -54,8 +57,8 @@ class CutPath {
 
  private:
   struct Moves;
-  explicit CutPath(std::unique_ptr<Moves> moves);
-  std::unique_ptr<Moves> moves_;
+  explicit CutPath(std::shared_ptr<const Moves> moves);
+  std::shared_ptr<const Moves> moves_;  ///< trails keep it
 };
 
 }  // namespace maquette::diagnosis

@@ -7,6 +7,8 @@
 
 #include <oneapi/tbb/parallel_for.h>
 #include "core/median.hpp"
+#include "diagnosis/detail/smoothed.hpp"
+#include "diagnosis/spot_view.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -14,8 +16,9 @@ using heightmap::ModelField;
 constexpr double kMostNodes =
     2400.0;  // of a side, of the grids that films and spots are taken from
 
-/// Separable Gaussian; nodes without height count for nothing.
-Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
+}  // namespace
+
+Grid<float> detail::smoothed(const Grid<float>& z, double sigma_nodes) {
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(3.5 * sigma_nodes));
   std::vector<double> kernel(static_cast<std::size_t>(2 * reach + 1));
   for (std::ptrdiff_t i = -reach; i <= reach; ++i) {
@@ -44,8 +47,6 @@ Grid<float> smoothed(const Grid<float>& z, double sigma_nodes) {
   return pass(pass(z, true), false);
 }
 
-}  // namespace
-
 Scene scene_of(const ModelField& design, const CutPath* path, double ball_radius_mm) {
   Scene scene;
   const auto heights = heightmap::height_range(design.z_mm);
@@ -58,6 +59,8 @@ Scene scene_of(const ModelField& design, const CutPath* path, double ball_radius
   scene.duration_min = path->duration_min();
   scene.cut_mm = path->cut_mm();
   scene.section_starts = path->section_starts();
+  scene.slack = [of = *path](double width_mm) { return of.slack(width_mm); };
+  scene.lag = [of = *path](double lag_mm) { return of.lag(lag_mm); };
   return scene;
 }
 
@@ -110,8 +113,10 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
   cut_share_ = static_cast<double>(d.size()) / static_cast<double>(off.cells().size());
   misfit_ = d.empty() ? INFINITY : nmad(std::move(d));
   for (std::size_t k = 0; k < smooth_.size(); ++k)
-    smooth_[k] = {smoothed(cut.z_mm, kFilmLengths_mm[k] / step), cut.spacing, cut.x0, cut.y0};
+    smooth_[k] = {detail::smoothed(cut.z_mm, kFilmLengths_mm[k] / step), cut.spacing, cut.x0,
+                  cut.y0};
   cut_ = std::move(cut);
+  tracer_.emplace(cut_);
 }
 
 std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
@@ -151,42 +156,18 @@ std::array<float, kFilmLengths_mm.size()> SimulatedSurface::levelled(double x, d
   return all;
 }
 
-std::array<float, kSpotWidths_mm.size()> SimulatedSurface::spot(Vec3 place, Vec3 normal,
-                                                                Vec3 beam) const {
-  std::array<float, kSpotWidths_mm.size()> all{};
-  const double across = dot(normal, beam);
-  if (!(across < -0.2)) return all;
-  const Vec3 e1 = normalized(cross(beam, std::abs(beam.z) < 0.9 ? Vec3{0, 0, 1} : Vec3{1, 0, 0}));
-  const Vec3 e2 = cross(beam, e1);
-  // By how much further than to the tangent plane a beam goes that is moved by `v`, along itself:
-  // to where it meets the surface, by two steps with the slope of the plane.
-  const auto further = [&](Vec3 v) {
-    Vec3 at = place + v - (dot(normal, v) / across) * beam;
-    double way = 0.0;
-    for (int step = 0; step < 2; ++step) {
-      const double more = (heightmap::height_at(cut_, at.x, at.y) - at.z) * normal.z / across;
-      way += more;
-      at += more * beam;
-    }
-    return way;
-  };
-  // Three rings of six, radii and weights of Gauss and Laguerre in r^2 / 2.
-  constexpr double kRadius[3] = {0.9118933743, 2.1420848537, 3.5468141428};
-  constexpr double kWeight[3] = {0.7110930099 / 6.0, 0.2785177336 / 6.0, 0.0103892565 / 6.0};
-  for (std::size_t k = 0; k < all.size(); ++k) {
-    double sum = 0.0, weight = 0.0;
-    for (int ring = 0; ring < 3; ++ring)
-      for (int i = 0; i < 3; ++i) {
-        const double a = (i + 0.5 * (ring % 2)) * 1.0471975511965976;
-        const Vec3 v = kSpotWidths_mm[k] * kRadius[ring] * (std::cos(a) * e1 + std::sin(a) * e2);
-        const double both = further(v) + further(-1.0 * v);
-        if (std::isnan(both)) continue;
-        sum += kWeight[ring] * both;
-        weight += 2.0 * kWeight[ring];
-      }
-    if (weight > 0.5) all[k] = static_cast<float>(sum / weight);
-  }
-  return all;
+SpotView SimulatedSurface::spots(Vec3 station) const {
+  const auto heights = heightmap::height_range(cut_.z_mm);
+  Box3 box;
+  box.add({cut_.x0.value(), cut_.y0.value(), static_cast<double>(heights.min)});
+  box.add({cut_.x_mm(cut_.z_mm.cols() - 1), cut_.y_mm(cut_.z_mm.rows() - 1),
+           static_cast<double>(heights.max)});
+  return {cut_, *tracer_, box, station, kMostNodes};
+}
+
+std::optional<double> SimulatedSurface::range_mm(Vec3 station, Vec3 beam) const {
+  const auto hit = tracer_->trace(station, beam);
+  return hit ? std::optional(hit->distance_mm) : std::nullopt;
 }
 
 }  // namespace maquette::diagnosis

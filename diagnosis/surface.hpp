@@ -13,6 +13,8 @@
 #include "core/run_context.hpp"
 #include "diagnosis/observation.hpp"
 #include "diagnosis/path_contact.hpp"
+#include "diagnosis/spot_view.hpp"
+#include "heightmap/field_tracer.hpp"
 #include "heightmap/height_field.hpp"
 
 namespace maquette::diagnosis {
@@ -25,6 +27,8 @@ class SimulatedSurface {
  public:
   /// Keeps references to both; `path` may be null.
   SimulatedSurface(const heightmap::ModelField& design, const CutPath* path, const RunContext& run);
+  SimulatedSurface(const SimulatedSurface&) = delete;  // the tracer refers to the cut
+  SimulatedSurface& operator=(const SimulatedSurface&) = delete;
 
   struct Place {
     double height_mm;
@@ -50,16 +54,17 @@ class SimulatedSurface {
   /// upwards, mm.
   [[nodiscard]] std::array<float, kFilmLengths_mm.size()> levelled(double x_mm, double y_mm,
                                                                    double height_mm) const;
-  /// By how much further than the beam itself those of a Gaussian spot around it go on average, for
-  /// each of kSpotWidths_mm across the beam, mm. 18 beams a width, in pairs, so that a plane gives
-  /// 0.
-  [[nodiscard]] std::array<float, kSpotWidths_mm.size()> spot(Vec3 place, Vec3 normal,
-                                                              Vec3 beam) const;
+  /// What a wide spot reads of it from there.
+  [[nodiscard]] SpotView spots(Vec3 station_mm) const;
+  /// How far a beam goes until it meets the surface, to a few micrometres (straight between nodes
+  /// of half the design's spacing); none: it does not.
+  [[nodiscard]] std::optional<double> range_mm(Vec3 station_mm, Vec3 beam) const;
 
  private:
   const heightmap::ModelField& design_;
   const CutPath* path_;
   heightmap::ModelField cut_;
+  std::optional<heightmap::FieldTracer> tracer_;  ///< of cut_
   std::array<heightmap::ModelField, kFilmLengths_mm.size()> smooth_;
   double misfit_ = 0.0, cut_share_ = 1.0;
 };

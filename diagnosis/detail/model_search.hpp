@@ -58,15 +58,16 @@ struct Search {
 [[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
                                          const RunContext& run);
 
-/// The same causes with forms refined anew, each beside all others: a moment or a length that was
-/// found while others were missing is a little off.
-[[nodiscard]] std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members);
-
 /// What a model costs while choosing.
 [[nodiscard]] double price(const Bank& bank, const std::vector<Member>& members);
 
 /// Makes the bank's residuals those that a model of these members is fitted to.
 using Settle = std::function<void(const std::vector<Member>&)>;
+
+/// The same causes with forms refined anew, each beside all others: a moment or a length that was
+/// found while others were missing is a little off.
+[[nodiscard]] std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,
+                                           const Settle& settle);
 
 struct Confirmed {
   Member member;

@@ -8,6 +8,36 @@
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+
+struct Make {
+  int axis;
+  double radius_mm;
+  std::function<Trail(double)> slack;
+  /// Play of one width; `step`: ratio to the next such width.
+  Form operator()(double width_mm, double step) const {
+    Form f{fmt::format("play of about {:.3g} mm", width_mm),
+           {cut_column(
+               fmt::format("backlash_{}{:.6f}", kAxisName[axis], width_mm), {"width_mm", 2.0, 1.0},
+               0.5 * width_mm, radius_mm,
+               [axis = axis, at = slack(width_mm)](const Observation&, const CutState& s, Vec3) {
+                 const Drift off = at(s);
+                 return CutChange{along_axis(axis, -component(off.at, axis)), 0.0,
+                                  along_axis(axis, -component(off.per_mm, axis))};
+               })},
+           {{"followed_width_mm", width_mm}},
+           1};
+    if (step > 1.03)
+      f.finer = [make = *this, width_mm, fine = std::cbrt(step)] {
+        std::vector<Form> near;
+        for (int k = -3; k <= 3; ++k) near.push_back(make(width_mm * std::pow(fine, k), fine));
+        return near;
+      };
+    return f;
+  }
+};
+
+}  // namespace
 
 void add_machine_backlash(std::vector<Effect>& all) {
   for (int axis = 0; axis < 3; ++axis) {
@@ -24,18 +54,10 @@ void add_machine_backlash(std::vector<Effect>& all) {
     e.separate_by = "one-way passes on a test strip";
     e.correction = "backlash compensation of the " + a + " axis, or one-way passes";
     e.needs = Needs::path;
-    e.forms = [axis, a](const Scene& scene) {
+    e.forms = [axis](const Scene& scene) {
       std::vector<Form> forms;
-      for (std::size_t k = 0; k < kPlayWidths_mm.size(); ++k)
-        forms.push_back(
-            {fmt::format("play of about {} mm", kPlayWidths_mm[k]),
-             {cut_column(fmt::format("backlash_{}{}", a, k), {"width_mm", 2.0, 1.0},
-                         0.5 * kPlayWidths_mm[k], scene.ball_radius_mm,
-                         [=](const Observation&, const CutState& s, Vec3) {
-                           return CutChange{along_axis(axis, -component(s.play[k], axis)), 0.0};
-                         })},
-             {},
-             1});
+      for (const double width_mm : {0.02, 0.05, 0.1, 0.2, 0.4})
+        forms.push_back(Make{axis, scene.ball_radius_mm, scene.slack}(width_mm, 2.0));
       return forms;
     };
     all.push_back(std::move(e));

@@ -6,6 +6,33 @@
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+
+struct Make {
+  double radius_mm;
+  std::function<Trail(double)> lag;
+  /// `step`: ratio to the next such lag.
+  Form operator()(double lag_mm, double step) const {
+    // The coefficient is e^2 / 2 over that of the grid; reported as is.
+    Form f{fmt::format("lag of about {:.3g} mm", lag_mm),
+           {cut_column(fmt::format("lag{:.5f}", lag_mm),
+                       {"half_square_lag_mm2", 0.5 * lag_mm * lag_mm, 10.0}, 1.0, radius_mm,
+                       [at = lag(lag_mm)](const Observation&, const CutState& s, Vec3) {
+                         return CutChange{at(s).at, 0.0};
+                       })},
+           {{"followed_lag_mm", lag_mm}},
+           1};
+    if (step > 1.03)
+      f.finer = [make = *this, lag_mm, fine = std::cbrt(step)] {
+        std::vector<Form> near;
+        for (int k = -3; k <= 3; ++k) near.push_back(make(lag_mm * std::pow(fine, k), fine));
+        return near;
+      };
+    return f;
+  }
+};
+
+}  // namespace
 
 void add_machine_servo_lag(std::vector<Effect>& all) {
   Effect e;
@@ -20,17 +47,8 @@ void add_machine_servo_lag(std::vector<Effect>& all) {
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
-    for (std::size_t k = 0; k < kLagLengths_mm.size(); ++k) {
-      const double scale = 0.5 * kLagLengths_mm[k] * kLagLengths_mm[k];
-      // The coefficient is e^2 / 2 over that of the grid; reported as is.
-      Form f{fmt::format("lag of about {} mm", kLagLengths_mm[k]),
-             {cut_column(fmt::format("lag{}", k), {"half_square_lag_mm2", scale, 10.0}, 1.0,
-                         scene.ball_radius_mm, [k](const Observation&, const CutState& s, Vec3) {
-                           return CutChange{s.lag[k], 0.0};
-                         })}};
-      f.sign = 1;
-      forms.push_back(std::move(f));
-    }
+    for (const double lag_mm : {0.3, 0.6, 1.0, 1.4, 1.9, 2.6})
+      forms.push_back(Make{scene.ball_radius_mm, scene.lag}(lag_mm, 1.5));
     return forms;
   };
   all.push_back(std::move(e));

@@ -34,6 +34,16 @@ void add_process_chatter(std::vector<Effect>& all) {
                            [=](const CutState& s) { return along_axis(2, std::sin(phase(s))); }),
                 tip_column(key + "c", {"cosine_mm", 1.0, 1.0},
                            [=](const CutState& s) { return along_axis(2, std::cos(phase(s))); })}};
+        const auto per_mm = [along = along, k](const CutState& s) {
+          return k * (along == 0 ? s.feed.x : along == 1 ? s.feed.y : 1.0);
+        };
+        f.columns[0].cut = [=](const Observation&, const CutState& s, Vec3) {
+          return CutChange{{0, 0, std::sin(phase(s))}, 0.0, {0, 0, per_mm(s) * std::cos(phase(s))}};
+        };
+        f.columns[1].cut = [=](const Observation&, const CutState& s, Vec3) {
+          return CutChange{
+              {0, 0, std::cos(phase(s))}, 0.0, {0, 0, -per_mm(s) * std::sin(phase(s))}};
+        };
         f.fixed = {{"wavelength_mm", span / waves}};
         if (step > 0.02)
           f.finer = [make = *this, waves, step] {

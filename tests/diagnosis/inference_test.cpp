@@ -31,6 +31,11 @@ struct Noise {
   double wrong_pose_mm = 0.02;
 };
 
+/// Of moves that are long against the lost motion.
+Drift slack(const CutState& s) {
+  return {{s.feed.x > 0.0 ? 1.0 : -1.0, 1.0, s.feed.z > 0.0 ? 1.0 : -1.0}, {}};
+}
+
 /// Two set-ups of 20 000 points on a wavy part of 160 mm, cut along x.
 Measurements part(std::uint64_t seed, const Noise& noise,
                   const std::function<double(const Observation&)>& hidden) {
@@ -38,6 +43,8 @@ Measurements part(std::uint64_t seed, const Noise& noise,
   m.scene.box.add({0, 0, 0});
   m.scene.box.add({160, 160, 20});
   m.scene.has_path = true;
+  m.scene.slack = [](double) { return slack; };
+  m.scene.lag = [](double) { return [](const CutState&) { return Drift{}; }; };
   m.scene.duration_min = 20.0;
   m.scene.has_station = {true, true};
   m.scene.stations = {{80, -900, 900}, {980, 80, 900}};
@@ -76,7 +83,6 @@ Measurements part(std::uint64_t seed, const Noise& noise,
       o.feed = normalized(Vec3{way, 0.0, way * gx});
       o.path_share = o.cut_share = (pass + (way > 0 ? x : 160.0 - x) / 160.0) / 320.0;
       o.path_mm = o.path_share * 51'200.0;
-      for (auto& p : o.play) p = Vec3{way, 1.0, gx * way > 0 ? 1.0 : -1.0};
       o.set_up = s;
       const Vec3 v = o.place - m.scene.stations[s];
       o.has_station = true;
@@ -138,7 +144,7 @@ TEST_P(InferenceSeeded, NamesOneCauseWithItsSize) {
 TEST(Inference, NamesTwoCausesAndNoThird) {
   const auto d = diagnose(part(42, {},
                                [](const Observation& o) {
-                                 return -0.06 * o.normal.x * o.play[0].x -
+                                 return -0.06 * o.normal.x * slack(o).at.x -
                                         0.08 * o.normal.z * (1.0 - std::exp(-o.path_share / 0.2));
                                }),
                           1);

@@ -53,7 +53,7 @@ TEST(Measure, GivesResidualsAlongTheNormal) {
   f.scan(cloud);
   const auto m = measure(f.input);
   ASSERT_THAT(m, Succeeds());
-  EXPECT_GT(m->observations.size(), 18'000U);
+  EXPECT_GT(m->observations.size(), 16'000U) << "1.5 mm of the rim, and what is beside shadows";
   double squares = 0.0;
   for (const Observation& o : m->observations) {
     squares += o.residual_mm * o.residual_mm / (o.normal.z * o.normal.z);
@@ -61,7 +61,7 @@ TEST(Measure, GivesResidualsAlongTheNormal) {
     EXPECT_TRUE(o.has_station);
   }
   EXPECT_NEAR(std::sqrt(squares / static_cast<double>(m->observations.size())), 0.02, 0.001);
-  ASSERT_EQ(m->notes.size(), 1U) << "no program: said";
+  ASSERT_EQ(m->notes.size(), 2U) << "no program, and the rim: said";
 }
 
 TEST(Measure, SaysWhatAScanWithoutStationCannotTell) {
@@ -98,7 +98,7 @@ TEST(Measure, LeavesOutStones) {
                     o.place.y > f.design.y_mm(49) && o.place.y < f.design.y_mm(55);
     EXPECT_FALSE(on);
   }
-  EXPECT_GT(m->observations.size(), 17'000U);
+  EXPECT_GT(m->observations.size(), 15'000U);
   const auto other = rough_part(1, 61, 61, 0.5);
   ASSERT_THAT(heightmap::write_model_field(other, f.input.ground), Succeeds());
   EXPECT_THAT(measure(f.input), FailsWith(kOtherPart));

@@ -5,10 +5,13 @@
 //   height and normal ... against the least of dense samples of the path (shares no code)
 //   tip, time, length ... of a straight program by hand
 //   play ................ sign of the last motion of each axis, by hand
+//   flat of a valley .... lost motion of one pass by dense samples
 //   lag ................. circle: half the square of the lag over the radius, inwards
 //   sections ............ tool changes start new ones
 
 #include "diagnosis/path_contact.hpp"
+
+#include "diagnosis/effect.hpp"
 
 #include <cmath>
 #include <fstream>
@@ -105,15 +108,68 @@ TEST(CutPath, FollowsThePlay) {
       path_of(scratch, "G21 G90 F1000\nG0 X0 Y0 Z0\nG1 X50 Z5\nG1 Y20 Z5.0\nG1 X0 Z0\nM30\n");
   const auto there = path.at(25.0, 0.0), across = path.at(50.0, 10.0), back = path.at(25.0, 20.0);
   ASSERT_TRUE(there && across && back);
-  for (std::size_t k = 0; k < kPlayWidths_mm.size(); ++k) {
+  for (const double width_mm : {0.02, 0.1, 0.4}) {
     // The mean over the cut is taken off, so differences count.
-    const Vec3 a = there->play[k], b = across->play[k], c = back->play[k];
+    const Trail slack = path.slack(width_mm);
+    const Vec3 a = slack(*there).at, b = slack(*across).at, c = slack(*back).at;
     EXPECT_NEAR(b.x - a.x, 0.0, 1e-6) << "x stands: the slack stays where it was";
     EXPECT_NEAR(b.y - a.y, 1.0, 1e-6) << "y has not moved before";
     EXPECT_NEAR(c.x - a.x, -2.0, 1e-6);
     EXPECT_NEAR(c.y - b.y, 0.0, 1e-6);
     EXPECT_NEAR(c.z - a.z, -2.0, 1e-6);
   }
+  // On the way through the slack after a turn.
+  const auto turned = path.at(50.0 - 0.3, 20.0);
+  ASSERT_TRUE(turned);
+  const double way = 50.0 - turned->tip.x;
+  ASSERT_LT(way, 0.9);
+  const Trail wide = path.slack(1.0);
+  EXPECT_NEAR(wide(*turned).at.x - wide(*across).at.x, -2.0 * way, 1e-5);
+  EXPECT_NEAR(wide(*turned).per_mm.x, 2.0 * turned->feed.x, 1e-5);
+}
+
+TEST(CutPath, LostMotionFlattensAValley) {
+  // One pass through z = x^2 / 40. Its tip stands still in z on the way through the slack, and the
+  // ball makes a flat of up to 0.1 mm there, at another place than where it touched before: seen
+  // from where it was displaced, a pass has another slope.
+  const ScratchFolder scratch;
+  constexpr double kWidth_mm = 0.1, kRadius_mm = 3.0;
+  const auto z = [](double x) { return x * x / 40.0; };
+  std::string text = "G21 F1000\nG0 X-12 Y0 Z3.6\n";
+  for (int i = -48; i <= 48; ++i)
+    text += fmt::format("G1 X{:.3f} Z{:.6f}\n", 0.25 * i, z(0.25 * i));
+  const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
+  Scene scene;
+  scene.has_path = true;
+  scene.ball_radius_mm = kRadius_mm;
+  scene.slack = [&](double width_mm) { return path.slack(width_mm); };
+  const Form play = find_effect("machine.backlash_z")->forms(scene).at(2);
+  // The same by samples: down to the middle, then up.
+  const auto lowest = [&](double at, bool slack) {
+    double least = INFINITY, real = z(-12.0) + 0.5 * kWidth_mm;
+    for (double x = -12.0; x <= 12.0; x += 0.002) {
+      real = std::clamp(real, z(x) - 0.5 * kWidth_mm, z(x) + 0.5 * kWidth_mm);
+      const double d = at - x;
+      if (std::abs(d) < kRadius_mm)
+        least = std::fmin(
+            least, (slack ? real : z(x)) + kRadius_mm - std::sqrt(kRadius_mm * kRadius_mm - d * d));
+    }
+    return least;
+  };
+  const auto moved = [&](double x) {
+    std::vector<Rival> rivals;
+    const auto contact = path.at(x, 0.0, &rivals);
+    Observation o;
+    static_cast<CutState&>(o) = *contact;
+    o.place = {x, 0.0, contact->height_mm};
+    o.normal = o.along = contact->normal;
+    return 0.5 * kWidth_mm * play.columns[0].value(o) / o.normal.z;
+  };
+  const double shift = moved(-8.0) - (lowest(-8.0, true) - lowest(-8.0, false));  // of the mean
+  for (double x = -6.0; x < 6.0; x += 0.1)
+    // What is left: the pass is taken for straight, where it bends by 1 / 20 over half a
+    // millimetre.
+    EXPECT_NEAR(moved(x) - shift, lowest(x, true) - lowest(x, false), 0.008) << "x = " << x;
 }
 
 TEST(CutPath, LagsInwardsInABend) {
@@ -122,10 +178,10 @@ TEST(CutPath, LagsInwardsInABend) {
       scratch, "G21 G90 G17 F1000\nG0 X40 Y0 Z0\nG3 X40 Y0 I-40 J0\nG3 X40 Y0 I-40 J0\nM30\n", 1.0);
   const auto contact = path.at(0.0, 40.0);
   ASSERT_TRUE(contact.has_value());
-  for (std::size_t k = 0; k < kLagLengths_mm.size(); ++k) {
+  for (const double e : {0.3, 1.0, 2.6}) {
     // A first-order lag of a circle of radius r is a circle of radius r / sqrt(1 + (e / r)^2).
-    const double e = kLagLengths_mm[k], radius = 40.0 / std::sqrt(1.0 + e * e / 1600.0);
-    const Vec3 lag = contact->lag[k];
+    const double radius = 40.0 / std::sqrt(1.0 + e * e / 1600.0);
+    const Vec3 lag = path.lag(e)(*contact).at;
     EXPECT_NEAR(lag.y, radius - 40.0, 0.02 * (40.0 - radius) + 2e-3);
     EXPECT_LT(lag.y, 0.0);
   }

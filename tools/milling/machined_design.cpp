@@ -35,7 +35,8 @@ void near_line(ModelField& field, const std::array<double, 2>& a, const std::arr
         0, static_cast<std::ptrdiff_t>(std::ceil((low - reach_mm - zero) / s)));
   };
   const auto last = [&](double high, double zero, std::ptrdiff_t count) {
-    return std::min(count - 1, static_cast<std::ptrdiff_t>(std::floor((high + reach_mm - zero) / s)));
+    return std::min(count - 1,
+                    static_cast<std::ptrdiff_t>(std::floor((high + reach_mm - zero) / s)));
   };
   const double x0 = field.x0.value(), y0 = field.y0.value();
   const std::ptrdiff_t r1 = last(std::max(a[1], b[1]), y0, field.z_mm.rows()),
@@ -44,8 +45,7 @@ void near_line(ModelField& field, const std::array<double, 2>& a, const std::arr
   for (std::ptrdiff_t r = first(std::min(a[1], b[1]), y0); r <= r1; ++r)
     for (std::ptrdiff_t c = c0; c <= c1; ++c) {
       const double px = field.x_mm(c) - a[0], py = field.y_mm(r) - a[1];
-      const double t =
-          length2 > 0.0 ? std::clamp((px * ux + py * uy) / length2, 0.0, 1.0) : 0.0;
+      const double t = length2 > 0.0 ? std::clamp((px * ux + py * uy) / length2, 0.0, 1.0) : 0.0;
       if (std::hypot(px - t * ux, py - t * uy) <= reach_mm) f(r, c);
     }
 }

@@ -65,28 +65,26 @@ SpotView::SpotView(const heightmap::ModelField& surface, const heightmap::FieldT
     const Vec3 d = p - station;
     const double deep = dot(d, axis_);
     if (!(deep > 0.05 * distance_mm_)) continue;  // beside or behind: a station over a wide part
-    const double u = distance_mm_ * dot(d, across_) / deep,
-                 v = distance_mm_ * dot(d, up_) / deep;
+    const double u = distance_mm_ * dot(d, across_) / deep, v = distance_mm_ * dot(d, up_) / deep;
     u0 = std::fmin(u0, u), u1 = std::fmax(u1, u);
     v0 = std::fmin(v0, v), v1 = std::fmax(v1, v);
   }
   if (!(u1 > u0) || !(v1 > v0)) return;
-  const double pixel = std::fmax(surface.spacing.value(), std::fmax(u1 - u0, v1 - v0) / most_pixels);
+  const double pixel =
+      std::fmax(surface.spacing.value(), std::fmax(u1 - u0, v1 - v0) / most_pixels);
   // A pixel more on each side: the surface ends within the view.
-  heightmap::ModelField range{
-      Grid<float>(static_cast<std::ptrdiff_t>((v1 - v0) / pixel) + 4,
-                  static_cast<std::ptrdiff_t>((u1 - u0) / pixel) + 4, NAN),
-      Millimetres{pixel}, Millimetres{u0 - pixel}, Millimetres{v0 - pixel}};
+  heightmap::ModelField range{Grid<float>(static_cast<std::ptrdiff_t>((v1 - v0) / pixel) + 4,
+                                          static_cast<std::ptrdiff_t>((u1 - u0) / pixel) + 4, NAN),
+                              Millimetres{pixel}, Millimetres{u0 - pixel}, Millimetres{v0 - pixel}};
   // Less the distance of the middle, or single precision would round to 0.1 um.
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, range.z_mm.rows(), [&](std::ptrdiff_t r) {
     for (std::ptrdiff_t c = 0; c < range.z_mm.cols(); ++c)
       if (const auto hit = tracer.trace(
-              station, normalized(distance_mm_ * axis_ + range.x_mm(c) * across_ +
-                                  range.y_mm(r) * up_)))
+              station,
+              normalized(distance_mm_ * axis_ + range.x_mm(c) * across_ + range.y_mm(r) * up_)))
         range.z_mm(r, c) = static_cast<float>(hit->distance_mm - distance_mm_);
   });
-  end_mm_ = std::fmin(
-      kEnd_mm, kEndShare * std::fmax(box.max.x - box.min.x, box.max.y - box.min.y));
+  end_mm_ = std::fmin(kEnd_mm, kEndShare * std::fmax(box.max.x - box.min.x, box.max.y - box.min.y));
   ends_ = ends(range, end_mm_);
   const double ratio = kSpotWidths_mm[1] / kSpotWidths_mm[0];
   for (std::size_t k = 0; k < kImages; ++k) {

@@ -49,7 +49,7 @@ class SpotView {
   static constexpr std::size_t kImages = kSpotWidths_mm.size() + 2;
   Vec3 station_, axis_, across_, up_;
   double end_mm_ = kEnd_mm;
-  double distance_mm_ = 1.0;  ///< to the middle: images are that far from the pinhole
+  double distance_mm_ = 1.0;                ///< to the middle: images are that far from the pinhole
   std::array<double, kImages> width_mm_{};  ///< of the images, at that distance
   std::array<heightmap::ModelField, kImages> mean_;
   Grid<std::uint8_t> ends_;

@@ -12,7 +12,9 @@
 #include "heightmap/dem_reader.hpp"
 #include "heightmap/detail/blend.hpp"
 #include "heightmap/detail/coregister.hpp"
+#include "heightmap/detail/knowledge.hpp"
 #include "heightmap/detail/node_map.hpp"
+#include "heightmap/detail/roughness.hpp"
 #include "heightmap/detail/site_frame.hpp"
 #include "heightmap/detail/small_relief.hpp"
 #include "heightmap/detail/void_fill.hpp"
@@ -22,7 +24,10 @@ namespace maquette::heightmap {
 namespace {
 
 constexpr double kUncoveredAllowed = 0.01;
-constexpr std::uint8_t kNotMeasured = 255;
+/// Where no source has pixels enough to show the relief's law: lunar highlands, 7.5 degrees over 17
+/// m (Rosenburg et al. 2011, doi:10.1029/2010JE003716).
+const detail::Roughness kUnseenRelief{0.95, 0.022, 0.0};
+constexpr std::ptrdiff_t kFewestNodes = 8;  // along a side of the coarsest level
 
 detail::NodeGrid nodes_of(const FuseRequest& request) {
   const double cells = 2.0 * request.half_width.value() / request.spacing.value();
@@ -32,8 +37,8 @@ detail::NodeGrid nodes_of(const FuseRequest& request) {
                  request.half_width.value(), request.spacing.value());
   MAQUETTE_CHECK(std::abs(request.centre_latitude_deg) <= 90.0, "latitude {}",
                  request.centre_latitude_deg);
-  MAQUETTE_CHECK(!request.sources.empty() && request.sources.size() < kNotMeasured, "{} sources",
-                 request.sources.size());
+  MAQUETTE_CHECK(!request.sources.empty() && request.sources.size() < detail::Blend::kFilled,
+                 "{} sources", request.sources.size());
   const auto n = static_cast<std::ptrdiff_t>(std::lround(cells)) + 1;
   return {-request.half_width.value(), -request.half_width.value(), request.spacing.value(), n, n};
 }
@@ -157,21 +162,37 @@ Result<void> align(Layer& layer, SourceReport& report, const Source& source, con
   return {};
 }
 
-/// Fills what the base leaves open, and says so.
-void fill_base(FusedSurface& surface, double base_sigma_m) {
-  const detail::VoidFill fill = detail::fill_voids(surface.field.z_m);
-  for (std::size_t i = 0; i < fill.sigma.cells().size(); ++i)
-    if (const auto s = static_cast<double>(fill.sigma.cells()[i]); !std::isnan(s)) {
-      surface.source.cells()[i] = kNotMeasured;
-      surface.sigma_m.cells()[i] = static_cast<float>(std::hypot(base_sigma_m, s));
-    }
+/// Levels of bands: down to waves of two of the coarsest pixels, as far as the site has them.
+std::size_t levels_of(double coarsest_pixel_m, const detail::NodeGrid& nodes) {
+  std::size_t levels = 1;
+  while (std::exp2(static_cast<double>(levels) - 1.0) * nodes.spacing_m < coarsest_pixel_m)
+    ++levels;
+  while (levels > 0 && (std::min(nodes.rows, nodes.cols) >> levels) < kFewestNodes) --levels;
+  return levels;
 }
 
-/// From a layer's border to where its long waves count in full: a pixel of the surface below,
-/// ten of its own, at most an eighth of the site.
-double ramp_nodes(double lower_pixel_m, double upper_pixel_m, const detail::NodeGrid& nodes) {
-  const double width_m = nodes.spacing_m * static_cast<double>(nodes.cols - 1);
-  return std::min(std::max(lower_pixel_m, 10.0 * upper_pixel_m), 0.125 * width_m) / nodes.spacing_m;
+/// Noise of a layer as it says, white as far as its pixels show white noise.
+detail::Knowledge knowledge_of(const Layer& layer, const Source& source,
+                               const detail::Roughness& own, const detail::WaveTable& waves) {
+  const double averaged = std::sqrt(static_cast<double>(layer.window.step_u) * layer.window.step_v);
+  double white_m = source.sigma_m / averaged;
+  if (own.coefficient > 0.0) white_m = std::min(white_m, own.noise_m);
+  const double correlated_m = std::sqrt(
+      std::max(0.0, source.sigma_m * source.sigma_m - white_m * white_m * averaged * averaged));
+  return detail::knowledge_of(waves, layer.pixel.longer_m() / waves.spacing_m, white_m,
+                              correlated_m);
+}
+
+/// Pixel of the source that most of what lies below a layer comes from.
+double pixel_below(const Grid<std::uint8_t>& source, const Grid<float>& layer,
+                   const std::vector<SourceReport>& reports) {
+  std::vector<std::size_t> nodes(reports.size(), 0);
+  for (std::size_t i = 0; i < layer.cells().size(); ++i)
+    if (!std::isnan(layer.cells()[i]) && source.cells()[i] < nodes.size())
+      ++nodes[source.cells()[i]];
+  return reports[static_cast<std::size_t>(std::max_element(nodes.begin(), nodes.end()) -
+                                          nodes.begin())]
+      .pixel_m;
 }
 
 }  // namespace
@@ -186,11 +207,15 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   surface.field.x0 = Metres{nodes.x0_m};
   surface.field.y0 = Metres{nodes.y0_m};
 
-  detail::Roughness roughness;
-  double finest_pixel_m = INFINITY, lower_pixel_m = 0.0, lower_sigma_m = 0.0;
-  for (std::size_t i = 0; i < request.sources.size(); ++i) {
-    const Source& source = request.sources[i];
-    run.progress(static_cast<double>(i) / static_cast<double>(request.sources.size() + 1));
+  struct Read {
+    DemReader dem;
+    Layer layer;
+    detail::Roughness roughness;
+  };
+  std::vector<Read> read;
+  detail::Roughness roughness;  // of the finest source
+  double finest_pixel_m = INFINITY, coarsest_pixel_m = 0.0;
+  for (const Source& source : request.sources) {
     MAQUETTE_TRY(DemReader dem, DemReader::open(source, request.body));
     dem.centre_on(request.centre_latitude_deg, request.centre_longitude_deg);
     MAQUETTE_TRY(Layer layer, read_layer(request, dem, site, nodes, run));
@@ -198,35 +223,53 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
     report.name = source.name;
     report.pixel_m = layer.pixel.longer_m();
     report.coverage = static_cast<double>(layer.covered) / all_nodes;
-    if (report.pixel_m < finest_pixel_m) {
-      finest_pixel_m = report.pixel_m;
-      if (request.synthetic_detail > 0.0)
-        roughness = detail::measure_roughness(layer.window, layer.pixel);
-    }
-    if (i == 0) {
-      if (report.coverage < 1.0 - kUncoveredAllowed)
-        return fail(kNotCovered, fmt::format("{}: the base covers {:.2f} % of the site, 99 % are "
-                                             "needed; choose a wider product or a smaller site",
-                                             dem.name(), 100.0 * report.coverage));
-      surface.field.z_m = std::move(layer.z_m);
-      surface.sigma_m = Grid<float>(nodes.rows, nodes.cols, static_cast<float>(source.sigma_m));
-      surface.source = Grid<std::uint8_t>(nodes.rows, nodes.cols, 0);
-      fill_base(surface, source.sigma_m);
+    const detail::Roughness own = detail::measure_roughness(layer.window, layer.pixel);
+    if (report.pixel_m < finest_pixel_m) roughness = own;
+    finest_pixel_m = std::min(finest_pixel_m, report.pixel_m);
+    coarsest_pixel_m = std::max(coarsest_pixel_m, report.pixel_m);
+    if (read.empty() && report.coverage < 1.0 - kUncoveredAllowed)
+      return fail(kNotCovered, fmt::format("{}: the base covers {:.2f} % of the site, 99 % are "
+                                           "needed; choose a wider product or a smaller site",
+                                           dem.name(), 100.0 * report.coverage));
+    surface.sources.push_back(std::move(report));
+    read.push_back({std::move(dem), std::move(layer), own});
+    run.progress(0.5 * static_cast<double>(read.size()) /
+                 static_cast<double>(request.sources.size()));
+    if (run.stopped()) return fail(kCancelled, "fusing was stopped");
+  }
+
+  const detail::WaveTable waves = detail::wave_table(
+      roughness.coefficient > 0.0 ? roughness : kUnseenRelief, nodes.spacing_m,
+      nodes.spacing_m * static_cast<double>(nodes.cols), levels_of(coarsest_pixel_m, nodes));
+  std::optional<detail::Blend> blend;
+  Grid<float> as_seen;  // most exact source at each node as its pixels have it: to align with
+  for (std::size_t i = 0; i < read.size(); ++i) {
+    Layer& layer = read[i].layer;
+    const Source& source = request.sources[i];
+    const detail::Knowledge known = knowledge_of(layer, source, read[i].roughness, waves);
+    if (!blend) {
+      const detail::VoidFill fill = detail::fill_voids(layer.z_m);
+      if (read.size() > 1) as_seen = layer.z_m;
+      blend.emplace(waves, std::move(layer.z_m), known, fill.sigma, request.restore);
     } else {
       if (source.align != Source::Align::none)
-        MAQUETTE_TRY_VOID(
-            align(layer, report, source, dem, site, nodes, surface.field.z_m, lower_pixel_m, run));
-      detail::blend(
-          surface.field.z_m, surface.sigma_m, surface.source, layer.z_m,
-          {lower_pixel_m / nodes.spacing_m, report.pixel_m / nodes.spacing_m, lower_sigma_m,
-           source.sigma_m, ramp_nodes(lower_pixel_m, report.pixel_m, nodes)},
-          static_cast<std::uint8_t>(i));
+        MAQUETTE_TRY_VOID(align(layer, surface.sources[i], source, read[i].dem, site, nodes,
+                                as_seen, pixel_below(blend->source(), layer.z_m, surface.sources),
+                                run));
+      blend->add(layer.z_m, known);
+      const Grid<std::uint8_t> most_exact = blend->source();
+      for (std::size_t k = 0; k < as_seen.cells().size(); ++k)
+        if (most_exact.cells()[k] == i && !std::isnan(layer.z_m.cells()[k]))
+          as_seen.cells()[k] = layer.z_m.cells()[k];
     }
+    layer = {};
+    run.progress(0.5 + 0.4 * static_cast<double>(i + 1) / static_cast<double>(read.size()));
     if (run.stopped()) return fail(kCancelled, "fusing was stopped");
-    lower_pixel_m = report.pixel_m;
-    lower_sigma_m = source.sigma_m;
-    surface.sources.push_back(std::move(report));
   }
+  surface.sigma_m = blend->sigma_m();
+  surface.source = blend->source();
+  surface.field.z_m = blend->take_heights_m();
+  blend.reset();
 
   if (request.synthetic_detail > 0.0) {
     MAQUETTE_TRY(const double sigma,

@@ -13,9 +13,16 @@
 /// the sources' map projections is removed. The first source is the base and is
 /// the vertical reference; each further source is moved onto it (shift, height and tilt,
 /// where asked turn and scale: detail/coregister.hpp; only height where the relief does not
-/// tell more) and laid over it where it has data, long waves and detail each over their own width
-/// at the border (detail/blend.hpp). Voids of the base get relief as rough as what surrounds them
-/// (detail/void_fill.hpp).
+/// tell more) and laid over it where it has data, each band of waves trusted as far as pixel and
+/// noise let the sources know it (detail/blend.hpp); the relief's power law and each source's white
+/// noise are measured (detail/roughness.hpp). Voids of the base get relief as rough as what
+/// surrounds them (detail/void_fill.hpp).
+///
+/// Accuracy (tests: ten synthetic truths, beside a solver that knows spectrum, noise and pixels):
+/// error over the whole 1.10 of the best possible at most; along a source's border half of that of
+/// any of gdalwarp's mosaic, a feather and a two-band blend at most; steps there below a tenth of
+/// the noise of what lies below; waves of 4 to 32 nodes as strong as the relief's to 5 % up to the
+/// border; 68 and 95 % of errors within 1 and 1.96 sigma, to 3 points.
 ///
 /// What a height is. The value at (x, y) is the sources' height above their datum at
 /// the point of the ellipsoid below (x, y); it is not lowered by the curvature between
@@ -32,8 +39,7 @@
 /// height is moved, and the source's report says why. A base whose pixel is wider than the site is
 /// a poor vertical reference; the run's warning says so.
 ///
-/// Cost: 4001 x 4001 nodes from two sources with synthetic detail take 6 s on two cores, 10 s of
-/// CPU and 1.4 GB.
+/// Cost: 4001 x 4001 nodes from two sources with synthetic detail take 18 s of CPU and 1.3 GB.
 
 #include <array>
 #include <cstdint>
@@ -81,6 +87,8 @@ struct FuseRequest {
   Metres half_width{100.0};           ///< the square site spans +- this
   Metres spacing{0.5};                ///< of the output nodes; 2 half_width / spacing whole
   std::vector<Source> sources;        ///< coarse to fine; the first is the base
+  bool restore = true;                ///< waves as strong as relief is: noise is lowered, what
+                                      ///< pixels weaken is raised
   double synthetic_detail = 0.0;      ///< strength of relief below the finest source's pixel,
                                       ///< 0 none, 1 continues the measured spectrum; all over
                                       ///< the site, from the roughness of the finest source in it
@@ -107,12 +115,12 @@ struct SourceReport {
 
 struct FusedSurface {
   PlanetField field;
-  /// Same nodes: the sources' sigma, weighted like their heights; grows into filled
-  /// voids with the distance; includes the standard deviation of synthetic detail. Relief
-  /// that a coarse source does not resolve is not in it.
+  /// Same nodes: standard uncertainty from the sources' noise and the relief that they do not
+  /// show, as the power law has it; grows into filled voids with the distance; includes the
+  /// standard deviation of synthetic detail.
   Grid<float> sigma_m;
-  /// Index of the dominant source; 255 = void of the base, filled. Synthetic detail has
-  /// no mean of its own over a pixel, so a node keeps the source that measured it.
+  /// Index of the most exact source of those there; 255 = void of the base, filled. Synthetic
+  /// detail has no mean of its own over a pixel, so a node keeps the source that measured it.
   Grid<std::uint8_t> source;
   std::vector<SourceReport> sources;
 };

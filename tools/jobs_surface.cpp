@@ -58,6 +58,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   request.half_width = Metres{half_width_m(site, scale)};
   request.spacing = ModelScale(scale).unscale_horizontal(Millimetres{site.spacing_mm});
   request.synthetic_detail = site.synthetic_detail;
+  request.restore = site.restore;
   request.seed = static_cast<std::uint64_t>(site.seed);
   for (const SiteSource& s : sources) {
     using Align = heightmap::Source::Align;

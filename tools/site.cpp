@@ -105,6 +105,8 @@ SiteFile empty_site_file() {
   t.section("fusion", "How the sources become one surface.");
   t.add({"fusion.synthetic_detail", &s.synthetic_detail,
          "strength of relief below the finest source's pixel, marked as synthetic; 0: none", 0, 5});
+  t.add({"fusion.restore", &s.restore,
+         "waves as strong as relief is: noise is lowered, what wide pixels weaken is raised"});
   t.add({"fusion.synthetic_seed", &s.synthetic_seed,
          "of the embedded site, used when no [[source]] is given", 0, 1e15});
 

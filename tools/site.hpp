@@ -43,6 +43,7 @@ struct Site {
 
   std::int64_t synthetic_seed = 20260101;
   double synthetic_detail = 1.0;
+  bool restore = true;
 
   std::int64_t stone_count = 12;
   double stone_inner_share = 0.5;

@@ -2,35 +2,65 @@
 #pragma once
 
 /// @file blend.hpp
-/// Lays one source over what is there, without a seam and without loss of its detail.
+/// Lays sources over each other, each band of waves trusted as far as it is known.
 ///
-/// Method. q is what the two say differently of the waves that both resolve: the finer one averaged
-/// over the coarser one's pixel, less the coarser one, then smoothed by a Gaussian half a
-/// pixel wide over the nodes that have both. Inside, z = layer - (1 - s) q; at the border that
-/// becomes what is below within a few of the finer pixels. s rises from 0 at the border to t over a
-/// wide ramp: so datums and long errors of the two meet gently, while detail is whole nearly to the
-/// border. (Burt and Adelson 1983, doi:10.1145/245.247, blend every octave over its own wavelength;
-/// here detail does not give way to a source that has none.) t is the layer's share of the long
-/// waves: by inverse variances of both over one coarse pixel.
+/// Method. The difference of a source to what is there is split into bands (bands.hpp); each is
+/// added by the weight that leaves the least error (knowledge.hpp): Wiener's combination. So detail
+/// comes whole from the source that has it, long waves from whichever is better, and noise of both
+/// is averaged where they are alike. Nodes that the same sources cover are a class: what is known
+/// there is the same. Then, if asked, waves are made as strong as relief is.
+///
+/// Borders. Beyond a source's border its difference goes on as it was, ever smoother and, a pixel
+/// of the coarsest source away, gone (pull and push over the levels: Gortler et al. 1996,
+/// doi:10.1145/237170.237200). So detail is whole up to the border itself, and there is no step.
 
 #include <cstdint>
+#include <utility>
+#include <vector>
 
 #include "core/grid.hpp"
+#include "heightmap/detail/knowledge.hpp"
 
 namespace maquette::heightmap::detail {
 
-struct BlendScales {
-  double below_pixel = 1.0, layer_pixel = 1.0;      ///< nodes
-  double below_sigma_m = 1.0, layer_sigma_m = 1.0;  ///< of one pixel
-  double ramp = 2.0;                                ///< nodes from the border to the whole layer
-};
+class Blend {
+ public:
+  /// @param base       heights without voids
+  /// @param filled_m   standard uncertainty of what was filled in, beside the base's own; NaN where
+  ///                   nothing was, empty if nothing was at all
+  /// @param restoring  waves as strong as relief is
+  Blend(const WaveTable& waves, Grid<float> base, const Knowledge& known,
+        const Grid<float>& filled_m, bool restoring);
 
-/// @param z, sigma_m, source  what is there, without voids; where the layer is at least half,
-/// `source`
-///   becomes `index`
-/// @param layer  on the same nodes, void NaN. The grid's own edge is no border of the layer.
-/// Same result for any number of threads.
-void blend(Grid<float>& z, Grid<float>& sigma_m, Grid<std::uint8_t>& source,
-           const Grid<float>& layer, const BlendScales& scales, std::uint8_t index);
+  /// Lays a layer on the same nodes over what is there, void NaN. The grid's own edge is no border
+  /// of the layer. Same result for any number of threads.
+  void add(const Grid<float>& layer, const Knowledge& known);
+
+  /// Heights so far; they are what the next layer is brought onto.
+  [[nodiscard]] const Grid<float>& heights_m() const { return z_m_; }
+  [[nodiscard]] Grid<float> take_heights_m() { return std::move(z_m_); }
+  /// Of each node: noise, and relief that the sources do not show.
+  [[nodiscard]] Grid<float> sigma_m() const;
+  /// Most exact of the sources that cover a node; 0 is the base, kFilled what was filled in.
+  [[nodiscard]] Grid<std::uint8_t> source() const;
+  static constexpr std::uint8_t kFilled = 255;
+
+ private:
+  struct Class {
+    Knowledge known;
+    double error_m2 = 0.0;
+    std::uint8_t source = 0;
+    double source_error_m2 = 0.0;  ///< of that source alone
+    std::vector<double> restoring;
+  };
+  [[nodiscard]] Class class_of(Knowledge raw, std::uint8_t source, double source_error_m2) const;
+
+  const WaveTable* waves_;
+  bool restoring_;
+  Grid<float> z_m_, filled_m_;
+  Grid<std::uint8_t> classes_;
+  std::vector<Class> known_;
+  std::uint8_t sources_ = 1;
+};
 
 }  // namespace maquette::heightmap::detail

@@ -21,6 +21,7 @@ using Matrix = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
 constexpr int kCellsPerPixel = 3;  // of the coarser surface, along each axis
 constexpr double kLeastPixels = 30.0;
+constexpr double kCapturePixels = 25.0;  // of the coarser surface: how far the start is searched
 constexpr double kLeastCorrelation = 0.5;
 constexpr double kTukey = 4.685;      // 95 % efficiency for normal noise
 constexpr double kCommonBlur = 0.5;   // of both, in coarser pixels (standard deviation)
@@ -535,7 +536,7 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
   Pose pose;
   {
     const Level& l = levels.back();
-    const auto [x, y] = search(l, options.capture_pixels * pixel_cells / l.cell);
+    const auto [x, y] = search(l, kCapturePixels * pixel_cells / l.cell);
     pose.v[0] = x * l.cell;
     pose.v[1] = y * l.cell;
     pose.v[2] = spread_of(compare(l, pose, 1, false).residual).median;
@@ -543,7 +544,7 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
   // The lower surface's slopes stand on nodes: no interpolation couples their noise to heights.
   // A much finer upper surface has next to no noise after all its means, and better slopes.
   const bool by_upper = 1.5 * upper_pixel_m < lower_pixel_m;
-  const Free free{true, true, true, options.tilt, options.tilt, options.rotation, options.scale};
+  const Free free{true, true, true, true, true, options.rotation, options.scale};
   const double half =
       0.5 * static_cast<double>(std::max(levels[0].lower.rows(), levels[0].lower.cols()));
   Samples samples;
@@ -581,7 +582,7 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
   }
   const double moved = std::hypot(pose.v[0], pose.v[1]) / pixel_cells;
   if (!settled) return refused("the alignment did not settle");
-  if (moved > 2.0 * options.capture_pixels)
+  if (moved > 2.0 * kCapturePixels)
     return refused(fmt::format("the best shift, {:.1f} pixels, is out of reach", moved));
 
   const double limit = kTukey * std::max(spread.nmad, 1e-9);

@@ -34,9 +34,7 @@ namespace maquette::heightmap::detail {
 
 struct CoregisterOptions {
   bool height_only = false;
-  bool tilt = true;
   bool rotation = false, scale = false;
-  double capture_pixels = 25.0;  ///< of the coarser surface: how far the start is searched
 };
 
 /// A point p of the upper surface, from the middle of the grid, belongs at

@@ -124,43 +124,6 @@ void add_octave(Grid<float>& z, const NodeGrid& nodes, double step_m, double gai
 
 }  // namespace
 
-Roughness measure_roughness(const PixelWindow& window, const PixelSize& pixel) {
-  const Grid<float>& h = window.height_m;
-  const double step_u = pixel.along_u_m * window.step_u, step_v = pixel.along_v_m * window.step_v;
-  // log of mean squared second difference against log of lag; one point per lag and axis
-  double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0;
-  for (const std::ptrdiff_t lag : {2, 4, 8})
-    for (const bool along_u : {true, false}) {
-      const std::ptrdiff_t dr = along_u ? 0 : lag, dc = along_u ? lag : 0;
-      double sum = 0.0;
-      std::ptrdiff_t count = 0;
-      for (std::ptrdiff_t r = dr; r + dr < h.rows(); ++r)
-        for (std::ptrdiff_t c = dc; c + dc < h.cols(); ++c) {
-          const double d = static_cast<double>(h(r - dr, c - dc)) +
-                           static_cast<double>(h(r + dr, c + dc)) -
-                           2.0 * static_cast<double>(h(r, c));
-          if (std::isnan(d)) continue;
-          sum += d * d;
-          ++count;
-        }
-      if (count < 50 || sum <= 0.0) continue;
-      const double x = std::log(static_cast<double>(lag) * (along_u ? step_u : step_v));
-      const double y = std::log(sum / static_cast<double>(count));
-      n += 1.0;
-      sx += x;
-      sy += y;
-      sxx += x * x;
-      sxy += x * y;
-    }
-  const double det = n * sxx - sx * sx;
-  if (n < 3.0 || !(det > 1e-9)) return {};
-  Roughness out;
-  out.hurst = std::clamp(0.5 * (n * sxy - sx * sy) / det, 0.1, 0.95);
-  // For V = C L^2H the mean squared second difference is 4 V(L) - V(2L).
-  out.coefficient = std::exp((sy - 2.0 * out.hurst * sx) / n) / (4.0 - std::exp2(2.0 * out.hurst));
-  return out;
-}
-
 Result<double> add_small_relief(Grid<float>& z, const NodeGrid& nodes, const Roughness& roughness,
                                 double pixel_m, double strength, std::uint64_t seed,
                                 const RunContext& run) {

@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// Claims of heightmap/detail/blend.hpp and how each is attacked
-//   detail is whole nearly to the border   its amplitude in the middle of the ramp, against a
-//   feather's smaller errors in the ramp              known relief, ten seeds, against a hard seam
-//   and a feather no step at the border                   differences across it against those
-//   elsewhere long waves of the better source count   a fine source with noise that its means keep
-//   uncertainty                             share of errors within sigma, in the layer and below
+// Claims of heightmap/detail/blend.hpp, knowledge.hpp, bands.hpp, roughness.hpp; how each is
+// attacked
+//   error next to the best possible        ten Gaussian reliefs, beside a solver of all nodes that
+//                                            knows spectrum, noise and pixels; by place
+//   no seam, detail whole to the border    step and power of waves along the border
+//   better than others there by 2          gdalwarp's mosaic, a feather, a two-band blend, same run
+//   stated uncertainty                     share of errors within 1 and 1.96 sigma
+//   bands add up, with equal weights        any grid, odd sizes; shares add up to one
+//   three sources: each where it lies      a third one over a hole of the second: there the base is
+//                                            what lies below it
+//   a source ends inside                   holes of a layer show what lies below
+//   power law and white noise measured     reliefs of known law and noise
 
 #include <array>
 #include <cmath>
@@ -14,174 +20,184 @@
 #include <gtest/gtest.h>
 
 #include "core/random.hpp"
+#include "heightmap/detail/bands.hpp"
 #include "heightmap/detail/blend.hpp"
-#include "support/wave_relief.hpp"
+#include "support/fusion_peers.hpp"
 
 namespace maquette::heightmap::detail {
 namespace {
 
-using testing_support::WaveRelief;
+using namespace testing_support;
 
-constexpr std::ptrdiff_t kRows = 200, kCols = 400, kBorder = 240;  // the layer is west of it
-constexpr double kCoarse = 32.0, kRamp = 64.0;
-
-struct Scene {
-  Grid<double> truth;
-  Grid<float> below, layer;
-};
-
-/// Relief of 4 to 200 nodes; below: means over 32 nodes with errors of longer waves; layer: the
-/// relief with white noise.
-Scene scene(std::uint64_t seed, double below_errors, double noise) {
-  const WaveRelief relief(seed, 0.7, 0.05, 6.2832), errors(900 + seed, 0.2, 1.0, 6.2832);
-  Scene s{Grid<double>(kRows, kCols, 0.0), Grid<float>(kRows, kCols),
-          Grid<float>(kRows, kCols, NAN)};
-  Grid<double> coarse(kRows, kCols, 0.0), long_errors(kRows, kCols, 0.0);
-  relief.add_to(s.truth, {0.0, 0.0}, 1.0, 0.0, 0.0);
-  relief.add_to(coarse, {0.0, 0.0}, 1.0, 0.0, kCoarse);
-  errors.add_to(long_errors, {0.0, 0.0}, 0.06, 0.0, 0.0);  // waves from 67 nodes on
-  for (std::ptrdiff_t r = 0; r < kRows; ++r)
-    for (std::ptrdiff_t c = 0; c < kCols; ++c) {
-      s.below(r, c) = static_cast<float>(coarse(r, c) + below_errors * long_errors(r, c));
-      if (c < kBorder)
-        s.layer(r, c) = static_cast<float>(
-            s.truth(r, c) +
-            noise * random_normal(700 + seed, static_cast<std::uint64_t>(r * kCols + c)));
-    }
-  return s;
-}
-
-struct Result {
-  Grid<float> z, sigma;
-  Grid<std::uint8_t> source;
-};
-
-Result blended(const Scene& s, double below_sigma, double layer_sigma) {
-  Result out{s.below, Grid<float>(kRows, kCols, static_cast<float>(below_sigma)),
-             Grid<std::uint8_t>(kRows, kCols, 0)};
-  blend(out.z, out.sigma, out.source, s.layer, {kCoarse, 1.0, below_sigma, layer_sigma, kRamp}, 1);
-  return out;
-}
-
-Grid<float> feathered(const Scene& s) {
-  Grid<float> z = s.below;
-  for (std::ptrdiff_t r = 0; r < kRows; ++r)
-    for (std::ptrdiff_t c = 0; c < kBorder; ++c) {
-      const auto w = static_cast<float>(std::fmin(1.0, static_cast<double>(kBorder - c) / kRamp));
-      z(r, c) = (1.0F - w) * z(r, c) + w * s.layer(r, c);
-    }
-  return z;
-}
-
-/// Root mean square of the error in a strip of columns.
-double rms(const Grid<float>& z, const Grid<double>& truth, std::ptrdiff_t from,
-           std::ptrdiff_t to) {
-  double sum = 0.0, n = 0.0;
-  for (std::ptrdiff_t r = 0; r < kRows; ++r)
-    for (std::ptrdiff_t c = from; c < to; ++c, n += 1.0)
-      sum += std::pow(static_cast<double>(z(r, c)) - truth(r, c), 2.0);
-  return std::sqrt(sum / n);
-}
-
-/// Slope of the true detail in the result: 1 if detail is whole. Second differences over 4 nodes.
-double detail_kept(const Grid<float>& z, const Grid<double>& truth, std::ptrdiff_t from,
-                   std::ptrdiff_t to) {
-  double both = 0.0, own = 0.0;
-  for (std::ptrdiff_t r = 2; r + 2 < kRows; ++r)
-    for (std::ptrdiff_t c = from; c < to; ++c) {
-      const double t = truth(r - 2, c) + truth(r + 2, c) - 2.0 * truth(r, c);
-      both += t * static_cast<double>(z(r - 2, c) + z(r + 2, c) - 2.0F * z(r, c));
-      own += t * t;
-    }
-  return both / own;
-}
-
-TEST(BlendBands, KeepsDetailWhereAFeatherHalvesIt) {
-  double ours = 0.0, feather = 0.0, error = 0.0, feather_error = 0.0, hard_error = 0.0;
-  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
-    const Scene s = scene(seed, 0.02, 0.01);
-    const Result out = blended(s, 0.3, 0.01);
-    const Grid<float> soft = feathered(s);
-    const std::ptrdiff_t middle = kBorder - 32;
-    ours += 0.1 * detail_kept(out.z, s.truth, middle - 8, middle + 8);
-    feather += 0.1 * detail_kept(soft, s.truth, middle - 8, middle + 8);
-    const auto ramp = static_cast<std::ptrdiff_t>(kRamp);
-    error += 0.1 * rms(out.z, s.truth, kBorder - ramp, kBorder);
-    feather_error += 0.1 * rms(soft, s.truth, kBorder - ramp, kBorder);
-    Grid<float> seam = s.below;
-    for (std::ptrdiff_t r = 0; r < kRows; ++r)
-      for (std::ptrdiff_t c = 0; c < kBorder; ++c) seam(r, c) = s.layer(r, c);
-    hard_error += 0.1 * rms(seam, s.truth, kBorder - ramp, kBorder);
+TEST(Fusion, IsNextToTheBestPossibleAndSeamless) {
+  const FusionTable table = fusion_table();
+  const Score &oracle = table.scores[0], &ours = table.scores[1];
+  for (const Score& s : table.scores) {
+    RecordProperty("all over oracle, " + s.name,
+                   std::to_string(s.rmse_of_all() / oracle.rmse_of_all()));
+    RecordProperty("border over oracle, " + s.name,
+                   std::to_string(s.rmse_at_border() / oracle.rmse_at_border()));
   }
-  RecordProperty("detail_kept", std::to_string(ours));
-  RecordProperty("detail_kept_by_feather", std::to_string(feather));
-  RecordProperty("rmse", std::to_string(error));
-  RecordProperty("rmse_feather", std::to_string(feather_error));
-  RecordProperty("rmse_hard_seam", std::to_string(hard_error));
-  EXPECT_NEAR(ours, 1.0, 0.03);
-  EXPECT_NEAR(feather, 0.5, 0.05);
-  EXPECT_LT(error, 0.5 * feather_error);
+  EXPECT_LT(ours.rmse_of_all(), 1.10 * oracle.rmse_of_all());
+  EXPECT_LT(ours.rmse(kInside), 1.10 * oracle.rmse(kInside));
+  EXPECT_LT(ours.rmse(kInsideBorder), 1.10 * oracle.rmse(kInsideBorder));
+  EXPECT_LT(ours.rmse(kOutside), 1.10 * oracle.rmse(kOutside));
+  EXPECT_LT(ours.rmse(kOutsideBorder), 1.25 * oracle.rmse(kOutsideBorder));
+  for (std::size_t peer = 3; peer < table.scores.size(); ++peer) {
+    EXPECT_LT(ours.rmse_at_border(), 0.5 * table.scores[peer].rmse_at_border());
+    EXPECT_LT(ours.rmse(kInsideBorder), 0.5 * table.scores[peer].rmse(kInsideBorder));
+    EXPECT_LT(ours.step(), table.scores[peer].step());
+  }
+  EXPECT_LT(ours.step(), 0.1);
+  // Waves of 2 to 4 nodes: in the corners of the spectrum noise is far above relief.
+  EXPECT_NEAR(ours.power[0] / ours.true_power[0], 0.9, 0.06);
+  for (const std::size_t octave : {1U, 2U, 3U})
+    EXPECT_NEAR(ours.power[octave] / ours.true_power[octave], 1.0, 0.05) << octave;
+  double one = 0.0, two = 0.0, n = 0.0;
+  const Coverage& coverage = table.coverage;
+  for (const Place p : {kInside, kInsideBorder, kOutsideBorder, kOutside}) {
+    one += coverage.one[p];
+    two += coverage.two[p];
+    n += coverage.nodes[p];
+  }
+  EXPECT_NEAR(one / n, 0.683, 0.03);
+  EXPECT_NEAR(two / n, 0.950, 0.03);
+  for (const Place p : {kInside, kOutside}) {
+    // Outside the grid's edge is near, where filters see half of their surroundings.
+    EXPECT_NEAR(coverage.one[p] / coverage.nodes[p], 0.683, p == kInside ? 0.03 : 0.05);
+    EXPECT_NEAR(coverage.two[p] / coverage.nodes[p], 0.950, 0.03);
+  }
 }
 
-TEST(BlendBands, LeavesNoStepAtTheBorder) {
-  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    const Scene s = scene(seed, 0.1, 0.01);
-    const Result out = blended(s, 0.3, 0.01);
-    double across = 0.0, coarse = 0.0, hard = 0.0;
-    for (std::ptrdiff_t r = 0; r < kRows; ++r) {
-      across += std::abs(static_cast<double>(out.z(r, kBorder) - out.z(r, kBorder - 1)));
-      coarse += std::abs(static_cast<double>(s.below(r, kBorder) - s.below(r, kBorder - 1)));
-      hard += std::abs(static_cast<double>(s.below(r, kBorder) - s.layer(r, kBorder - 1)));
-    }
-    // One node's share of the rim: a smoothstep's value at a third.
-    EXPECT_LT(across, coarse + 0.4 * hard);
-    for (std::ptrdiff_t r = 0; r < kRows; ++r) {
-      ASSERT_EQ(out.z(r, kBorder), s.below(r, kBorder));
-      ASSERT_EQ(out.source(r, 0), 1);
-      ASSERT_EQ(out.source(r, kBorder), 0);
+TEST(Bands, AddUp) {
+  for (const auto& [rows, cols] : {std::pair{64, 64}, {37, 101}, {9, 8}}) {
+    Grid<float> z(rows, cols);
+    for (std::size_t i = 0; i < z.cells().size(); ++i)
+      z.cells()[i] = static_cast<float>(random_normal(3, i));
+    const Grid<float> whole = weighted_bands(z, 3, {{std::vector<float>(bands_of(3), 1.0F)}});
+    for (std::size_t i = 0; i < z.cells().size(); ++i)
+      ASSERT_NEAR(whole.cells()[i], z.cells()[i], 2e-6);
+  }
+  for (const double fx : {0.01, 0.2, 0.47}) {
+    double sum = 0.0;
+    for (const double s : band_shares(fx, 0.1, 4)) sum += s;
+    EXPECT_NEAR(sum, 1.0, 1e-12);
+  }
+}
+
+/// One band of a wave has the share of it that band_shares says.
+TEST(Bands, HaveTheirShareOfAWave) {
+  constexpr std::ptrdiff_t n = 257;
+  for (const double f : {0.02, 0.06, 0.11, 0.2, 0.3, 0.42}) {
+    Grid<float> z(n, n);
+    for (std::ptrdiff_t r = 0; r < n; ++r)
+      for (std::ptrdiff_t c = 0; c < n; ++c)
+        z(r, c) = static_cast<float>(std::cos(2.0 * std::numbers::pi * f * static_cast<double>(c)));
+    const auto shares = band_shares(f, 0.0, 3);
+    for (std::size_t k = 0; k < shares.size(); ++k) {
+      std::vector<float> one(bands_of(3), 0.0F);
+      one[k] = 1.0F;
+      const Grid<float> band = weighted_bands(z, 3, {{one}});
+      double both = 0.0, own = 0.0;
+      for (std::ptrdiff_t r = 64; r < n - 64; ++r)
+        for (std::ptrdiff_t c = 64; c < n - 64; ++c) {
+          both += static_cast<double>(z(r, c)) * static_cast<double>(band(r, c));
+          own += static_cast<double>(z(r, c)) * static_cast<double>(z(r, c));
+        }
+      EXPECT_NEAR(both / own, shares[k], 0.01) << f << " band " << k;
     }
   }
 }
 
-TEST(BlendBands, TakesLongWavesFromTheBetterSource) {
-  // Noise of 3 in the layer's single nodes is 0.05 in means over 64 x 64, two pixels of the base,
-  // which errs by less.
-  double below = 0.0, ours = 0.0, layer = 0.0;
-  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
-    const Scene s = scene(seed, 0.0, 3.0);
-    const Result out = blended(s, 0.02, 3.0);
-    for (std::ptrdiff_t r = 60; r + 40 < kRows; r += 64)
-      for (std::ptrdiff_t c = 60; c < 140; c += 64) {
-        double a = 0.0, b = 0.0, l = 0.0;
-        for (std::ptrdiff_t i = -32; i < 32; ++i)
-          for (std::ptrdiff_t j = -32; j < 32; ++j) {
-            const double t = s.truth(r + i, c + j);
-            a += static_cast<double>(out.z(r + i, c + j)) - t;
-            b += static_cast<double>(s.below(r + i, c + j)) - t;
-            l += static_cast<double>(s.layer(r + i, c + j)) - t;
-          }
-        ours += a * a;
-        below += b * b;
-        layer += l * l;
-      }
+TEST(Roughness, MeasuresLawAndNoise) {
+  for (const TrialCase& what : trial_cases()) {
+    const Trial t = make_trial(what);
+    PixelWindow window;
+    window.height_m = t.layer;
+    const Roughness found = measure_roughness(window, {1.0, 1.0});
+    EXPECT_NEAR(found.hurst, what.hurst, 0.1) << what.seed;  // of half of 128 x 128 pixels
+    EXPECT_NEAR(found.noise_m / what.fine_sigma_m, 1.0, 0.1) << what.seed;
+    // Power of waves of 8 m, where noise does not count.
+    const auto power = [](const Roughness& law) {
+      return law.spectrum() * std::pow(0.125, -2.0 * law.hurst - 2.0);
+    };
+    EXPECT_NEAR(power(found) / power({what.hurst, 0.01, 0.0}), 1.0, 0.25) << what.seed;
   }
-  EXPECT_LT(ours, 0.5 * layer);  // of the squares
-  RecordProperty("share_of_layers_error", std::to_string(std::sqrt(ours / layer)));
-  RecordProperty("share_of_bases_error", std::to_string(std::sqrt(ours / below)));
 }
 
-TEST(BlendBands, StatesTheLayersUncertaintyInside) {
-  const Scene s = scene(3, 0.05, 0.2);
-  const Result out = blended(s, 1.0, 0.2);
-  double within = 0.0, n = 0.0;
-  for (std::ptrdiff_t r = 0; r < kRows; ++r)
-    for (std::ptrdiff_t c = 0; c < kBorder - static_cast<std::ptrdiff_t>(kRamp); ++c, n += 1.0)
-      within += std::abs(static_cast<double>(out.z(r, c)) - s.truth(r, c)) <
-                        static_cast<double>(out.sigma(r, c))
-                    ? 1.0
-                    : 0.0;
-  EXPECT_NEAR(within / n, 0.683, 0.03);
-  EXPECT_FLOAT_EQ(out.sigma(10, kBorder), 1.0F);
+const WaveTable& table_of_hills() {
+  static const WaveTable waves = wave_table({0.7, 0.01, 0.0}, 1.0, 128.0, 4);
+  return waves;
+}
+
+TEST(Blend, ShowsWhatLiesBelowWhereALayerHasHoles) {
+  const WaveTable& waves = table_of_hills();
+  Grid<float> base(128, 128, 10.0F), second(128, 128, 12.0F), third(128, 128, 11.0F);
+  for (std::ptrdiff_t r = 0; r < 128; ++r)
+    for (std::ptrdiff_t c = 64; c < 128; ++c) second(r, c) = NAN;
+  for (std::ptrdiff_t r = 0; r < 128; ++r)
+    for (std::ptrdiff_t c = 0; c < 128; ++c)
+      if (r < 64) third(r, c) = NAN;
+  Blend blend(waves, base, knowledge_of(waves, 8.0, 2.0), {}, false);
+  blend.add(second, knowledge_of(waves, 1.0, 0.05));
+  blend.add(third, knowledge_of(waves, 4.0, 0.4));
+  const Grid<float> z = blend.heights_m(), sigma = blend.sigma_m();
+  const Grid<std::uint8_t> source = blend.source();
+  EXPECT_EQ(source(20, 20), 1);
+  EXPECT_EQ(source(20, 110), 0);
+  EXPECT_EQ(source(110, 20), 1) << "the second is the more exact";
+  EXPECT_EQ(source(110, 110), 2) << "over the second's void the third beats the base";
+  EXPECT_NEAR(z(20, 110), 10.0, 0.05);
+  EXPECT_NEAR(z(20, 20), 12.0, 0.05);
+  EXPECT_NEAR(z(110, 20), 12.0, 0.1);
+  // Noise of the base in its mean over many pixels counts little, but more than the third's.
+  EXPECT_GT(z(110, 110), 10.8);
+  EXPECT_LT(sigma(110, 110), sigma(20, 110));
+  EXPECT_LE(sigma(110, 20), sigma(20, 20));
+}
+
+/// What a third source gains over the void of the second is what it gains over the base alone.
+TEST(Blend, TakesNoNoticeOfASourceThatIsNotThere) {
+  const WaveTable& waves = table_of_hills();
+  Grid<float> base(128, 128), third(128, 128), little(128, 128, NAN);
+  for (std::size_t i = 0; i < base.cells().size(); ++i) {
+    base.cells()[i] = static_cast<float>(random_normal(1, i));
+    third.cells()[i] = static_cast<float>(0.3 * random_normal(2, i));
+  }
+  for (std::ptrdiff_t r = 0; r < 128; ++r)
+    for (std::ptrdiff_t c = 0; c < 10; ++c) little(r, c) = 5.0F;
+  const auto coarse = knowledge_of(waves, 8.0, 1.0), fine = knowledge_of(waves, 1.0, 0.01),
+             middle = knowledge_of(waves, 3.0, 0.3);
+  for (const bool restoring : {false, true}) {
+    Blend with(waves, base, coarse, {}, restoring), without(waves, base, coarse, {}, restoring);
+    with.add(little, fine);
+    with.add(third, middle);
+    without.add(third, middle);
+    const Grid<float> a = with.heights_m(), b = without.heights_m();
+    for (std::ptrdiff_t r = 0; r < 128; ++r)
+      for (std::ptrdiff_t c = 80; c < 128; ++c) ASSERT_NEAR(a(r, c), b(r, c), 1e-3);
+    EXPECT_FLOAT_EQ(with.sigma_m()(64, 100), without.sigma_m()(64, 100));
+    EXPECT_EQ(with.source()(64, 100), 2);
+    EXPECT_EQ(without.source()(64, 100), 1);
+  }
+}
+
+TEST(Blend, MarksWhatWasFilledAndDoubtsIt) {
+  const WaveTable& waves = table_of_hills();
+  Grid<float> base(64, 64, 3.0F), filled(64, 64, NAN), layer(64, 64, NAN);
+  for (std::ptrdiff_t r = 20; r < 30; ++r)
+    for (std::ptrdiff_t c = 20; c < 30; ++c) filled(r, c) = 2.0F;
+  for (std::ptrdiff_t r = 0; r < 64; ++r)
+    for (std::ptrdiff_t c = 0; c < 25; ++c) layer(r, c) = 4.0F;
+  Blend blend(waves, base, knowledge_of(waves, 1.0, 0.1), filled, true);
+  EXPECT_EQ(blend.source()(25, 27), Blend::kFilled);
+  EXPECT_GT(blend.sigma_m()(25, 27), 2.0F);
+  EXPECT_LT(blend.sigma_m()(5, 5), 0.2F);
+  blend.add(layer, knowledge_of(waves, 1.0, 0.3));
+  EXPECT_EQ(blend.source()(25, 22), 1);
+  EXPECT_LT(blend.sigma_m()(25, 22), 0.4F);
+  EXPECT_EQ(blend.source()(25, 27), Blend::kFilled);
+  EXPECT_EQ(blend.source()(5, 5), 0) << "the base is the more exact there";
 }
 
 }  // namespace

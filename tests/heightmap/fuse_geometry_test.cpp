@@ -49,6 +49,7 @@ FuseRequest site(const Body& body, double latitude, double longitude, double hal
   request.half_width = Metres{half_width};
   request.spacing = Metres{spacing};
   request.sources = {Source{"raster", raster}};
+  request.restore = false;  // heights as the raster has them
   return request;
 }
 

@@ -5,8 +5,8 @@
 //                                                to 0.05 coarse pixel, 0.3 m in height
 //   without relief only height is moved        plane, tiny relief under noise
 //   no shift where there is none               same planet twice
-//   a feathered border has no cliff            fine source that ends inside the site
-//   sigma and mask follow the weights          read at both ends of the border
+//   a border has no cliff                      fine source that ends inside the site
+//   sigma and mask follow the sources          read on both sides of the border
 //   small holes of the base are filled, marked one hole; larger sigma inside it
 //   synthetic detail: only small waves, right  spectrum slope of a power-law planet measured,
 //     strength, own seed, reported in sigma      block means unchanged, seeds differ
@@ -167,7 +167,7 @@ TEST(Coregister, RefusesWhereItsAnswerIsRequired) {
   const auto as_is = fuse(request);
   ASSERT_THAT(as_is, Succeeds());
   EXPECT_EQ(as_is->sources[1].shift_up_m, 0.0);
-  EXPECT_NEAR(as_is->field.z_m(200, 200), 9.0, 0.01);  // the base has 0.1 % of the say
+  EXPECT_NEAR(as_is->field.z_m(200, 200), 9.0, 0.05);  // the base has little say
 }
 
 TEST(Coregister, LeavesAlignedSurfacesWhereTheyAre) {
@@ -200,7 +200,7 @@ TEST(Coregister, HasNothingToSayWithoutCommonGround) {
 }
 
 /// Base at 0 m, fine source a plateau that covers the west only.
-TEST(Blend, BorderIsFeatheredAndSigmaFollows) {
+TEST(Blend, BorderHasNoStepAndSigmaFollows) {
   const ScratchFolder scratch;
   write_planet_raster(raster(40.0, 600, [](double, double) { return 0.0; }), scratch / "base.tif");
   auto west = raster(2.0, 480, [](double, double) { return 4.0; });
@@ -211,14 +211,14 @@ TEST(Blend, BorderIsFeatheredAndSigmaFollows) {
   const std::ptrdiff_t row = 200, border = 200;
   EXPECT_EQ(fused->source(row, 0), 1);
   EXPECT_EQ(fused->source(row, 400), 0);
-  EXPECT_FLOAT_EQ(fused->sigma_m(row, 0), 0.5F);
-  EXPECT_FLOAT_EQ(fused->sigma_m(row, 400), 3.0F);
+  EXPECT_LT(fused->sigma_m(row, 0), 0.5F);
+  EXPECT_GT(fused->sigma_m(row, 400), 1.0F);
+  EXPECT_LT(fused->sigma_m(row, 400), 3.0F);
   EXPECT_NEAR(fused->sources[1].coverage, 0.5, 0.01);
   // The fine source was laid on the base by its median, 4 m lower: nothing left to see.
   EXPECT_NEAR(fused->sources[1].shift_up_m, -4.0, 1e-3);
   for (std::ptrdiff_t c = 0; c <= 400; ++c) ASSERT_NEAR(fused->field.z_m(row, c), 0.0, 1e-3) << c;
-  EXPECT_LT(fused->sigma_m(row, border - 5), 3.0F);
-  EXPECT_GT(fused->sigma_m(row, border - 5), 0.5F);
+  EXPECT_EQ(fused->sigma_m(row, border - 5), fused->sigma_m(row, 0)) << "whole up to the border";
 }
 
 TEST(Blend, LeavesNoCliff) {
@@ -294,17 +294,18 @@ TEST(DistanceTo, IsNearlyEuclidean) {
   EXPECT_TRUE(std::isinf(detail::distance_to(Grid<float>(3, 3, 0.0F), true)(1, 1)));
 }
 
-/// A random surface with the given Hurst exponent: many plane waves.
+/// A random surface with the given Hurst exponent: many plane waves, each the mean over pixels.
 PixelWindow power_law(double hurst, int n) {
   PixelWindow w;
   w.height_m = Grid<float>(n, n);
   constexpr std::uint64_t kWaves = 400;
   for (std::uint64_t k = 0; k < kWaves; ++k) {
-    const double wavelength = 2.0 * std::pow(100.0, random_uniform(1, k));
+    const double wavelength = 0.5 * std::pow(400.0, random_uniform(1, k));
     const double angle = 6.283185 * random_uniform(2, k), phase = 6.283185 * random_uniform(3, k);
-    const double a = 0.01 * std::pow(wavelength, hurst);
     const double kx = 6.283185 / wavelength * std::cos(angle);
     const double ky = 6.283185 / wavelength * std::sin(angle);
+    const auto mean = [](double x) { return std::sin(x) / x; };
+    const double a = 0.01 * std::pow(wavelength, hurst) * mean(0.5 * kx) * mean(0.5 * ky);
     for (int r = 0; r < n; ++r)
       for (int c = 0; c < n; ++c)
         w.height_m(r, c) += static_cast<float>(a * std::sin(kx * c + ky * r + phase));

@@ -43,6 +43,7 @@ class RealData : public ::testing::Test {
     request.half_width = Metres{half_width};
     request.spacing = Metres{spacing};
     request.sources = std::move(sources);
+    request.restore = false;  // heights as the files have them
     return request;
   }
   static double file_value(const std::filesystem::path& path, int col, int row) {
@@ -81,10 +82,14 @@ TEST_F(RealData, GaleHirise) {
                                {"hirise", hirise, "auto", 0.3}}));
   ASSERT_THAT(pair, Succeeds());
   EXPECT_EQ(pair->sources[1].shift_east_m, 0.0) << "14.8 km pixels cannot tell";
-  for (std::ptrdiff_t r = 0; r < 401; r += 37)
-    for (std::ptrdiff_t k = 0; k < 401; k += 41)
-      EXPECT_NEAR(pair->field.z_m(r, k) - pair->field.z_m(200, 200),
-                  alone->field.z_m(r, k) - alone->field.z_m(200, 200), 2e-3);
+  // MOLA knows nothing of this relief: it stays, but for some of the stereo's white noise.
+  double square = 0.0;
+  for (std::ptrdiff_t r = 0; r < 401; ++r)
+    for (std::ptrdiff_t k = 0; k < 401; ++k)
+      square += std::pow(pair->field.z_m(r, k) - pair->sources[1].shift_up_m -
+                             static_cast<double>(alone->field.z_m(r, k)),
+                         2.0);
+  EXPECT_LT(std::sqrt(square) / 401.0, 0.01);
   EXPECT_NEAR(pair->sources[0].pixel_m, 14818.0, 60.0);
   RecordProperty("gale_shift_up_m", std::to_string(pair->sources[1].shift_up_m));
 }

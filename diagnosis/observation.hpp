@@ -94,6 +94,9 @@ struct CutChange {
   }
 };
 
+/// Rise a length of the steepest pass whose slope is taken from its command and displacement.
+inline constexpr double kSteepPass = 0.8;
+
 /// By how much a pass leaves its surface higher where its ball has the normal `n`, upwards, mm. The
 /// pass is straight there: its ball sweeps a cylinder along the feed, and the lower of the two
 /// heights at which the upright through the place meets the changed cylinder is the new surface.
@@ -104,7 +107,8 @@ struct CutChange {
   const Vec3 along = s.feed - dot(s.feed, n) * n;
   const double length = norm(along);
   Vec3 f = length > 1e-9 ? (1.0 / length) * along : Vec3{};
-  if (length > 1e-9 && dot(c.tip_per_mm, c.tip_per_mm) > 0.0) f = normalized(f + c.tip_per_mm);
+  // Only of passes along the surface: a plunge or lift whose axis stands still has no direction.
+  if (length > 1e-9 && std::abs(s.feed.z) < kSteepPass) f = normalized(f + c.tip_per_mm);
   const auto across = [&](Vec3 v) { return v - dot(v, f) * f; };
   const Vec3 up = across({0.0, 0.0, 1.0});
   const Vec3 from = across(-radius_mm * n - c.tip_mm - Vec3{0.0, 0.0, c.radius_mm});

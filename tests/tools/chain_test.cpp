@@ -365,11 +365,13 @@ TEST_F(Chain, SeatsMarksAndSpheresOfASite) {
   std::ofstream(scratch() / "spheres.toml")
       << "sphere_radius_mm = 6.0\nhole_radius_mm = 4.0\n[[sphere]]\nname = \"a\"\nat_mm = [-20.0, "
          "-20.0, 0.0]\n[[sphere]]\nname = \"b\"\nat_mm = [60.0, -20.0, 0.0]\n";
+  // Outlines by 2 mm: a ball of 1 mm that only touches wants more than the spindle's 24000 rpm.
   std::ofstream(site) << slurp(fs::path(MAQUETTE_SOURCE) / "assets/sites/default.toml")
                       << "\n[spheres]\nfile = \"spheres.toml\"\n"
                          "[[operation]]\nstrategy = \"rough\"\n[[operation]]\nstrategy = "
                          "\"raster\"\n[[operation]]\nstrategy = \"seats\"\ngap_mm = 0.8\nbed_mm "
-                         "= 0.3\n[[operation]]\nstrategy = \"outlines\"\nmark_depth_mm = 0.2\n";
+                         "= 0.3\n[[operation]]\nstrategy = \"outlines\"\nmark_depth_mm = 0.2\n"
+                         "diameter_mm = 2.0\n";
   const std::string stages =
       "--stage products --stage fuse --stage stones --stage mesh --stage machined --stage mill "
       "--stage touch --stage verify ";

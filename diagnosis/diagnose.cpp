@@ -98,10 +98,8 @@ std::vector<Member> members_of(const std::vector<Confirmed>& confirmed) {
 
 /// The same causes.
 bool alike(const std::vector<Member>& a, const std::vector<Member>& b) {
-  return a.size() == b.size() && std::all_of(a.begin(), a.end(), [&](const Member& x) {
-           return std::any_of(b.begin(), b.end(),
-                              [&](const Member& y) { return x.effect == y.effect; });
-         });
+  return a.size() == b.size() &&
+         std::all_of(a.begin(), a.end(), [&](const Member& x) { return detail::has(b, x.effect); });
 }
 
 /// What is in no point of the observations that lie in `odd` squares.
@@ -181,12 +179,14 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       detail::exchange_residuals(bank, straight);
     }
   };
-  // Members without which the rest, cut anew, does as well: straightened residuals favour what they
-  // were straightened for.
-  const auto score = [&](const std::vector<Member>& of) {
-    straighten(of);
+  // With residuals as they are, and cut anew.
+  const auto linear_score = [&](const std::vector<Member>& of) {
     return detail::fit(bank, detail::columns_of(bank, of), {kChoose}).objective +
            detail::price(bank, of);
+  };
+  const auto score = [&](const std::vector<Member>& of) {
+    straighten(of);
+    return linear_score(of);
   };
   // A member in whose place another cause, cut anew, does better was only found first.
   const auto exchanged = [&](std::vector<Member> with) {
@@ -196,14 +196,11 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       for (std::size_t k = 0; k < with.size(); ++k) {
         const auto others = without(with, k);
         straighten(others);
-        const double now = detail::fit(bank, detail::columns_of(bank, with), {kChoose}).objective +
-                           detail::price(bank, with);
+        const double now = linear_score(with);
         const detail::Screen beside = detail::screen(bank, others, {kChoose});
         std::vector<std::pair<double, Member>> rivals;
         for (const Candidate& other : search.candidates) {
-          if (std::any_of(with.begin(), with.end(),
-                          [&](const Member& x) { return x.effect == other.effect; }))
-            continue;
+          if (detail::has(with, other.effect)) continue;
           const auto found = detail::best_form(bank, others, other, {kChoose}, true, beside);
           if (found.objective < now + kClose)
             rivals.emplace_back(found.objective, Member{other.effect, other.forms[found.form]});
@@ -225,6 +222,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     straighten(with);
     return with;
   };
+  // Members without which the rest, cut anew, does as well: straightened residuals favour what they
+  // were straightened for.
   const auto pruned = [&](std::vector<Member> with) {
     const double null = score({});
     while (!with.empty()) {
@@ -233,11 +232,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       std::size_t drop = with.size();
       // Without one, to first order: only those that are missed little are cut anew.
       std::vector<double> linear;
-      for (std::size_t k = 0; k < with.size(); ++k) {
-        const auto fewer = without(with, k);
-        linear.push_back(detail::fit(bank, detail::columns_of(bank, fewer), {kChoose}).objective +
-                         detail::price(bank, fewer));
-      }
+      for (std::size_t k = 0; k < with.size(); ++k)
+        linear.push_back(linear_score(without(with, k)));
       for (std::size_t k = 0; k < with.size(); ++k) {
         if (linear[k] - all > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
         if (const double fewer = score(without(with, k)); fewer < least) {
@@ -404,9 +400,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
                    far_squares = points * tell_apart * tell_apart;
       const detail::Screen beside = detail::screen(bank, others, kAll);
       for (const Candidate& other : search.candidates) {
-        if (std::any_of(members.begin(), members.end(),
-                        [&](const Member& x) { return x.effect == other.effect; }))
-          continue;
+        if (detail::has(members, other.effect)) continue;
         const auto found = detail::best_form(bank, others, other, kAll, false, beside);
         if (!std::isfinite(found.objective)) continue;
         auto instead = others;
@@ -432,13 +426,14 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     }
     straighten(members);
     std::size_t drop = members.size();
-    double least = kVagueShare;
+    double least = INFINITY;
     for (std::size_t k = 0; k < members.size(); ++k) {
-      const bool nameless = causes[k].equivalent.size() >= kNameless;
-      if ((nameless || members.size() > 1) && causes[k].share < (nameless ? 1.1 : least) &&
-          (causes[k].equivalent.size() >= kVagueRivals ||
-           causes[k].share < kSignatureError * kSignatureError)) {
-        least = causes[k].share;
+      const Cause& c = causes[k];
+      const bool small =
+          members.size() > 1 && c.share < kVagueShare &&
+          (c.equivalent.size() >= kVagueRivals || c.share < kSignatureError * kSignatureError);
+      if ((small || c.equivalent.size() >= kNameless) && c.share < least) {
+        least = c.share;
         drop = k;
       }
     }

@@ -99,6 +99,11 @@ void offer(Search& search, const Member& member) {
 
 }  // namespace
 
+bool has(const std::vector<Member>& members, const Effect* effect) {
+  return std::any_of(members.begin(), members.end(),
+                     [&](const Member& m) { return m.effect == effect; });
+}
+
 std::vector<Member> without(std::vector<Member> members, std::size_t k) {
   members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
   return members;
@@ -241,9 +246,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     for (const State& from : beam) {
       const Screen beside = screen(bank, from.members, {kChoose});
       for (const Candidate& c : search.candidates) {
-        if (std::any_of(from.members.begin(), from.members.end(),
-                        [&](const Member& m) { return m.effect == c.effect; }))
-          continue;
+        if (has(from.members, c.effect)) continue;
         const BestForm found = best_form(bank, from.members, c, {kChoose}, true, beside);
         if (step == 0 && std::isfinite(found.objective))
           ranking.push_back({c.effect->name, c.forms[found.form].law, null - found.objective});

@@ -154,8 +154,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
     std::string instead;
     for (const Candidate& candidate : candidates) {
       if (candidate.effect->name == c.effect || candidate.effect->name == "scanner.range_bias" ||
-          std::any_of(members.begin(), members.end(),
-                      [&](const Member& x) { return x.effect == candidate.effect; }))
+          has(members, candidate.effect))
         continue;
       double misfit = INFINITY;
       Estimate estimate;

@@ -60,10 +60,11 @@ Result<void> check_tools(const VerifyJob& job, const heightmap::ModelField& desi
 
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
-  heightmap::ModelField machined = design;
+  heightmap::ModelField cut_into;
   if (job.machined) {
-    MAQUETTE_TRY(machined, heightmap::read_model_field(*job.machined));
+    MAQUETTE_TRY(cut_into, heightmap::read_model_field(*job.machined));
   }
+  const heightmap::ModelField& machined = job.machined ? cut_into : design;
   cnc::VerifyOptions options = job.options;
   heightmap::ModelField stock;
   if (job.stock) {

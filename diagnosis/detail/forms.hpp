@@ -21,13 +21,24 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
 [[nodiscard]] inline double film(const Observation& o) {
   return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;
 }
-/// A column of tips that are displaced by d(state), small and alike for neighbouring passes.
+/// A column of tips that drift by d(state), small and alike for neighbouring passes.
+template <class DriftOf>
+[[nodiscard]] Column drift_column(std::string key, Parameter parameter, DriftOf d) {
+  Column c{std::move(key), std::move(parameter), [d](const Observation& o) {
+             return dot(o.along, d(static_cast<const CutState&>(o)).at);
+           }};
+  c.cut = [d](const Observation&, const CutState& s, Vec3) {
+    const Drift drift = d(s);
+    return CutChange{drift.at, 0.0, drift.per_mm};
+  };
+  return c;
+}
+/// The same of tips that are displaced by d(state), hardly more with each mm of way.
 template <class Displacement>
 [[nodiscard]] Column tip_column(std::string key, Parameter parameter, Displacement d) {
-  Column c{std::move(key), std::move(parameter),
-           [d](const Observation& o) { return dot(o.along, d(static_cast<const CutState&>(o))); }};
-  c.cut = [d](const Observation&, const CutState& s, Vec3) { return CutChange{d(s), 0.0}; };
-  return c;
+  return drift_column(std::move(key), std::move(parameter), [d](const CutState& s) {
+    return Drift{d(s), {}};
+  });
 }
 /// A column of passes that are changed against each other by change(o, state, normal) for one unit
 /// of the coefficient: the secant at `size` units, for other passes come to make the surface.
@@ -41,6 +52,19 @@ template <class Change>
            }};
   c.cut = change;
   return c;
+}
+/// Form::finer of make(value, step), a form of one positive parameter whose grid has the ratio
+/// `step`: three neighbours on either side at the `parts`-th root of it; none from `least` on.
+template <class Make>
+[[nodiscard]] std::function<std::vector<Form>()> finer_by_ratio(Make make, double value,
+                                                                double step, int parts,
+                                                                double least) {
+  if (!(step > least)) return {};
+  return [make = std::move(make), value, fine = std::pow(step, 1.0 / parts)] {
+    std::vector<Form> near;
+    for (int k = -3; k <= 3; ++k) near.push_back(make(value * std::pow(fine, k), fine));
+    return near;
+  };
 }
 /// Legendre polynomial of degree 0 .. 8.
 [[nodiscard]] inline double legendre(int degree, double u) {

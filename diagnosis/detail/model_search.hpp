@@ -58,6 +58,9 @@ struct Search {
 [[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
                                          const RunContext& run);
 
+/// Is the effect one of the members?
+[[nodiscard]] bool has(const std::vector<Member>& members, const Effect* effect);
+
 /// What a model costs while choosing.
 [[nodiscard]] double price(const Bank& bank, const std::vector<Member>& members);
 

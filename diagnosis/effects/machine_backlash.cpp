@@ -27,12 +27,7 @@ struct Make {
                })},
            {{"followed_width_mm", width_mm}},
            1};
-    if (step > 1.03)
-      f.finer = [make = *this, width_mm, fine = std::cbrt(step)] {
-        std::vector<Form> near;
-        for (int k = -3; k <= 3; ++k) near.push_back(make(width_mm * std::pow(fine, k), fine));
-        return near;
-      };
+    f.finer = finer_by_ratio(*this, width_mm, step, 3, 1.03);
     return f;
   }
 };

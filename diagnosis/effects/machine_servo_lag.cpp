@@ -22,12 +22,7 @@ struct Make {
                        })},
            {{"followed_lag_mm", lag_mm}},
            1};
-    if (step > 1.03)
-      f.finer = [make = *this, lag_mm, fine = std::cbrt(step)] {
-        std::vector<Form> near;
-        for (int k = -3; k <= 3; ++k) near.push_back(make(lag_mm * std::pow(fine, k), fine));
-        return near;
-      };
+    f.finer = finer_by_ratio(*this, lag_mm, step, 3, 1.03);
     return f;
   }
 };

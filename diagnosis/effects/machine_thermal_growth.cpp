@@ -29,14 +29,7 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
                              return along_axis(2, std::expm1(-s.path_share / tau));
                            })}};
         f.fixed = {{"time_constant_min", tau * minutes}};
-        if (step > 1.01)
-          f.finer = [make = *this, tau, step] {
-            std::vector<Form> near;
-            const double fine = std::pow(step, 0.25);
-            for (const int k : {-3, -2, -1, 0, 1, 2, 3})
-              near.push_back(make(tau * std::pow(fine, k), fine));
-            return near;
-          };
+        f.finer = finer_by_ratio(*this, tau, step, 4, 1.01);
         return f;
       }
     };

@@ -27,23 +27,21 @@ void add_process_chatter(std::vector<Effect>& all) {
         const auto phase = [along = along, k](const CutState& s) {
           return k * (along == 0 ? s.tip.x : along == 1 ? s.tip.y : s.path_mm);
         };
-        const auto key = fmt::format("chatter{}{:.4f}", along, waves);
-        const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
-        Form f{fmt::format("wavelength {:.4f} mm along {}", span / waves, where),
-               {tip_column(key + "s", {"sine_mm", 1.0, 1.0},
-                           [=](const CutState& s) { return along_axis(2, std::sin(phase(s))); }),
-                tip_column(key + "c", {"cosine_mm", 1.0, 1.0},
-                           [=](const CutState& s) { return along_axis(2, std::cos(phase(s))); })}};
         const auto per_mm = [along = along, k](const CutState& s) {
           return k * (along == 0 ? s.feed.x : along == 1 ? s.feed.y : 1.0);
         };
-        f.columns[0].cut = [=](const Observation&, const CutState& s, Vec3) {
-          return CutChange{{0, 0, std::sin(phase(s))}, 0.0, {0, 0, per_mm(s) * std::cos(phase(s))}};
-        };
-        f.columns[1].cut = [=](const Observation&, const CutState& s, Vec3) {
-          return CutChange{
-              {0, 0, std::cos(phase(s))}, 0.0, {0, 0, -per_mm(s) * std::sin(phase(s))}};
-        };
+        const auto key = fmt::format("chatter{}{:.4f}", along, waves);
+        const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
+        Form f{fmt::format("wavelength {:.4f} mm along {}", span / waves, where),
+               {drift_column(key + "s", {"sine_mm", 1.0, 1.0},
+                             [=](const CutState& s) {
+                               const double p = phase(s);
+                               return Drift{{0, 0, std::sin(p)}, {0, 0, per_mm(s) * std::cos(p)}};
+                             }),
+                drift_column(key + "c", {"cosine_mm", 1.0, 1.0}, [=](const CutState& s) {
+                  const double p = phase(s);
+                  return Drift{{0, 0, std::cos(p)}, {0, 0, -per_mm(s) * std::sin(p)}};
+                })}};
         f.fixed = {{"wavelength_mm", span / waves}};
         if (step > 0.02)
           f.finer = [make = *this, waves, step] {

@@ -8,6 +8,7 @@
 #include <Eigen/Dense>
 
 #include "heightmap/detail/bands.hpp"
+#include "heightmap/detail/sinc.hpp"
 
 namespace maquette::heightmap::detail {
 namespace {
@@ -16,10 +17,6 @@ constexpr double kPi = std::numbers::pi;
 constexpr double kMostGain = 2.0;  // beyond it images of the relief would rule
 constexpr double kAlikePixels = 64.0;
 constexpr double kHold = 0.01;
-
-double sinc(double x) {
-  return std::abs(x) < 1e-6 ? 1.0 : std::sin(kPi * x) / (kPi * x);
-}
 
 /// Fourier transform of Keys' kernel, a = -1/2; f in cycles per pixel.
 double keys(double f) {

@@ -6,6 +6,8 @@
 #include <numbers>
 #include <vector>
 
+#include "heightmap/detail/sinc.hpp"
+
 namespace maquette::heightmap::detail {
 namespace {
 
@@ -17,10 +19,6 @@ double amplitude_of(double hurst) {
   const double i =
       std::tgamma(1.0 - hurst) / (std::exp2(2.0 * hurst + 1.0) * hurst * std::tgamma(1.0 + hurst));
   return 1.0 / (4.0 * kPi * std::pow(2.0 * kPi, 2.0 * hurst) * i);
-}
-
-double sinc(double x) {
-  return std::abs(x) < 1e-6 ? 1.0 : std::sin(kPi * x) / (kPi * x);
 }
 
 /// Second differences of one lag along one axis.

@@ -167,8 +167,8 @@ TEST(CutPath, LostMotionFlattensAValley) {
   };
   const double shift = moved(-8.0) - (lowest(-8.0, true) - lowest(-8.0, false));  // of the mean
   for (double x = -6.0; x < 6.0; x += 0.1)
-    // What is left: the pass is taken for straight, where it bends by 1 / 20 over half a
-    // millimetre.
+    // What is left: a pass is taken for straight, and where the flat ends the ball rests on its
+    // corner; 7 um as measured, 11 um without the slope of the displaced pass.
     EXPECT_NEAR(moved(x) - shift, lowest(x, true) - lowest(x, false), 0.008) << "x = " << x;
 }
 

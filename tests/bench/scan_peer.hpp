@@ -5,9 +5,9 @@
 
 namespace maquette::scan {
 
-/// Registration and signed distances of `points` points to a mesh of 2 (nodes - 1)^2 triangles over
-/// 2 m x 2 m, ours and CloudCompare's (as `tools/setup --peers` or the system has it) on the same
-/// files: CPU seconds, errors, ratios. Says so where there is none.
+/// Registration and signed distances of `points` points to 2 (nodes - 1)^2 triangles over 2 m x 2
+/// m, ours and CloudCompare's (as `tools/setup --peers` or the system has it) on the same files: a
+/// table of CPU seconds, errors and ratios. Says so where CloudCompare is missing.
 void beside_cloudcompare(std::ptrdiff_t nodes, std::size_t points);
 
 }  // namespace maquette::scan

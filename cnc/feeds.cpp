@@ -117,22 +117,26 @@ double feed_per_tooth_mm(const Material& material, const Cutter& cutter, Engagem
   return r > 0.0 ? std::fmin(feed, std::sqrt(8.0 * r * cusp_mm)) : feed;
 }
 
-Result<double> spindle_rpm(const Machine& machine, const Material& material, const Tool& tool,
-                           double deepest_mm) {
+Result<SpindleSpeed> spindle_speed(const Machine& machine, const Material& material,
+                                   const Tool& tool, double deepest_mm) {
   // In air, or as good as: what the whole cutter may do.
   const double diameter =
       deepest_mm > 0.0 ? engaged_diameter_mm(tool.cutter, deepest_mm) : 2.0 * tool.cutter.radius_mm;
   const auto rpm_of = [&](double m_min) { return 1000.0 * m_min / (std::numbers::pi * diameter); };
-  const double slowest = rpm_of(material.min_surface_speed_m_min);
   const double fastest = rpm_of(material.max_surface_speed_m_min);
-  if (fastest < machine.min_spindle_rpm || slowest > machine.max_spindle_rpm)
+  if (fastest < machine.min_spindle_rpm)
     return fail(kSpindleOutOfRange,
-                fmt::format("tool {} ({}) in {} needs {:.0f} to {:.0f} rpm at {:.4f} mm depth, but "
-                            "{} turns {:.0f} to {:.0f}; take another diameter or depth",
-                            tool.number, tool.name, material.name, slowest, fastest, deepest_mm,
-                            machine.name, machine.min_spindle_rpm, machine.max_spindle_rpm));
-  return std::clamp(rounded(std::fmin(fastest, machine.max_spindle_rpm)), machine.min_spindle_rpm,
-                    machine.max_spindle_rpm);
+                fmt::format("tool {} ({}) in {} stands at most {:.0f} rpm ({} m/min at {:.3f} mm), "
+                            "but {} turns no slower than {:.0f}; take a smaller diameter or depth",
+                            tool.number, tool.name, material.name, fastest,
+                            material.max_surface_speed_m_min, diameter, machine.name,
+                            machine.min_spindle_rpm));
+  SpindleSpeed speed;
+  speed.rpm = std::clamp(rounded(std::fmin(fastest, machine.max_spindle_rpm)),
+                         machine.min_spindle_rpm, machine.max_spindle_rpm);
+  speed.surface_speed_m_min = speed.rpm * std::numbers::pi * diameter / 1000.0;
+  speed.below_material = rpm_of(material.min_surface_speed_m_min) > machine.max_spindle_rpm;
+  return speed;
 }
 
 namespace {
@@ -186,7 +190,8 @@ Result<FeedReport> set_feeds(Toolpath& path, const Machine& machine, const Mater
   FeedReport report;
   report.spindle_rpm = options.spindle_rpm;
   if (report.spindle_rpm == 0.0) {
-    MAQUETTE_TRY(report.spindle_rpm, spindle_rpm(machine, material, tool, deepest));
+    MAQUETTE_TRY(const SpindleSpeed speed, spindle_speed(machine, material, tool, deepest));
+    report.spindle_rpm = speed.rpm;
   }
 
   enum class By : std::uint8_t { chip, axes, plunge, acceleration };

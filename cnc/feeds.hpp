@@ -24,7 +24,9 @@
 /// what leaves cusps of `cusp_mm` along the path: sqrt(8 r cusp).
 ///
 /// The spindle turns as fast as machine and `max_surface_speed_m_min` at the engaged diameter
-/// of the deepest cut allow.
+/// of the deepest cut allow. Where the ball only touches, that diameter is small and the material's
+/// slowest speed may be more than the machine's fastest: it turns at its fastest then, as one does
+/// with small cutters, the chip stays as thick, and the answer says so.
 ///
 /// Each move's feed is the least of: rpm x teeth x feed per tooth for its engagement; the axes'
 /// largest feeds in its direction; for the way down, the plunge limit of machine and material;
@@ -81,10 +83,17 @@ struct Engagement {
 [[nodiscard]] double feed_per_tooth_mm(const Material& material, const Cutter& cutter,
                                        Engagement engagement, double cusp_mm);
 
-/// @return rpm; CNC_SPINDLE_OUT_OF_RANGE if the slowest of the machine is too fast for the
-///         material, or its fastest too slow
-[[nodiscard]] Result<double> spindle_rpm(const Machine& machine, const Material& material,
-                                         const Tool& tool, double deepest_mm);
+struct SpindleSpeed {
+  double rpm = 0.0;
+  double surface_speed_m_min = 0.0;  ///< at the engaged diameter of the deepest cut
+  /// The machine's fastest is slower than the material asks for at that diameter: the surface may
+  /// be rougher.
+  bool below_material = false;
+};
+
+/// @return CNC_SPINDLE_OUT_OF_RANGE if the slowest of the machine is too fast for the material
+[[nodiscard]] Result<SpindleSpeed> spindle_speed(const Machine& machine, const Material& material,
+                                                 const Tool& tool, double deepest_mm);
 
 struct FeedOptions {
   double cusp_mm = 0.005;  ///< along the path; > 0

@@ -5,11 +5,11 @@
 //   engaged diameter, thinning ... closed forms; a tooth turned in small steps against the ball
 //   chip load .................... table points, between, below, above, deep cuts
 //   feed per tooth ............... closed form; chip of the feed is the chip load; caps
-//   spindle ...................... closed form, both ends of the machine, both errors
-//   feeds of a path .............. laws on a random path: axes, plunge, chip, acceleration
-//   naming the reached speed ..... the run takes as long as before
-//   few changes .................. feeds kept within a tenth
-//   materials .................... all are found, read and plausible; mistakes are named
+//   spindle ...................... closed form, both ends of the machine, the error; slower than
+//   asked for feeds of a path .............. laws on a random path: axes, plunge, chip,
+//   acceleration naming the reached speed ..... the run takes as long as before few changes
+//   .................. feeds kept within a tenth materials .................... all are found, read
+//   and plausible; mistakes are named
 
 #include "cnc/feeds.hpp"
 
@@ -122,17 +122,55 @@ TEST(Feeds, SpindleTurnsAsFastAsMaterialAndMachineAllow) {
   tool.cutter = Cutter::flat(10.0);
   Material m = board();
   m.max_surface_speed_m_min = 628.5;  // 10 003 rpm at 20 mm
-  EXPECT_EQ(*spindle_rpm(machine, m, tool, 5.0), 10'000.0);
+  EXPECT_EQ(spindle_speed(machine, m, tool, 5.0)->rpm, 10'000.0);
   tool.cutter = Cutter::ball(3.0);  // at 0.6 mm the ball is 3.6 mm wide: 55 000 rpm
-  EXPECT_EQ(*spindle_rpm(machine, m, tool, 0.6), machine.max_spindle_rpm);
+  const auto capped = spindle_speed(machine, m, tool, 0.6);
+  ASSERT_THAT(capped, Succeeds());
+  EXPECT_EQ(capped->rpm, machine.max_spindle_rpm);
+  EXPECT_NEAR(capped->surface_speed_m_min, 24'000.0 * 3.6e-3 * std::numbers::pi, 1e-9);
+  EXPECT_FALSE(capped->below_material) << capped->surface_speed_m_min;
   tool.cutter = Cutter::flat(10.0);
   machine.min_spindle_rpm = 12'000.0;
-  const auto fast = spindle_rpm(machine, m, tool, 5.0);
+  const auto fast = spindle_speed(machine, m, tool, 5.0);
   ASSERT_THAT(fast, FailsWith(kSpindleOutOfRange));
-  EXPECT_THAT(fast.error().message, AllOf(HasSubstr("10003 rpm"), HasSubstr("12000 to 24000")));
-  tool.cutter = Cutter::flat(0.25);
-  m.min_surface_speed_m_min = 60.0;  // 38 000 rpm
-  EXPECT_THAT(spindle_rpm(machine, m, tool, 0.2), FailsWith(kSpindleOutOfRange));
+  EXPECT_THAT(fast.error().message, AllOf(HasSubstr("10003 rpm"), HasSubstr("slower than 12000")));
+}
+
+TEST(Feeds, ABallThatOnlyTouchesTurnsAsFastAsTheMachineCan) {
+  const Machine machine = portal();
+  const Material m = board();
+  Tool tool;
+  tool.teeth = 2;
+  tool.cutter = Cutter::ball(0.5);
+  // 0.02 mm deep the ball is 2 sqrt(0.02 * 0.98) = 0.28 mm wide.
+  const double wide = 0.28e-3 * std::numbers::pi, depth = 0.02;
+  ASSERT_GT(m.min_surface_speed_m_min / wide, machine.max_spindle_rpm) << "else nothing is shown";
+  const auto speed = spindle_speed(machine, m, tool, depth);
+  ASSERT_THAT(speed, Succeeds());
+  EXPECT_EQ(speed->rpm, machine.max_spindle_rpm);
+  EXPECT_NEAR(speed->surface_speed_m_min, machine.max_spindle_rpm * wide, 1e-9);
+  EXPECT_TRUE(speed->below_material);
+  // The feed is that of the chip at the speed that it has.
+  Toolpath path;
+  path.start = {0, 0, 50'000};
+  const auto put = [&](PathMove::Kind kind, std::int64_t x, std::int64_t z) {
+    PathMove move;
+    move.kind = kind;
+    move.to = {x, 0, z};
+    move.feed_mm_min = 1.0;
+    path.moves.push_back(move);
+  };
+  put(PathMove::Kind::line, 0, 0);
+  put(PathMove::Kind::line, 5'000'000, 0);
+  const Engagement engagement{1.0, depth};
+  const auto report = set_feeds(path, machine, m, tool, {&engagement, 1});
+  ASSERT_THAT(report, Succeeds());
+  EXPECT_EQ(report->spindle_rpm, machine.max_spindle_rpm);
+  const double by_chip =
+      machine.max_spindle_rpm * 2 * feed_per_tooth_mm(m, tool.cutter, engagement, 0.005);
+  ASSERT_LT(by_chip, machine.max_feed_mm_min.x);
+  EXPECT_LE(path.moves[1].feed_mm_min, by_chip * (1 + 1e-12));
+  EXPECT_GE(path.moves[1].feed_mm_min, 0.99 * by_chip);
 }
 
 /// Down, rough passes with an arc now and then, up.

@@ -133,17 +133,23 @@ Result<MillProgram> MillProgram::begin(const MillJob& job, const Piece& piece, c
   options.comments = std::move(comments);
   MAQUETTE_TRY_VOID(cnc::check_tool_length(job.machine, job.tool, gauge_length_mm(job.tool),
                                            options.safe_z.value() - piece.table_mm));
-  MAQUETTE_TRY(Waiting waiting, Waiting::beside(out));
-  MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(waiting.file(out), options));
   cnc::Tool tool = job.tool;
   if (tool.name.empty()) tool.name = shape_name(tool.cutter);
-  double rpm = job.spindle_rpm;
-  if (job.material && rpm == 0.0) {
-    MAQUETTE_TRY(rpm, cnc::spindle_rpm(job.machine, *job.material, tool, piece.deepest_mm));
+  cnc::SpindleSpeed spindle{job.spindle_rpm, 0.0, false};
+  if (job.material && spindle.rpm == 0.0) {
+    MAQUETTE_TRY(spindle, cnc::spindle_speed(job.machine, *job.material, tool, piece.deepest_mm));
+    if (spindle.below_material)
+      options.comments.push_back(
+          fmt::format("spindle: the fastest of {}, {:.3g} m/min where it cuts; {} asks for {:.0f}",
+                      job.machine.name, spindle.surface_speed_m_min, job.material->name,
+                      job.material->min_surface_speed_m_min));
   }
-  writer.tool(tool, rpm);
-  if (job.joined != nullptr) job.joined->begin(job, tool, rpm, options);
-  return MillProgram(job, piece, out, std::move(waiting), std::move(writer), blending.value(), rpm);
+  MAQUETTE_TRY(Waiting waiting, Waiting::beside(out));
+  MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(waiting.file(out), options));
+  writer.tool(tool, spindle.rpm);
+  if (job.joined != nullptr) job.joined->begin(job, tool, spindle.rpm, options);
+  return MillProgram(job, piece, out, std::move(waiting), std::move(writer), blending.value(),
+                     spindle);
 }
 
 /// By the chip where nothing else is asked for; never more than the machine can do.
@@ -169,7 +175,7 @@ Result<void> MillProgram::set_feeds(cnc::Toolpath& path) {
   if (engagement.empty()) return {};
   cnc::FeedOptions options;
   options.control.tolerance_mm = blending_mm_;
-  options.spindle_rpm = spindle_rpm_;
+  options.spindle_rpm = spindle_.rpm;
   MAQUETTE_TRY(const auto report,
                cnc::set_feeds(path, job_.machine, *job_.material, job_.tool, engagement, options));
   if (report.moves == 0) return {};
@@ -207,7 +213,10 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
                   {"rapid_length_mm", figures_.rapid_length_mm},
                   {"shortest_move_mm",
                    std::isfinite(figures_.shortest_cut_mm) ? figures_.shortest_cut_mm : 0.0},
-                  {"spindle_rpm", spindle_rpm_}});
+                  {"spindle_rpm", spindle_.rpm}});
+  if (spindle_.surface_speed_m_min > 0.0)
+    figures.update({{"surface_speed_m_min", spindle_.surface_speed_m_min},
+                    {"spindle_below_material", spindle_.below_material}});
   if (feeds_.moves > 0)
     figures["feeds"] = {{"material", job_.material->name},
                         {"lowest_mm_min", feeds_.lowest_mm_min},

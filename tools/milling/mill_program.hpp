@@ -105,10 +105,10 @@ class MillProgram {
 
  private:
   MillProgram(const MillJob& job, const Piece& piece, std::filesystem::path out, Waiting waiting,
-              cnc::ProgramWriter writer, double blending_mm, double spindle_rpm)
+              cnc::ProgramWriter writer, double blending_mm, cnc::SpindleSpeed spindle)
       : job_(job),
         piece_(piece),
-        spindle_rpm_(spindle_rpm),
+        spindle_(spindle),
         out_(std::move(out)),
         waiting_(std::move(waiting)),
         writer_(std::move(writer)),
@@ -118,7 +118,7 @@ class MillProgram {
 
   const MillJob& job_;
   const Piece& piece_;
-  double spindle_rpm_;
+  cnc::SpindleSpeed spindle_;
   cnc::FeedReport feeds_;
   std::filesystem::path out_;
   Waiting waiting_;

@@ -76,11 +76,11 @@ std::optional<std::vector<Word>> words_of(const std::string& line, std::string& 
 class Rewriter {
  public:
   Rewriter(std::filesystem::path name, const MachineErrors& errors,
-           const heightmap::ModelField* design, double radius, std::ostream& out)
-      : name_(std::move(name)), in_(name_), errors_(errors), out_(out) {
-    if (design == nullptr || errors.radius_error_mm == 0.0) return;
-    programmed_.emplace(*design, Cutter::ball(radius));
-    real_.emplace(*design, Cutter::ball(radius + errors.radius_error_mm));
+           const CompensateOptions& options, std::ostream& out)
+      : name_(std::move(name)), in_(name_), errors_(errors), options_(options), out_(out) {
+    if (options.design == nullptr || errors.radius_error_mm == 0.0) return;
+    programmed_.emplace(*options.design, Cutter::ball(options.ball_radius_mm));
+    real_.emplace(*options.design, Cutter::ball(options.ball_radius_mm + errors.radius_error_mm));
   }
 
   Result<void> take(std::span<const Motion> motions) {
@@ -95,6 +95,10 @@ class Rewriter {
   /// What follows the last motion.
   Result<void> finish() {
     while (!ended_) MAQUETTE_TRY_VOID(next(0));
+    while (figures.marks.size() < options_.marks.size()) figures.marks.push_back(lines_out_);
+    if (most_at_ == std::streampos(-1)) return {};
+    out_.seekp(most_at_);
+    out_ << fmt::format("{:8.4f}", figures.largest_mm);
     return {};
   }
   CompensateFigures figures;
@@ -112,6 +116,9 @@ class Rewriter {
       ended_ = true;
       return motion == 0 ? Result<void>{} : flat("the file has changed while it was read");
     }
+    while (figures.marks.size() < options_.marks.size() &&
+           options_.marks[figures.marks.size()] <= line_)
+      figures.marks.push_back(lines_out_);
     ++line_;
     rewritten_ = false;
     comments_.clear();
@@ -121,26 +128,49 @@ class Rewriter {
       words.emplace();
     }
     words_ = std::move(*words);
+    if (!words_.empty() && !headed_) head();
     for (const Word& w : words_) {
       if (w.letter != 'G') continue;
       const int code = static_cast<int>(std::lround(10.0 * w.value));
-      for (const int refused : {200, 700, 910, 920, 520, 100, 930})
+      for (const int refused : {200, 700, 920, 520, 100, 930})
         if (code == refused) return flat(w.text + " stands here");
+      if (code == 900 || code == 910) relative_ = code == 910;
     }
     if (line_ != motion) {
       out_ << text_ << '\n';
+      ++lines_out_;
       rewritten_ = true;
     }
     return {};
   }
 
-  [[nodiscard]] Vec3 called(Vec3 p, bool rapid) const {
-    if (programmed_ && !rapid) {
+  /// Before the first block; how far the path is moved is filled in at the end.
+  void head() {
+    headed_ = true;
+    if (options_.head.empty()) return;
+    for (const std::string& comment : options_.head) out_ << '(' << comment << ")\n";
+    out_ << "(called at most ";
+    most_at_ = out_.tellp();
+    out_ << fmt::format("{:8.4f}", 0.0) << " mm beside where it is meant to be)\n";
+    lines_out_ += options_.head.size() + 1;
+  }
+
+  [[nodiscard]] double corner_mm(int tool) const {
+    for (const Tool& t : options_.tools)
+      if (t.number == tool) return t.cutter.corner_radius_mm;
+    return options_.tools.empty() ? options_.ball_radius_mm
+                                  : options_.tools.front().cutter.corner_radius_mm;
+  }
+
+  [[nodiscard]] Vec3 called(Vec3 p, const Motion& m) const {
+    if (programmed_ && m.kind != Motion::Kind::rapid && errors_.tool_counts(m.tool)) {
       const double was = programmed_->drop(p.x, p.y).tip_mm, is = real_->drop(p.x, p.y).tip_mm;
       if (std::isfinite(was) && std::isfinite(is)) p.z += is - was;
     }
+    const Vec3 up{0.0, 0.0, corner_mm(m.tool)};
+    p = errors_.machine_from_part.point(p + up) - up;
     Vec3 q = p;
-    for (int step = 0; step < 2; ++step) q = p - errors_.at(q);
+    for (int step = 0; step < 2; ++step) q = p - errors_.at(q, m.tool);
     return q;
   }
 
@@ -149,6 +179,7 @@ class Rewriter {
     out_ << fmt::format("{}{} X{:.4f} Y{:.4f} Z{:.4f}{}\n", head, rapid ? "G0" : "G1", zero(p.x),
                         zero(p.y), zero(p.z), tail);
     ++figures.lines;
+    ++lines_out_;
   }
 
   /// A called place with the slack taken up, and the move that does so where an axis turns.
@@ -173,12 +204,13 @@ class Rewriter {
   }
 
   /// Splits until the called line is straight enough.
-  void split(Vec3 a, Vec3 b, Vec3 called_a, Vec3 called_b, bool rapid, std::vector<Vec3>& places) {
-    const Vec3 middle = 0.5 * (a + b), called_middle = called(middle, rapid);
-    if (!rapid && norm(b - a) > 2.0 * kLeastPiece_mm &&
+  void split(Vec3 a, Vec3 b, Vec3 called_a, Vec3 called_b, const Motion& m,
+             std::vector<Vec3>& places) {
+    const Vec3 middle = 0.5 * (a + b), called_middle = called(middle, m);
+    if (m.kind != Motion::Kind::rapid && norm(b - a) > 2.0 * kLeastPiece_mm &&
         norm(called_middle - 0.5 * (called_a + called_b)) > kMapping_mm) {
-      split(a, middle, called_a, called_middle, rapid, places);
-      split(middle, b, called_middle, called_b, rapid, places);
+      split(a, middle, called_a, called_middle, m, places);
+      split(middle, b, called_middle, called_b, m, places);
       return;
     }
     places.push_back(called_b);
@@ -187,6 +219,19 @@ class Rewriter {
   Result<void> rewrite(const Motion& m) {
     const bool rapid = m.kind == Motion::Kind::rapid;
     if (m.probe) return flat("a probing move");
+    const bool by_machine = std::any_of(words_.begin(), words_.end(), [](const Word& w) {
+      return w.letter == 'G' && (w.value == 28.0 || w.value == 30.0 || w.value == 53.0);
+    });
+    if (relative_ || by_machine) {  // home from where it stands, as controls are sent at the end
+      if (!(m.from_mm == m.to_mm))
+        return flat(relative_ ? "a move in G91" : "a move by the machine's own coordinates");
+      if (!rewritten_) {
+        out_ << text_ << '\n';
+        ++lines_out_;
+      }
+      rewritten_ = true;
+      return {};
+    }
     // Words that are not of the motion stay with its first piece; what ends it, with its last.
     std::string head, tail;
     if (!rewritten_)
@@ -205,11 +250,11 @@ class Rewriter {
     rewritten_ = true;
     ++figures.moves;
     std::vector<Vec3> places;
-    Vec3 at = called(m.from_mm, rapid);
+    Vec3 at = called(m.from_mm, m);
     const Vec3 start = at;
     const auto piece = [&](Vec3 a, Vec3 b) {
-      const Vec3 end = called(b, rapid);
-      split(a, b, at, end, rapid, places);
+      const Vec3 end = called(b, m);
+      split(a, b, at, end, m, places);
       at = end;
     };
     if (m.kind == Motion::Kind::arc)
@@ -230,45 +275,47 @@ class Rewriter {
   std::filesystem::path name_;
   std::ifstream in_;
   const MachineErrors& errors_;
+  const CompensateOptions& options_;
   std::ostream& out_;
+  std::streampos most_at_ = -1;  // where the head says how far the path is moved
+  std::uint64_t lines_out_ = 0;
+  bool headed_ = false;
   std::optional<DropCutter> programmed_, real_;
   std::string text_, comments_;
   std::vector<Word> words_;
   std::uint64_t line_ = 0;
-  bool rewritten_ = true, ended_ = false;
+  bool rewritten_ = true, ended_ = false, relative_ = false;
   Vec3 side_;  // from which each axis was last moved: -1, 1; 0: not known
 };
 
 }  // namespace
 
-Vec3 MachineErrors::at(Vec3 p) const {
+Vec3 MachineErrors::at(Vec3 p, int number) const {
   const Vec3 q = 1e-6 * (p - exact_at_mm);
   Vec3 d{scale_um_per_m.x * q.x + squareness_xy_urad * q.y + squareness_xz_urad * q.z,
-         scale_um_per_m.y * q.y + squareness_yz_urad * q.z,
-         scale_um_per_m.z * q.z + length_offset_mm};
+         squareness_yx_urad * q.x + scale_um_per_m.y * q.y + squareness_yz_urad * q.z,
+         squareness_zx_urad * q.x + squareness_zy_urad * q.y + scale_um_per_m.z * q.z};
+  if (tool_counts(number)) d.z += length_offset_mm;
   for (const Straightness& s : straightness) axis_of(d, s.moves) += between(s, axis_of(p, s.along));
   return d;
 }
 
 Result<CompensateFigures> compensate(const std::filesystem::path& program,
-                                     const MachineErrors& errors,
-                                     const heightmap::ModelField* design, double ball_radius_mm,
+                                     const MachineErrors& errors, const CompensateOptions& options,
                                      const std::filesystem::path& out, const RunContext& run) {
   AtomicPath file(out);
   MAQUETTE_TRY_VOID(file.prepare());
-  {
-    std::ofstream stream(file.path(), std::ios::binary);
-    Rewriter rewriter(program, errors, design, ball_radius_mm, stream);
-    MAQUETTE_TRY(const auto summary,
-                 read_gcode(
-                     program, [&](std::span<const Motion> m) { return rewriter.take(m); }, run));
-    (void)summary;
-    MAQUETTE_TRY_VOID(rewriter.finish());
-    stream.close();
-    if (!stream) return tl::unexpected(write_error(out, errno));
-    MAQUETTE_TRY_VOID(file.commit());
-    return rewriter.figures;
-  }
+  std::ofstream stream(file.path(), std::ios::binary);
+  Rewriter rewriter(program, errors, options, stream);
+  MAQUETTE_TRY(const auto summary,
+               read_gcode(
+                   program, [&](std::span<const Motion> m) { return rewriter.take(m); }, run));
+  (void)summary;
+  MAQUETTE_TRY_VOID(rewriter.finish());
+  stream.close();
+  if (!stream) return tl::unexpected(write_error(out, errno));
+  MAQUETTE_TRY_VOID(file.commit());
+  return rewriter.figures;
 }
 
 }  // namespace maquette::cnc

@@ -11,6 +11,7 @@
 #include "cnc/certificate.hpp"
 #include "cnc/cutter_proof.hpp"
 #include "cnc/gcode_reader.hpp"
+#include "cnc/machine_run.hpp"
 #include "cnc/mill.hpp"
 #include "cnc/milling_sim.hpp"
 #include "cnc/motion_store.hpp"
@@ -114,6 +115,14 @@ class Verifying {
     for (const Tool& tool : options.tools) {
       cutters_.push_back(tool.cutter);
     }
+    if (options.errors) {
+      machine_run_.emplace(*options.errors, options.tools, 0.5 * options.ball_diameter.value());
+      // The tip stays where it is touched off; the ball above it is another one.
+      for (std::size_t i = 0; i < cutters_.size(); ++i)
+        if (cutters_[i].is_ball() &&
+            options.errors->tool_counts(options.tools.empty() ? 0 : options.tools[i].number))
+          cutters_[i].corner_radius_mm = cutters_[i].radius_mm += options.errors->radius_error_mm;
+    }
     c_.ball_diameter_mm = 2.0 * cutters_.front().radius_mm;
     c_.cell_mm = plan.cell_mm;
     c_.stepover_mm = options.stepover.value();
@@ -158,6 +167,7 @@ class Verifying {
   std::vector<Cutter> cutters_;
   std::vector<bool> used_;
   std::uint16_t last_cutter_ = 0;
+  std::optional<MachineRun> machine_run_;
   std::optional<MotionTimer> timer_;  // of the last tool
   bool any_deviation_ = false;
   bool finishing_ = false;  // the finish tool has begun to cut
@@ -286,7 +296,13 @@ Result<void> Verifying::read() {
   double bytes_done = 0.0;
   for (std::size_t i = 0; i < programs_.size(); ++i) {
     first_motion_.push_back(motions_.size());
+    std::vector<Motion> made;
     const MotionSink sink = [&](std::span<const Motion> motions) -> Result<void> {
+      if (machine_run_) {
+        made.clear();
+        for (const Motion& m : motions) machine_run_->add(m, made);
+        motions = made;
+      }
       MAQUETTE_TRY_VOID(take(motions, i));
       // About 20 bytes a block: only for the progress bar.
       const double lines = static_cast<double>(motions_.size() - first_motion_.back());
@@ -524,6 +540,7 @@ Result<Certificate> Verifying::finish() {
     check("y", span.y, options_.machine->travel_mm.y);
     check("z", span.z, options_.machine->travel_mm.z);
   }
+  if (machine_run_) c_.displaced_mm = machine_run_->largest_mm();
   MAQUETTE_TRY(c_.program_sha256, fingerprint(programs_));
   run_.progress(1.0);
   return std::move(c_);

@@ -29,6 +29,7 @@
 #include <string>
 #include <vector>
 
+#include "cnc/compensate.hpp"
 #include "cnc/engagement.hpp"
 #include "cnc/machine.hpp"
 #include "cnc/motion_time.hpp"
@@ -66,6 +67,9 @@ struct VerifyOptions {
   Millimetres stepover{NAN};       ///< to compare the excess with the scallop it states
   /// Its travel is compared with the tip's, and times are its own; none: length over feed.
   std::optional<Machine> machine{};
+  /// Programs are cut as a machine with these errors takes the tip (machine_run.hpp): those that
+  /// are written for it must then cut the design. Travel and time are those of the tip.
+  std::optional<MachineErrors> errors{};
   /// If set: called with every motion in program order once all is cut, with the number of its
   /// program and the volume it removed (for a backplot).
   std::function<void(const Motion&, std::size_t program, double removed_mm3)> visit{};
@@ -158,6 +162,8 @@ struct Certificate {
   double ball_diameter_mm = 0.0;
   double cell_mm = 0.0;  ///< the design's spacing over the smallest whole number that will do
   double stepover_mm = NAN;
+  /// Largest change of a coordinate by VerifyOptions::errors; 0 without.
+  double displaced_mm = 0.0;
   /// Several programs: that of their hashes, one a line.
   std::string program_sha256;
 };

@@ -9,6 +9,7 @@
 #include "core/files.hpp"
 #include "diagnosis/compensation.hpp"
 #include "heightmap/field_io.hpp"
+#include "tools/adjustment.hpp"
 #include "tools/extended.hpp"
 #include "tools/schema.hpp"
 
@@ -92,6 +93,11 @@ Result<JobResult> compensate_job(const CompensateJob& job, const fs::path& folde
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  cnc::CompensateOptions options;
+  options.design = design ? &*design : nullptr;
+  options.ball_radius_mm = 0.5 * ball;
+  MAQUETTE_TRY(const std::string hash, sha256_file(job.by));
+  options.head = head_of({errors, Adjustment::File{job.by, hash}, {}, false, {}});
   JobResult result;
   cnc::CompensateFigures all;
   for (const fs::path& program : job.programs) {
@@ -99,8 +105,7 @@ Result<JobResult> compensate_job(const CompensateJob& job, const fs::path& folde
     if (fs::equivalent(program, out, ec))
       return fail(kConfigInvalid,
                   fmt::format("{}: would be overwritten; choose another --out", program.string()));
-    MAQUETTE_TRY(const auto f, cnc::compensate(program, errors, design ? &*design : nullptr,
-                                               0.5 * ball, out, run));
+    MAQUETTE_TRY(const auto f, cnc::compensate(program, errors, options, out, run));
     all.moves += f.moves;
     all.lines += f.lines;
     all.take_ups += f.take_ups;

@@ -17,6 +17,7 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "meshing/bands.hpp"
+#include "tools/adjustment.hpp"
 #include "tools/extended.hpp"
 #include "tools/pipeline.hpp"
 #include "tools/scanner_file.hpp"
@@ -81,6 +82,9 @@ struct VerifyJob {
   /// Named causes (extended.toml): as_built.tif is what they make of the cut, on the design's
   /// nodes, and max_gouge holds for it too.
   std::optional<Extended> extended;
+  /// Programs are written for a machine with these errors: all is cut as it makes them. Programs as
+  /// they were meant (meant_of()), where they lie beside, are certified too.
+  std::optional<Adjustment> adjust;
 };
 /// certificate.json, as_milled.tif, excess.png; backplot/paths.json for the page, and
 /// backplot/<program>.feed.svg, .png, .engagement.svg, .png of each program.

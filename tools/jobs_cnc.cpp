@@ -56,6 +56,33 @@ Result<void> check_tools(const VerifyJob& job, const heightmap::ModelField& desi
   return {};
 }
 
+/// The programs as they were meant, where all of them lie beside those that are called: against the
+/// design, by their paths. Cells are as coarse as the cutters allow, for the paths decide.
+Result<json> certify_meant(const VerifyJob& job, const cnc::VerifyOptions& options,
+                           const heightmap::ModelField& machined, const RunContext& run) {
+  std::vector<fs::path> meant;
+  for (const fs::path& program : job.programs)
+    if (fs::path beside = meant_of_part(program); fs::exists(beside))
+      meant.push_back(std::move(beside));
+  if (meant.empty() || meant.size() != job.programs.size()) return json(nullptr);
+  cnc::VerifyOptions plain = options;
+  plain.errors.reset();
+  plain.visit = {};
+  double least = plain.tools.empty() ? plain.ball_diameter.value() : INFINITY;
+  for (const cnc::Tool& tool : plain.tools) least = std::min(least, 2.0 * tool.cutter.radius_mm);
+  plain.cell =
+      Millimetres{std::max(plain.cell.value(), std::min(0.25 * least, machined.spacing.value()))};
+  const cnc::RowSink none = [](const cnc::MilledShape&, std::ptrdiff_t,
+                               std::span<const float>) -> Result<void> { return {}; };
+  MAQUETTE_TRY(const auto c, cnc::verify(meant, machined, plain, none, run));
+  json names = json::array();
+  for (const fs::path& program : meant) names.push_back(program.filename().string());
+  return json{{"programs", names},
+              {"program_sha256", c.program_sha256},
+              {"max_gouge_mm", c.max_gouge_mm},
+              {"bound_mm", c.bound_mm}};
+}
+
 }  // namespace
 
 Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const RunContext& run) {
@@ -116,10 +143,20 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
         excess(row / k, c) = heights[static_cast<std::size_t>(c * k)] - machined.z_mm(row / k, c);
     return writer->write_row(heights);
   };
+  if (job.adjust) options.errors = job.adjust->errors;
   MAQUETTE_TRY(const auto certificate, cnc::verify(job.programs, machined, options, rows, run));
   MAQUETTE_TRY_VOID(check_tools(job, design, certificate));
   MAQUETTE_TRY_VOID(writer->commit());
   json figures = json::parse(cnc::to_json(certificate));
+  double meant_mm = 0.0;
+  if (job.adjust) {
+    json& adjusted = figures["adjusted"] = json_of(*job.adjust);
+    adjusted["largest_change_mm"] = certificate.displaced_mm;
+    MAQUETTE_TRY(adjusted["meant"], certify_meant(job, options, machined, run));
+    if (!adjusted["meant"].is_null())
+      meant_mm = adjusted["meant"]["max_gouge_mm"].get<double>() +
+                 adjusted["meant"]["bound_mm"].get<double>();
+  }
   double as_built_gouge = 0.0;
   if (job.extended) {
     MAQUETTE_TRY(const auto model, extended_model(*job.extended, run));
@@ -191,6 +228,8 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
     return fmt::format(", first at x {:.3f} y {:.3f} z {:.3f} by {}:{}", p.at_mm.x, p.at_mm.y,
                        p.at_mm.z, job.programs[p.program].string(), p.line);
   };
+  unmet(job.max_gouge && meant_mm > job.max_gouge->value(),
+        fmt::format("the programs as meant gouge up to {:.4f} mm", meant_mm));
   unmet(certificate.rapid_collisions > 0,
         fmt::format("{} rapid moves touch material{}", certificate.rapid_collisions,
                     first(certificate.first_rapid_collisions)));
@@ -219,6 +258,9 @@ Result<JobResult> verify_job(const VerifyJob& job, const fs::path& folder, const
   if (const double blending = certificate.blending_mm.value_or(0.0);
       blending > 0.0 && std::isfinite(blending))
     result.note += fmt::format(", of the path; blending {:.1f} um more", 1e3 * blending);
+  if (job.adjust)
+    result.note += fmt::format(", as the machine makes programs called {:.4f} mm beside",
+                               certificate.displaced_mm);
   return result;
 }
 

@@ -23,6 +23,7 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/units.hpp"
+#include "tools/adjustment.hpp"
 #include "tools/pipeline.hpp"
 
 namespace maquette::tools {
@@ -75,6 +76,11 @@ struct MillJob {
   double gap_mm = 1.5, bed_mm = 0.2;   ///< seats: around a stone, and under it
   double mark_depth_mm = 0.3;          ///< outlines
 
+  /// The program is written for a machine with these errors, beside it the one that is meant
+  /// (meant_of()): that one is proven against the design, the other by the path that the machine
+  /// makes of it. Needs G90 and a control that reads RS-274.
+  std::optional<Adjustment> adjust;
+
   bool leave_stock = true;          ///< <program>.stock.tif is written
   JoinedProgram* joined = nullptr;  ///< set by mill_operations_job
 
@@ -102,7 +108,8 @@ struct Strategy {
 /// <program>.stock.tif: what this one leaves of `stock` (those that go over
 /// the whole surface: else of a block with its margin); of passes <program>.scallop.tif: the
 /// predicted height of ridges. @return errors of the strategy; CNC_BEYOND_TRAVEL,
-/// CNC_TOOL_TOO_LONG; CNC_FEED_OUT_OF_RANGE and CNC_SPINDLE_OUT_OF_RANGE for more than the machine
+/// CNC_TOOL_TOO_LONG; TOOLS_CONFIG_INVALID for an adjustment that the program cannot have;
+/// CNC_FEED_OUT_OF_RANGE and CNC_SPINDLE_OUT_OF_RANGE for more than the machine
 /// can do
 [[nodiscard]] Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
                                          const RunContext& run);

@@ -181,6 +181,13 @@ Result<std::vector<MillJob>> jobs_of(std::span<const Operation> operations,
   return jobs;
 }
 
+const MillJob* finishing(std::span<const MillJob> jobs) {
+  const MillJob* last = nullptr;
+  for (const MillJob& job : jobs)
+    if (job.strategy == "raster" || job.strategy == "geodesic") last = &job;
+  return last;
+}
+
 std::vector<cnc::Tool> tools_of(std::span<const MillJob> jobs) {
   std::vector<cnc::Tool> tools;
   for (const MillJob& job : jobs) {

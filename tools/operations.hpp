@@ -51,6 +51,10 @@ struct Operation {
     std::span<const Operation> operations, const std::function<MillJob(std::string_view)>& defaults,
     std::span<const cnc::Tool> table, const std::string& file);
 
+/// Of the operations the one whose ridges stay: the last with passes over the whole surface;
+/// nullptr if none has.
+[[nodiscard]] const MillJob* finishing(std::span<const MillJob> jobs);
+
 /// Each tool once, in the order of the jobs.
 [[nodiscard]] std::vector<cnc::Tool> tools_of(std::span<const MillJob> jobs);
 

@@ -48,6 +48,19 @@ std::vector<std::string> contradictions(const Site& s) {
   if (s.stepover_mm >= s.ball_diameter_mm)
     found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
                                 s.stepover_mm, s.ball_diameter_mm));
+  const bool adjusted = !s.compensate.empty() || !s.corrections.empty();
+  if (adjusted && s.relative)
+    found.emplace_back(
+        "mill.relative: programs that mill.compensate or mill.corrections rewrite are of absolute "
+        "moves (G90); set it to false");
+  if (adjusted && s.post == "heidenhain")
+    found.emplace_back(
+        "machine.post heidenhain: its programs are not rewritten; leave mill.compensate and "
+        "mill.corrections out and enter the errors in the control's own tables");
+  if (adjusted && !s.extended.empty())
+    found.emplace_back(
+        "verify.extended: its causes are those that mill.compensate makes good already, and would "
+        "be counted twice; `maquette compensate --extended` says what is gained");
   const auto first = std::find(kWorkOffsets.begin(), kWorkOffsets.end(), s.work_offset);
   const double bands = s.work_offset_per_band ? std::ceil(s.size_mm / s.band_max_width_mm) : 1.0;
   if (first == kWorkOffsets.end())
@@ -171,6 +184,17 @@ SiteFile empty_site_file() {
       {"mill.clearance_mm", &s.clearance_mm, "of rapid moves above the highest point", 0.1, 1000});
   t.add({"mill.relative", &s.relative,
          "cuts by how far they go (G91), for controls that add exactly: LinuxCNC, Fanuc, Haas"});
+  t.add({"mill.compensate", &s.compensate,
+         "compensation.toml of diagnose: programs are called so that a machine with these errors "
+         "cuts what they mean (docs/compensation.md)"});
+  t.add({"mill.corrections", &s.corrections,
+         "corrections.toml of deviate: where the part and the machine's axes x, y, z really are"});
+  t.add({"mill.corrections_for",
+         &s.corrections_for,
+         "this: the part lies there still; next: the machine will displace the next one as this",
+         -kInf,
+         kInf,
+         {"this", "next"}});
   t.add({"mill.work_offset", &s.work_offset,
          "54 to 59; 591 to 593 for G59.1 to G59.3; all programs are in the model's frame", 54,
          593});

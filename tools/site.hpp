@@ -80,6 +80,8 @@ struct Site {
   std::string post = "linuxcnc";
   std::int64_t max_lines = 0, max_bytes = 0;
   bool relative = false;
+  std::filesystem::path compensate, corrections;  ///< none: programs are called as they are meant
+  std::string corrections_for = "this";
   std::int64_t work_offset = 54;
   bool work_offset_per_band = false;
   std::string machine = "portal_mill_2500";

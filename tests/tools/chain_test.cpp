@@ -426,6 +426,42 @@ TEST_F(Chain, SeatsMarksAndSpheresOfASite) {
   EXPECT_EQ(plain.exit_code, 1) << plain.err;
 }
 
+/// Programs for a machine with known errors and a part that lies elsewhere: what the machine makes
+/// of them is certified; the same programs on a machine without fail.
+TEST_F(Chain, ProgramsForTheMachineAndWhereThePartLies) {
+  std::ofstream(scratch() / "by.toml")
+      << "schema = \"maquette.compensation/1\"\n[machine]\nscale_x_um_per_m = 900.0\n"
+         "backlash_x_mm = 0.04\n[tool]\nlength_offset_mm = 0.05\n";
+  std::ofstream(scratch() / "lies.toml")
+      << "schema = \"maquette.corrections/1\"\n[surface]\ntranslation_mm = [0.21, -0.08, -0.06]\n";
+  const fs::path made = scratch() / "adjusted", at = made / "s200";
+  const std::string adjust =
+      fmt::format("--compensate {} --corrections {} ", (scratch() / "by.toml").string(),
+                  (scratch() / "lies.toml").string());
+  const Outcome o =
+      run_program(scratch().path(),
+                  kSite + kSmall + adjust +
+                      "--stage products --stage fuse --stage stones --stage mesh --stage mill "
+                      "--stage verify --set scales=[200] --out " +
+                      made.string());
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json c = json::parse(slurp(at / "certificate.json"));
+  EXPECT_LE(c["max_gouge_mm"].get<double>() + c["bound_mm"].get<double>(), 0.0075);
+  EXPECT_EQ(c["adjusted"]["corrections"]["file"], "lies.toml");
+  EXPECT_GT(c["adjusted"]["largest_change_mm"].get<double>(), 0.2);
+  EXPECT_LE(c["adjusted"]["meant"]["max_gouge_mm"].get<double>(), 0.005);
+  const std::string band = (at / "bands/band_01.raster.ngc").string(),
+                    verify = fmt::format("verify {} --design {} --max-gouge-mm 0.02 --out {} ",
+                                         band, (at / "design.tif").string(), (made / "v").string());
+  EXPECT_EQ(run_program(scratch().path(), verify + adjust).exit_code, 0);
+  EXPECT_EQ(run_program(scratch().path(), verify).exit_code, 1);
+  const Outcome both =
+      run_program(scratch().path(), kSite + kSmall + adjust + "--set mill.relative=true --out " +
+                                        (made / "never").string());
+  EXPECT_EQ(both.exit_code, 2);
+  EXPECT_THAT(both.err, testing::HasSubstr("mill.relative"));
+}
+
 TEST_F(Chain, RefusesAFolderThatIsInUse) {
   const fs::path lock = out() / ".maquette" / "lock";
   const Outcome outcome =

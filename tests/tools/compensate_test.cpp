@@ -43,8 +43,7 @@ class Compensate : public testing::Test {
     return folder / name;
   }
   std::string rewritten(const std::string& program, const cnc::MachineErrors& errors) {
-    const auto done =
-        cnc::compensate(text("in.ngc", program), errors, nullptr, 3.0, folder / "out.ngc");
+    const auto done = cnc::compensate(text("in.ngc", program), errors, {}, folder / "out.ngc");
     EXPECT_THAT(done, Succeeds());
     return read_file(folder / "out.ngc").value_or("");
   }
@@ -124,7 +123,7 @@ TEST_F(Compensate, RefusesWhatIsNotFlat) {
                            "o1 repeat [2]\nG1 X2\nG1 X1\no1 endrepeat\n", "G1 X1 M30\n"}) {
     const auto r =
         cnc::compensate(text("in.ngc", std::string("G0 X0 Y0 Z0\nF100\n") + body + "M30\n"), none,
-                        nullptr, 3.0, folder / "out.ngc");
+                        {}, folder / "out.ngc");
     EXPECT_THAT(r, FailsWith(cnc::kNotFlat)) << body;
     EXPECT_THAT(r ? "" : r.error().message, HasSubstr("in.ngc:"));
     EXPECT_FALSE(std::filesystem::exists(folder / "out.ngc"));

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "core/result.hpp"
+#include "tools/adjustment.hpp"
 #include "tools/console.hpp"
 #include "tools/pipeline.hpp"
 
@@ -59,6 +60,9 @@ Command add_detectability(CLI::App& root, const CommonOptions& common);
 Command add_diagnose(CLI::App& root, const CommonOptions& common);
 Command add_info(CLI::App& root, const CommonOptions& common);
 Command add_doctor(CLI::App& root, const CommonOptions& common);
+
+/// --compensate, --corrections, --corrections-for. @param what  programs do with them
+void add_adjustment(CLI::App& app, AdjustmentFiles& files, const std::string& what);
 
 /// Runs a job under a progress bar, prints its note or its figures; 1 if unmet.
 [[nodiscard]] Result<int> finish(Console& console, const std::string& what,

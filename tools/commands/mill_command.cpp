@@ -15,6 +15,7 @@ namespace fs = std::filesystem;
 namespace {
 
 struct Options {
+  AdjustmentFiles adjust;
   fs::path design, out = "part.ngc", stock, stones, spheres, tools, operations, standing_stones;
   std::string strategy = "raster", machine = "unlimited", material;
   // NaN: as the strategy has it
@@ -97,6 +98,7 @@ Result<MillJob> common_job(const Options& o, std::string_view strategy) {
   job.clearance = Millimetres{o.clearance_mm};
   job.stock_top = Millimetres{o.stock_top_mm};
   job.base_thickness = Millimetres{o.base_mm};
+  MAQUETTE_TRY(job.adjust, read_adjustment(o.adjust));
   MAQUETTE_TRY(job.machine, cnc::find_machine(o.machine));
   if (!o.material.empty()) {
     if (o.machine == "unlimited")
@@ -162,6 +164,23 @@ Result<std::vector<MillJob>> operations_of(const Options& o, const CLI::App& app
 }
 
 }  // namespace
+
+void add_adjustment(CLI::App& app, AdjustmentFiles& files, const std::string& what) {
+  app.add_option("--compensate", files.compensation,
+                 fmt::format("compensation.toml of diagnose: {} a machine with these errors "
+                             "(docs/compensation.md)",
+                             what));
+  app.add_option(
+      "--corrections", files.corrections,
+      fmt::format("corrections.toml of deviate: {} a part, and axes x, y, z, that really "
+                  "are there",
+                  what));
+  app.add_option("--corrections-for", files.corrections_for,
+                 "this: the part lies there still; next: the machine will displace the next one as "
+                 "this")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"this", "next"}));
+}
 
 Command add_mill(CLI::App& root, const CommonOptions&) {
   auto o = std::make_shared<Options>();
@@ -257,10 +276,15 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_flag(
       "--relative", job.program.relative,
       "cuts by how far they go (G91): up to a quarter fewer bytes; LinuxCNC, Fanuc, Haas");
+  add_adjustment(*app, o->adjust, "programs are written for");
   app->add_option("--name", job.program.name, "in the program's header")->capture_default_str();
   return {app, [o, app](Console& console) -> Result<int> {
             if (!o->operations.empty()) {
-              MAQUETTE_TRY(const auto jobs, operations_of(*o, *app));
+              MAQUETTE_TRY(auto jobs, operations_of(*o, *app));
+              // Length and radius that were found are those of the cutter that finished.
+              if (const MillJob* last = finishing(jobs); last != nullptr)
+                for (MillJob& one : jobs)
+                  if (one.adjust) one.adjust->errors.tool = last->tool.number;
               return finish(console, "mill", [&](const RunContext& run) {
                 return mill_operations_job(jobs, o->out, run);
               });

@@ -27,6 +27,7 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
     std::vector<fs::path> programs;
     fs::path design, out = "verify", stock, tools, stones, extended;
     std::string machine = "unlimited";
+    AdjustmentFiles adjust;
     double base_mm = 10.0;
     double ball_mm = 6.0, cell_mm = 0.1, max_gouge_mm = -1.0, stepover_mm = NAN;
   };
@@ -60,6 +61,7 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
                   "ends with exit code 1 if exceeded, bound included");
   app->add_option("--extended", o->extended,
                   "extended.toml of diagnose: as_built.tif is what its causes make of the cut");
+  add_adjustment(*app, o->adjust, "programs are cut as by");
   return {app, [o](Console& console) -> Result<int> {
             VerifyJob job;
             job.programs = o->programs;
@@ -76,6 +78,11 @@ Command add_verify(CLI::App& root, const CommonOptions&) {
             job.options.cell = Millimetres{o->cell_mm};
             job.options.stepover = Millimetres{o->stepover_mm};
             if (o->max_gouge_mm >= 0.0) job.max_gouge = Millimetres{o->max_gouge_mm};
+            MAQUETTE_TRY(job.adjust, read_adjustment(o->adjust));
+            if (job.adjust && !o->extended.empty())
+              return fail(kUsage,
+                          "--extended counts errors of the machine that --compensate and "
+                          "--corrections count already; give one of them");
             if (!o->extended.empty()) job.extended = {o->extended, o->design, o->programs};
             return finish(console, "verify",
                           [&](const RunContext& run) { return verify_job(job, o->out, run); });

@@ -22,11 +22,16 @@ namespace maquette::tools {
 namespace {
 
 struct RunOptions {
+  AdjustmentFiles adjust;
   fs::path site, out = "out";
   std::vector<std::string> set, stages;
   std::string shard;
   bool merge = false;
 };
+
+AdjustmentFiles adjustment_files(const Site& site) {
+  return {site.compensate, site.corrections, site.corrections_for};
+}
 
 /// One operation of the site, with the defaults of its strategy where no key says otherwise.
 MillJob mill_of(const Site& site, std::string_view strategy) {
@@ -73,14 +78,6 @@ Result<std::vector<MillJob>> mill_jobs(const Site& site, const std::string& file
       file);
 }
 
-/// Of the operations the one whose ridges stay: the last with passes over the whole surface.
-const MillJob* finishing(std::span<const MillJob> jobs) {
-  const MillJob* last = nullptr;
-  for (const MillJob& job : jobs)
-    if (job.strategy == "raster" || job.strategy == "geodesic") last = &job;
-  return last;
-}
-
 /// The first part of a split program stands for all of them.
 std::vector<fs::path> all_parts(std::span<const fs::path> programs, bool split) {
   std::vector<fs::path> all;
@@ -101,7 +98,9 @@ std::size_t band_count(const Site& site) {
 std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                    const std::vector<SiteSource>& sources,
                                    const std::vector<fs::path>& source_files,
-                                   const std::vector<MillJob>& operations, const fs::path& folder) {
+                                   const std::vector<MillJob>& operations,
+                                   const std::optional<Adjustment>& adjust,
+                                   const fs::path& folder) {
   const Site& site = *file.site;
   const std::string name = scale_folder(scale);
   const fs::path here = folder / name;
@@ -163,8 +162,10 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
       into_design.back().stones = stones;
     }
   const fs::path machined = here / "machined.tif";
+  const std::vector<fs::path> adjust_files = adjustment_files(site).files();
   const auto needs = [&](const MillJob& operation) {
     std::vector<fs::path> files{design};
+    files.insert(files.end(), adjust_files.begin(), adjust_files.end());
     if (cuts_into_design(operation))
       files.push_back(operation.strategy == "sphere-seats" ? site.spheres : stones);
     return files;
@@ -205,6 +206,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
              mill.stones = stones;
              mill.stock = stock;
              mill.leave_stock = whole && !last;
+             mill.adjust = adjust;
              if (!whole) {
                mill.max_width = width;
                mill.band = b;
@@ -217,6 +219,8 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     }
     stages.push_back(std::move(stage));
     cut.programs.insert(cut.programs.end(), programs.begin(), programs.end());
+    // What a part is compared and diagnosed with, and what operations leave, is what was meant.
+    if (adjust) std::transform(programs.begin(), programs.end(), programs.begin(), meant_of);
     if (&operation == finish) finish_programs = programs;
     if (last) break;
     const fs::path left = here / (operation.name + ".stock.tif");
@@ -259,7 +263,9 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   cut.options.cell = Millimetres{site.verify_cell_mm};
   cut.options.stepover = Millimetres{finish == nullptr ? NAN : finish->stepover_mm};
   cut.max_gouge = Millimetres{site.max_gouge_mm};
+  cut.adjust = adjust;
   std::vector<fs::path> verify_inputs{design, stones, mesh};
+  verify_inputs.insert(verify_inputs.end(), adjust_files.begin(), adjust_files.end());
   if (cut.machined) verify_inputs.push_back(machined);
   verify_inputs.insert(verify_inputs.end(), cut.programs.begin(), cut.programs.end());
   const bool extended = !site.extended.empty();
@@ -267,21 +273,21 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   const auto causes = [=, &site] {
     return Extended{site.extended, design, all_parts(finish_programs, split)};
   };
-  stages.push_back(
-      single("verify", verify_inputs,
-             {"cutter.", "rough.", "verify.", "mill.stepover", "machine.", "stock.", "operation"},
-             [=](const RunContext& run) {
-               VerifyJob job = cut;
-               job.programs.clear();
-               job.bands.clear();
-               for (std::size_t i = 0; i < cut.programs.size(); ++i)
-                 for (fs::path& part : all_parts({&cut.programs[i], 1}, split)) {
-                   job.programs.push_back(std::move(part));
-                   job.bands.push_back(cut.bands[i]);
-                 }
-               if (extended) job.extended = causes();
-               return verify_job(job, here, run);
-             }));
+  stages.push_back(single("verify", verify_inputs,
+                          {"cutter.", "rough.", "verify.", "mill.stepover", "mill.corrections",
+                           "machine.", "stock.", "operation"},
+                          [=](const RunContext& run) {
+                            VerifyJob job = cut;
+                            job.programs.clear();
+                            job.bands.clear();
+                            for (std::size_t i = 0; i < cut.programs.size(); ++i)
+                              for (fs::path& part : all_parts({&cut.programs[i], 1}, split)) {
+                                job.programs.push_back(std::move(part));
+                                job.bands.push_back(cut.bands[i]);
+                              }
+                            if (extended) job.extended = causes();
+                            return verify_job(job, here, run);
+                          }));
 
   Stage export_stage{name + ".export", {}};
   for (const std::string& format : site.export_formats)
@@ -381,6 +387,13 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
   if (sharded && options.merge)
     return fail(kUsage, "--shard and --merge exclude each other: first every shard, then --merge");
   std::vector<std::string> set = options.set;
+  const auto set_file = [&](const char* key, const fs::path& file) {
+    if (!file.empty()) set.push_back(fmt::format("{}={}", key, fs::absolute(file).string()));
+  };
+  set_file("mill.compensate", options.adjust.compensation);
+  set_file("mill.corrections", options.adjust.corrections);
+  if (options.adjust.corrections_for != "this")
+    set.push_back("mill.corrections_for=" + options.adjust.corrections_for);
   if (common.seed >= 0) set.push_back(fmt::format("seed={}", common.seed));
   MAQUETTE_TRY(const SiteFile file, read_site(options.site, set));
   const Site& site = *file.site;
@@ -410,8 +423,11 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
     }
   }
   MAQUETTE_TRY(const auto operations, mill_jobs(site, options.site.string()));
+  MAQUETTE_TRY(auto adjust, read_adjustment(adjustment_files(site)));
+  if (const MillJob* finish = finishing(operations); adjust && finish != nullptr)
+    adjust->errors.tool = finish->tool.number;
   for (const double scale : site.scales)
-    for (Stage& s : stages_of_scale(file, scale, sources, source_files, operations, folder))
+    for (Stage& s : stages_of_scale(file, scale, sources, source_files, operations, adjust, folder))
       stages.push_back(std::move(s));
 
   if (!options.stages.empty() && std::none_of(stages.begin(), stages.end(), [&](const Stage& s) {
@@ -476,6 +492,7 @@ Command add_run(CLI::App& root, const CommonOptions& common) {
   app->add_option("--out", o->out, "folder for the results")->capture_default_str();
   app->add_option("--set", o->set, "key=value, overrides the site file (repeatable)")
       ->allow_extra_args(false);
+  add_adjustment(*app, o->adjust, "programs are written for");
   app->add_option(
          "--stage", o->stages,
          "only this stage (repeatable); what it needs must be there: fuse, mill, s200.mill")

@@ -9,6 +9,7 @@
 
 #include "cnc/gcode_reader.hpp"
 #include "cnc/motion_time.hpp"
+#include "heightmap/field_io.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
@@ -24,14 +25,20 @@ struct Reading {
   }
   cnc::MotionTimer timer;
   std::optional<cnc::PathProof> path;
-  std::vector<cnc::Motion> lowered;
+  std::vector<cnc::Motion> lowered, made;
 
-  void add(const cnc::Motion& motion, const Section& section) {
+  void add(const cnc::Motion& motion, const Section& section, cnc::MachineRun* machine_run) {
     timer.add(motion);
+    made.assign(1, motion);
+    if (machine_run != nullptr) {
+      made.clear();
+      machine_run->add(motion, made);
+    }
     if (!path) return;
-    cnc::Motion m = motion;
-    for (Vec3* p : {&m.from_mm, &m.to_mm, &m.centre_mm}) p->z -= section.proof->lowered_mm;
-    lowered.push_back(m);
+    for (cnc::Motion& m : made) {
+      for (Vec3* p : {&m.from_mm, &m.to_mm, &m.centre_mm}) p->z -= section.proof->lowered_mm;
+      lowered.push_back(m);
+    }
   }
   void prove() {
     if (path) path->add(lowered);
@@ -43,7 +50,8 @@ struct Reading {
 
 Result<std::vector<SectionFigures>> read_back(std::span<const fs::path> parts,
                                               std::span<const Section> sections,
-                                              const cnc::Machine& machine, const RunContext& run) {
+                                              const cnc::Machine& machine, const RunContext& run,
+                                              cnc::MachineRun* machine_run) {
   std::deque<Reading> readings;
   for (const Section& s : sections) readings.emplace_back(s, machine);
   Box3 box;
@@ -59,7 +67,7 @@ Result<std::vector<SectionFigures>> read_back(std::span<const fs::path> parts,
               readings[now].timer.rest();
               ++now;
             }
-            readings[now].add(m, sections[now]);
+            readings[now].add(m, sections[now], machine_run);
             box.add(m.from_mm);
             box.add(m.to_mm);
           }
@@ -77,6 +85,81 @@ Result<std::vector<SectionFigures>> read_back(std::span<const fs::path> parts,
     if (r.path) figures.back().proof = r.path->finish();
   }
   return figures;
+}
+
+Result<Adjusted> adjusted(const MillJob& job, std::span<const fs::path> meant,
+                          std::span<const Section> sections, std::span<const cnc::Tool> tools,
+                          const fs::path& folder, const RunContext& run) {
+  const Adjustment& a = *job.adjust;
+  cnc::CompensateOptions options;
+  options.head = head_of(a);
+  options.tools.assign(tools.begin(), tools.end());
+  std::optional<heightmap::ModelField> design;
+  if (a.errors.radius_error_mm != 0.0) {
+    MAQUETTE_TRY(design, heightmap::read_model_field(job.design));
+    options.design = &*design;
+    for (const cnc::Tool& tool : tools)
+      if (a.errors.tool_counts(tool.number)) options.ball_radius_mm = tool.cutter.radius_mm;
+  }
+  Adjusted result{{}, {sections.begin(), sections.end()}, {}, 0.0, {}, {}};
+  std::uint64_t moves = 0, lines = 0, take_ups = 0;
+  double& largest = result.largest_mm;
+  for (std::size_t file = 0; file < meant.size(); ++file) {
+    std::string name = meant[file].filename().string();
+    name.erase(name.rfind(".meant"), std::string_view(".meant").size());
+    result.files.push_back(folder / name);
+    options.marks.clear();
+    for (const Section& s : sections)
+      if (s.begin.file == file) options.marks.push_back(s.begin.line);
+    MAQUETTE_TRY(const auto f,
+                 cnc::compensate(meant[file], a.errors, options, result.files.back(), run));
+    for (std::size_t k = 0, mark = 0; k < sections.size(); ++k)
+      if (sections[k].begin.file == file) result.sections[k].begin.line = f.marks[mark++];
+    moves += f.moves;
+    lines += f.lines;
+    take_ups += f.take_ups;
+    largest = std::max(largest, f.largest_mm);
+    std::error_code ec;
+    const std::uintmax_t bytes = fs::file_size(result.files.back(), ec);
+    const cnc::ProgramOptions& most = job.program;
+    if (!ec && ((most.max_lines > 0 && f.lines > most.max_lines) ||
+                (most.max_bytes > 0 && bytes > most.max_bytes)))
+      return fail(
+          cnc::kProgramOptionOutOfRange,
+          fmt::format("{}: {} lines and {} bytes once rewritten by {}, more than a file may "
+                      "have; ask for smaller ones",
+                      name, f.lines, bytes, options.head.front()));
+  }
+  // Balls are proven with the radius that they have.
+  for (Section& s : result.sections)
+    if (s.proof && a.errors.radius_error_mm != 0.0 && a.errors.tool_counts(s.tool))
+      s.proof.emplace(Proof{s.proof->surface, s.proof->ball_radius_mm + a.errors.radius_error_mm,
+                            s.proof->limit_mm, s.proof->lowered_mm});
+  cnc::MachineRun machine_run(a.errors, options.tools, options.ball_radius_mm);
+  MAQUETTE_TRY(result.back,
+               read_back(result.files, result.sections, job.machine, run, &machine_run));
+  double proven = 0.0;
+  // Rewriting adds its own deviation, and the chords of arcs theirs.
+  constexpr double kMore_mm = 2.0 * cnc::kMapping_mm;
+  for (std::size_t k = 0; k < sections.size(); ++k) {
+    proven = std::max(proven, result.back[k].proven_mm());
+    if (result.sections[k].proof &&
+        result.back[k].proven_mm() > result.sections[k].proof->limit_mm + kMore_mm)
+      result.unmet += fmt::format(
+          "{}{}: the machine of {} may cut {:.4f} mm below what it must leave, more than the "
+          "{:.4f} "
+          "mm that its tolerance and {:.4f} mm for rewriting allow",
+          result.unmet.empty() ? "" : "; ", sections[k].name, options.head.front(),
+          result.back[k].proven_mm(), result.sections[k].proof->limit_mm, kMore_mm);
+  }
+  json figures = json_of(a);
+  figures.update({{"moves", moves},
+                  {"lines", lines},
+                  {"take_ups", take_ups},
+                  {"largest_change_mm", largest},
+                  {"proven_gouge_mm", proven}});
+  result.figures_json = figures.dump();
+  return result;
 }
 
 json time_row(const std::string& program, const Section& section, const std::string& band,
@@ -97,7 +180,8 @@ Result<JoinedProgram> JoinedProgram::create(const MillJob& first, const fs::path
   cnc::ProgramOptions options = first.program;
   options.safe_z = Millimetres{0.0};  // each operation brings its own
   MAQUETTE_TRY(Waiting waiting, Waiting::beside(out));
-  MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(waiting.file(out), options));
+  MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(
+                                waiting.file(first.adjust ? meant_of(out) : out), options));
   return JoinedProgram(out, std::move(waiting), std::move(writer));
 }
 
@@ -125,17 +209,24 @@ Result<JobResult> JoinedProgram::finish(const MillJob& first, json operations,
                                         const RunContext& run) {
   MAQUETTE_TRY(const cnc::ProgramReport written, writer_.commit());
   MAQUETTE_TRY(const auto back, read_back(written.files, sections_, first.machine, run));
+  std::optional<Adjusted> called;
+  if (first.adjust) {
+    MAQUETTE_TRY(called, adjusted(first, written.files, sections_, tools_,
+                                  waiting_.file(out_).parent_path(), run));
+  }
   JobResult result;
+  if (called) result.unmet = called->unmet;
   json times = json::array();
   double total_min = 0.0, worst_mm = 0.0, most_blocks = 0.0, waiting_s = 0.0;
   const std::string name = out_.filename().string();
   for (std::size_t k = 0; k < sections_.size(); ++k) {
     const Section& s = sections_[k];
     const double proven = back[k].proven_mm();
-    times.push_back(time_row(name, s, "", back[k].time));
-    total_min += back[k].time.total_s() / 60.0;
-    waiting_s += back[k].time.waiting_s;
-    most_blocks = std::max(most_blocks, back[k].time.highest_blocks_per_s);
+    const cnc::MotionTime& time = called ? called->back[k].time : back[k].time;
+    times.push_back(time_row(name, s, "", time));
+    total_min += time.total_s() / 60.0;
+    waiting_s += time.waiting_s;
+    most_blocks = std::max(most_blocks, time.highest_blocks_per_s);
     json& row = operations[k];
     row["operation"] = s.name;
     if (!s.proof) continue;
@@ -151,24 +242,25 @@ Result<JobResult> JoinedProgram::finish(const MillJob& first, json operations,
   }
   MAQUETTE_TRY(const std::string met, meets_stones(first, written.files, tools_, run));
   if (!met.empty()) result.unmet += (result.unmet.empty() ? "" : "; ") + met;
-  MAQUETTE_TRY(result.outputs,
-               put_in_place(written.files, out_, result.unmet.empty() ? "" : ".rejected"));
+  std::vector<fs::path> files = called ? called->files : written.files;
+  if (called) files.insert(files.end(), written.files.begin(), written.files.end());
+  MAQUETTE_TRY(result.outputs, put_in_place(files, out_, result.unmet.empty() ? "" : ".rejected"));
   if (!result.unmet.empty())
     result.unmet += fmt::format("; kept as {} for inspection", result.outputs.front().string());
   warn_of_blocks(most_blocks, waiting_s, first.machine, out_, run);
-  result.figures_json = json{
-      {"strategy", "operations"},
-      {"operations", std::move(operations)},
-      {"blocks", written.blocks},
-      {"bytes", written.bytes},
-      {"path_length_mm", written.cutting_length_mm},
-      {"rapid_length_mm", written.rapid_length_mm},
-      {"machining_time", std::move(times)},
-      {"total_time_min", total_min},
-      {"highest_block_rate_per_s", most_blocks},
-      {"machine_blocks_per_s", first.machine.blocks_per_s},
-      {"proven_gouge_mm",
-       worst_mm}}.dump();
+  json figures = {{"strategy", "operations"},
+                  {"operations", std::move(operations)},
+                  {"blocks", written.blocks},
+                  {"bytes", written.bytes},
+                  {"path_length_mm", written.cutting_length_mm},
+                  {"rapid_length_mm", written.rapid_length_mm},
+                  {"machining_time", std::move(times)},
+                  {"total_time_min", total_min},
+                  {"highest_block_rate_per_s", most_blocks},
+                  {"machine_blocks_per_s", first.machine.blocks_per_s},
+                  {"proven_gouge_mm", worst_mm}};
+  if (called) figures["adjusted"] = json::parse(called->figures_json);
+  result.figures_json = figures.dump();
   result.note = fmt::format("{} operations, {} blocks, {:.1f} m, {:.1f} min", sections_.size(),
                             written.blocks, written.cutting_length_mm / 1000.0, total_min);
   if (worst_mm > 0.0) result.note += fmt::format(", gouge proven below {:.1f} um", 1e3 * worst_mm);

@@ -9,6 +9,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "cnc/machine_run.hpp"
 #include "cnc/motion_time.hpp"
 #include "cnc/path_certificate.hpp"
 #include "tools/milling/mill_program.hpp"
@@ -32,10 +33,28 @@ struct SectionFigures {
 };
 
 /// Reads files of one program back; motions belong to the last section that began before them.
+/// @param machine_run  of a program written for a machine with errors: the path that the machine
+///                     makes of it is proven; or nullptr
 /// @return one a section; the errors of read_gcode(), CNC_BEYOND_TRAVEL
 [[nodiscard]] Result<std::vector<SectionFigures>> read_back(
     std::span<const std::filesystem::path> parts, std::span<const Section> sections,
-    const cnc::Machine& machine, const RunContext& run);
+    const cnc::Machine& machine, const RunContext& run, cnc::MachineRun* machine_run = nullptr);
+
+/// The program as the machine of job.adjust must be called, from the one that is meant.
+struct Adjusted {
+  std::vector<std::filesystem::path> files;  ///< under the names that they will have
+  std::vector<Section> sections;             ///< the same, where they begin now
+  std::vector<SectionFigures> back;          ///< of the path that the machine makes
+  double largest_mm = 0.0;                   ///< change of a coordinate
+  std::string figures_json, unmet;
+};
+/// @param folder  that the files wait in
+/// @return errors of read_back() and cnc::compensate()
+[[nodiscard]] Result<Adjusted> adjusted(const MillJob& job,
+                                        std::span<const std::filesystem::path> meant,
+                                        std::span<const Section> sections,
+                                        std::span<const cnc::Tool> tools,
+                                        const std::filesystem::path& folder, const RunContext& run);
 
 /// Rows of the table of times: one a section.
 [[nodiscard]] nlohmann::json time_row(const std::string& program, const Section& section,

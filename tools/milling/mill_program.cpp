@@ -14,6 +14,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/bands.hpp"
 #include "meshing/stones.hpp"
+#include "tools/schema.hpp"
 #include "tools/tool_table.hpp"
 
 namespace maquette::tools {
@@ -123,12 +124,30 @@ fs::path beside(const fs::path& program, const std::string& what) {
   return program.parent_path() / fmt::format("{}.{}.tif", program.stem().string(), what);
 }
 
+namespace {
+
+/// Before the first motion with all axes known there is nothing to rewrite: the way there stays
+/// above the part where it really stands.
+double rise_mm(const Adjustment& a, const Piece& piece) {
+  const heightmap::ModelField& d = piece.design;
+  double rise = 0.0;
+  for (const double x : {d.x0.value(), d.x_mm(d.z_mm.cols() - 1)})
+    for (const double y : {d.y0.value(), d.y_mm(d.z_mm.rows() - 1)}) {
+      const Vec3 top{x, y, piece.top_mm};
+      rise = std::max(rise, a.errors.machine_from_part.point(top).z - top.z);
+    }
+  return rise > 0.0 ? std::ceil(rise * 1000.0) / 1000.0 : 0.0;
+}
+
+}  // namespace
+
 Result<MillProgram> MillProgram::begin(const MillJob& job, const Piece& piece, const fs::path& out,
                                        double top_mm, Millimetres blending,
                                        std::vector<std::string> comments) {
   cnc::ProgramOptions options = job.program;
   options.blending = blending;
   options.safe_z = Millimetres{std::ceil((top_mm + job.clearance.value()) * 1000.0) / 1000.0};
+  if (job.adjust) options.safe_z = options.safe_z + Millimetres{rise_mm(*job.adjust, piece)};
   options.entry_feed = job.plunge_feed;
   options.comments = std::move(comments);
   MAQUETTE_TRY_VOID(cnc::check_tool_length(job.machine, job.tool, gauge_length_mm(job.tool),
@@ -145,7 +164,9 @@ Result<MillProgram> MillProgram::begin(const MillJob& job, const Piece& piece, c
                       job.material->min_surface_speed_m_min));
   }
   MAQUETTE_TRY(Waiting waiting, Waiting::beside(out));
-  MAQUETTE_TRY(auto writer, cnc::ProgramWriter::create(waiting.file(out), options));
+  const bool adjust = job.adjust && job.joined == nullptr;
+  MAQUETTE_TRY(auto writer,
+               cnc::ProgramWriter::create(waiting.file(adjust ? meant_of(out) : out), options));
   writer.tool(tool, spindle.rpm);
   if (job.joined != nullptr) job.joined->begin(job, tool, spindle.rpm, options);
   return MillProgram(job, piece, out, std::move(waiting), std::move(writer), blending.value(),
@@ -242,16 +263,26 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
                   {}};
   if (proof) section.proof.emplace(*proof);
   MAQUETTE_TRY(const auto back, read_back(written.files, {&section, 1}, job_.machine, run));
-  const cnc::MotionTime& t = back.front().time;
   const double proven_mm = back.front().proven_mm();
+  std::optional<Adjusted> called;
+  if (job_.adjust) {
+    MAQUETTE_TRY(called, adjusted(job_, written.files, {&section, 1}, {&job_.tool, 1},
+                                  waiting_.file(out_).parent_path(), run));
+    figures["adjusted"] = json::parse(called->figures_json);
+  }
+  const cnc::MotionTime& t = called ? called->back.front().time : back.front().time;
   MAQUETTE_TRY(result.unmet, meets_stones(job_, written.files, {&job_.tool, 1}, run));
   if (proof && proven_mm > proof->limit_mm)
     result.unmet = fmt::format(
         "{}: may cut {:.4f} mm below what it must leave, more than the {:.4f} mm that its "
         "tolerance allows{}{}",
         out_.string(), proven_mm, proof->limit_mm, result.unmet.empty() ? "" : "; ", result.unmet);
-  MAQUETTE_TRY(result.outputs,
-               put_in_place(written.files, out_, result.unmet.empty() ? "" : ".rejected"));
+  std::vector<fs::path> files = written.files;
+  if (called) {
+    if (!called->unmet.empty()) result.unmet += (result.unmet.empty() ? "" : "; ") + called->unmet;
+    files.insert(files.begin(), called->files.begin(), called->files.end());
+  }
+  MAQUETTE_TRY(result.outputs, put_in_place(files, out_, result.unmet.empty() ? "" : ".rejected"));
   if (!result.unmet.empty())
     result.unmet += fmt::format("; kept as {} for inspection", result.outputs.front().string());
   warn_of_blocks(t.highest_blocks_per_s, t.waiting_s, job_.machine, out_, run);
@@ -274,6 +305,10 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
   if (proof)
     result.note += fmt::format(", gouge proven below {:.1f} um, {:.1f} um with blending",
                                1e3 * proven_mm, 1e3 * (proven_mm + blending_mm_));
+  if (called)
+    result.note += fmt::format(
+        "; called at most {:.4f} mm beside, gouge of what the machine makes of it below {:.1f} um",
+        called->largest_mm, 1e3 * called->back.front().proven_mm());
   return result;
 }
 
@@ -291,6 +326,28 @@ Result<JobResult> MillProgram::finish_unread(json figures) {
 }
 
 Result<MillJob> with_feeds(const MillJob& job) {
+  if (job.adjust) {
+    const std::string by = head_of(*job.adjust).front();
+    if (!strategy_of(job.strategy).cuts)
+      return fail(kConfigInvalid,
+                  fmt::format("{}: {} touches what is there; only programs that cut are rewritten",
+                              by, job.strategy));
+    if (job.program.relative)
+      return fail(kConfigInvalid,
+                  fmt::format("{}: only programs of absolute moves (G90) can be rewritten; leave "
+                              "out relative",
+                              by));
+    if (job.program.post == "heidenhain")
+      return fail(kConfigInvalid,
+                  fmt::format("{}: programs for heidenhain are not rewritten; enter the errors in "
+                              "the control's own tables",
+                              by));
+    if (job.adjust->errors.radius_error_mm != 0.0 && !job.tool.cutter.is_ball() &&
+        job.adjust->errors.tool_counts(job.tool.number))
+      return fail(kConfigInvalid,
+                  fmt::format("{}: radius_error_mm is a ball's, {} mills with another cutter", by,
+                              job.strategy));
+  }
   const cnc::Machine& m = job.machine;
   const double fastest = std::max(m.max_feed_mm_min.x, m.max_feed_mm_min.y);
   const auto check = [&](const char* what, double value, double most) -> Result<void> {

@@ -57,14 +57,13 @@ void MachineRun::line(Vec3 from, Vec3 to, const Motion& called, std::vector<Moti
     if (t <= before) continue;
     for (int axis = 0; axis < 3; ++axis) {
       const double half = 0.5 * axis_of(errors_.backlash_mm, axis);
-      behind_mm_[axis] = std::clamp(behind_mm_[axis] - (t - before) * axis_of(step, axis), -half,
-                                    half);
+      behind_mm_[axis] =
+          std::clamp(behind_mm_[axis] - (t - before) * axis_of(step, axis), -half, half);
     }
     before = t;
     const Vec3 place = t < 1.0 ? from + t * step : to;
     const Vec3 next = tip(place, called.tool), off = next - place;
-    largest_mm_ =
-        std::max({largest_mm_, std::fabs(off.x), std::fabs(off.y), std::fabs(off.z)});
+    largest_mm_ = std::max({largest_mm_, std::fabs(off.x), std::fabs(off.y), std::fabs(off.z)});
     if (next == at) continue;
     Motion& m = made.emplace_back(called);
     if (m.kind == Motion::Kind::arc) m.kind = Motion::Kind::line;
@@ -75,8 +74,7 @@ void MachineRun::line(Vec3 from, Vec3 to, const Motion& called, std::vector<Moti
 
 void MachineRun::add(const Motion& called, std::vector<Motion>& made) {
   if (called.kind == Motion::Kind::arc)
-    for_each_chord(called, kRunChord_mm,
-                   [&](Vec3 from, Vec3 to) { line(from, to, called, made); });
+    for_each_chord(called, kRunChord_mm, [&](Vec3 from, Vec3 to) { line(from, to, called, made); });
   else
     line(called.from_mm, called.to_mm, called, made);
 }

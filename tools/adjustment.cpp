@@ -53,10 +53,11 @@ Result<void> add_axes(Adjustment& a, const Corrections& c, const fs::path& file)
     const Vec3 nominal{axis.name == "x" ? 1.0 : 0.0, axis.name == "y" ? 1.0 : 0.0,
                        axis.name == "z" ? 1.0 : 0.0};
     if (norm(d - nominal) > 0.05)
-      return fail(kConfigInvalid,
-                  fmt::format("{}: axis {} goes ({}, {}, {}) for each mm shown, expected one within "
-                              "0.05 of its own direction; is its frame that of the datums?",
-                              file.string(), axis.name, d.x, d.y, d.z));
+      return fail(
+          kConfigInvalid,
+          fmt::format("{}: axis {} goes ({}, {}, {}) for each mm shown, expected one within "
+                      "0.05 of its own direction; is its frame that of the datums?",
+                      file.string(), axis.name, d.x, d.y, d.z));
   }
   return {};
 }
@@ -124,7 +125,8 @@ nlohmann::json json_of(const Adjustment& a) {
 }
 
 fs::path meant_of(const fs::path& program) {
-  return program.parent_path() / (program.stem().string() + ".meant" + program.extension().string());
+  return program.parent_path() /
+         (program.stem().string() + ".meant" + program.extension().string());
 }
 
 fs::path meant_of_part(const fs::path& program) {

@@ -11,9 +11,9 @@
 ///  - `this` part still lies there: programs go to where it is, p -> A p;
 ///  - the `next` part will be displaced as this one was, by a zero or a stop that is off:
 ///    programs call p -> A^-1 p, so that A brings it back.
-/// Its axes named "x", "y" and "z" are the machine's: scale and direction are what the machine does.
-/// They are exact where the work offset was set, the model's origin. Other axes are no business of
-/// a mill.
+/// Its axes named "x", "y" and "z" are the machine's: scale and direction are what the machine
+/// does. They are exact where the work offset was set, the model's origin. Other axes are no
+/// business of a mill.
 
 #include <filesystem>
 #include <optional>

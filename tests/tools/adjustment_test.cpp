@@ -4,15 +4,18 @@
 // cnc/machine_run.hpp).
 //
 //   the machine's path ............ closed forms: play, scale, a bent guide, a part that stands
-//                                   elsewhere; a program rewritten and run is the one that was meant
+//                                   elsewhere; a program rewritten and run is the one that was
+//                                   meant
 //   compensation.toml ............. planted errors: the part is worse before than after, by the
 //                                   machine's path and by diagnosis' own simulation of causes
-//   corrections.toml, this ........ a part clamped aside and turned: cut against the design where it
+//   corrections.toml, this ........ a part clamped aside and turned: cut against the design where
+//   it
 //                                   lies, made from the relief's formula, plain against corrected
 //   corrections.toml, next ........ a zero that is off: what it adds brings the path back
 //   axes .......................... a frame's x, y, z as the machine has them, in and out
-//   what is written ............... the head and the certificate name the file and the largest change
-//   what cannot be ................ G91, Heidenhain, probing, both files with axes: each its error
+//   what is written ............... the head and the certificate name the file and the largest
+//   change what cannot be ................ G91, Heidenhain, probing, both files with axes: each its
+//   error
 
 #include <cmath>
 #include <fstream>
@@ -241,12 +244,12 @@ TEST_F(Adjusted, CompensatedProgramsCutTheDesignOnTheMachineTheyAreFor) {
   const auto errors = read_adjustment(files);
   ASSERT_THAT(errors, Succeeds());
   nlohmann::json figures;
-  const fs::path plain = milled("plain.ngc", {}),
-                 called = milled("called.ngc", files, &figures), meant = folder / "called.meant.ngc";
+  const fs::path plain = milled("plain.ngc", {}), called = milled("called.ngc", files, &figures),
+                 meant = folder / "called.meant.ngc";
   EXPECT_EQ(read_file(plain).value_or(""), read_file(meant).value_or("-")) << "meant is untouched";
 
-  const Off before = off(plain, design, (*errors)->errors), after = off(called, design, (*errors)->errors),
-            ideal = off(plain, design, {});
+  const Off before = off(plain, design, (*errors)->errors),
+            after = off(called, design, (*errors)->errors), ideal = off(plain, design, {});
   // The length alone is 40 um, the rest about as much. What is left is the ridges between passes.
   EXPECT_GT(before.rms_mm, 0.03);
   EXPECT_LT(after.rms_mm, ideal.rms_mm + 0.001);
@@ -273,15 +276,16 @@ TEST_F(Adjusted, CompensatedProgramsCutTheDesignOnTheMachineTheyAreFor) {
   const auto good = verify_job(verify, folder / "good", {});
   ASSERT_THAT(good, Succeeds());
   EXPECT_EQ(good->unmet, "");
-  const auto certificate = nlohmann::json::parse(read_file(folder / "good/certificate.json").value());
+  const auto certificate =
+      nlohmann::json::parse(read_file(folder / "good/certificate.json").value());
   const auto& adjusted = certificate["adjusted"];
   EXPECT_EQ(adjusted["compensation"]["file"], "compensation.toml");
   EXPECT_EQ(adjusted["compensation"]["sha256"], (*errors)->compensation->sha256);
   EXPECT_NEAR(adjusted["largest_change_mm"].get<double>(), most, 0.02);  // play lags on both sides
   EXPECT_EQ(adjusted["meant"]["programs"][0], "called.meant.ngc");
-  EXPECT_LE(adjusted["meant"]["max_gouge_mm"].get<double>() +
-                adjusted["meant"]["bound_mm"].get<double>(),
-            0.005);
+  EXPECT_LE(
+      adjusted["meant"]["max_gouge_mm"].get<double>() + adjusted["meant"]["bound_mm"].get<double>(),
+      0.005);
   // Plain programs on that machine, and these on a right one, are found.
   verify.programs = {plain};
   const auto bad = verify_job(verify, folder / "bad", {});
@@ -301,11 +305,14 @@ TEST_F(Adjusted, DiagnosisCutsTheSameGain) {
     std::pair<std::string, double> parameter;
   };
   const Vec3 centre{0.5 * kSide_mm, 0.5 * kSide_mm, 0.0};
-  for (const Row& row :
-       {Row{"machine.scale_x", "proportional", "[machine]\nscale_x_um_per_m = 8000.0\n",
-            {"error_um_per_m", 8000.0}},
-        Row{"machine.squareness_xy", "shear", "[machine]\nsquareness_xy_urad = -8000.0\n",
-            {"angle_urad", -8000.0}}}) {
+  for (const Row& row : {Row{"machine.scale_x",
+                             "proportional",
+                             "[machine]\nscale_x_um_per_m = 8000.0\n",
+                             {"error_um_per_m", 8000.0}},
+                         Row{"machine.squareness_xy",
+                             "shear",
+                             "[machine]\nsquareness_xy_urad = -8000.0\n",
+                             {"angle_urad", -8000.0}}}) {
     AdjustmentFiles files;
     files.compensation =
         text("by.toml", fmt::format("schema = \"maquette.compensation/1\"\nexact_at_mm = [{}, {}, "
@@ -364,7 +371,8 @@ TEST_F(Adjusted, ForTheNextPartTheMachinesOwnDisplacementBringsThePathBack) {
   files.corrections = text("corrections.toml", corrections_text(c));
   files.corrections_for = "next";
   nlohmann::json figures;
-  const fs::path called = milled("called.ngc", files, &figures), meant = folder / "called.meant.ngc";
+  const fs::path called = milled("called.ngc", files, &figures),
+                 meant = folder / "called.meant.ngc";
   const RigidTransform& machine = c.actual_from_planned;
   const auto displaced = [&](Vec3 p) { return machine.point(p); };
   // Rewriting 1 um, chords of arcs 1 um, four digits.
@@ -386,7 +394,8 @@ TEST_F(Adjusted, AxesThatWereMeasuredAreTheMachines) {
   AdjustmentFiles files;
   files.corrections = text("corrections.toml", corrections_text(c));
   nlohmann::json figures;
-  const fs::path called = milled("called.ngc", files, &figures), meant = folder / "called.meant.ngc";
+  const fs::path called = milled("called.ngc", files, &figures),
+                 meant = folder / "called.meant.ngc";
   const auto machine = [&](Vec3 p) { return sx * p.x * x + sy * p.y * y + sz * p.z * z; };
   EXPECT_LT(apart_mm(called, meant, machine), 0.0022);
   EXPECT_GT(apart_mm(meant, meant, machine), 0.03);
@@ -427,12 +436,13 @@ TEST_F(Adjusted, EachControlsProgramAndSeveralOperationsReadBackThrough) {
 
 TEST_F(Adjusted, ABallOfAnotherRadius) {
   AdjustmentFiles files;
-  files.compensation = text("compensation.toml",
-                            "schema = \"maquette.compensation/1\"\n[tool]\nradius_error_mm = 0.1\n");
+  files.compensation = text(
+      "compensation.toml", "schema = \"maquette.compensation/1\"\n[tool]\nradius_error_mm = 0.1\n");
   const auto adjust = read_adjustment(files);
   ASSERT_THAT(adjust, Succeeds());
   const fs::path plain = milled("plain.ngc", {}), called = milled("called.ngc", files);
-  const Off before = off(plain, design, (*adjust)->errors), after = off(called, design, (*adjust)->errors);
+  const Off before = off(plain, design, (*adjust)->errors),
+            after = off(called, design, (*adjust)->errors);
   EXPECT_GT(before.gouge_mm, 0.004);
   EXPECT_LT(after.gouge_mm, 0.007);
   EXPECT_GT(before.gouge_mm, after.gouge_mm);

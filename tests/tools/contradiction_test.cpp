@@ -10,7 +10,12 @@
 //   30 um sideways ..................... found as what it cuts
 //   5 um at 100 places ................. all hundred listed, with place, depth and line, none else
 //   the second of two programs ......... named
+//   the cutter's side in a wall ........ by a rapid, a lead and a link, 50 um deep: each with line
+//   and
+//                                        place; 50 um beside it nothing
+//   the shank in a wall ................ the same of a shank that is wider than its ball
 
+#include <functional>
 #include <map>
 #include <regex>
 #include <set>
@@ -255,6 +260,138 @@ TEST_F(Contradiction, TheGuiltyOneOfTwoProgramsIsNamed) {
   EXPECT_EQ(v.exit_code, 1);
   for (const json& gouge : v.certificate["path"]["gouges"]) EXPECT_EQ(gouge["program"], 1);
   EXPECT_THAT(v.said, HasSubstr("deep.ngc:"));
+}
+
+/// A step of 12 mm, 0.5 mm from foot to edge, in a finished part; down beside it there is room.
+class SideCuts : public Contradiction {
+ protected:
+  static constexpr double kFoot_mm = 40.0, kRise_mm = 12.0, kRun_mm = 0.5, kTip_mm = 2.0;
+  std::size_t planted_line = 0;
+
+  void SetUp() override {
+    for (std::ptrdiff_t r = 0; r < kNodes; ++r)
+      for (std::ptrdiff_t c = 0; c < kNodes; ++c)
+        surface.z_mm(r, c) = surface.x_mm(c) > kFoot_mm ? static_cast<float>(kRise_mm) : 0.0F;
+    Contradiction::SetUp();
+  }
+  /// Where the axis of a ball of 6 mm stands when it touches the wall over its foot.
+  [[nodiscard]] static double touching_mm() {
+    const double lean = kRun_mm / kRise_mm;
+    return kFoot_mm + lean * (kTip_mm + 3.0) - 3.0 * std::hypot(1.0, lean);
+  }
+  /// The program, and before its end these lines, which begin at the safe height.
+  fs::path with(const std::string& name, const std::string& lines) {
+    std::vector<Line> all = lines_of(slurp(program));
+    std::size_t last = 0;
+    for (std::size_t i = 0; i < all.size(); ++i)
+      if (all[i].text.find("G0Z") == 0) last = i;
+    std::string text;
+    for (std::size_t i = 0; i <= last; ++i) text += all[i].text + "\n";
+    planted_line = last + 2;
+    text += lines;
+    for (std::size_t i = last + 1; i < all.size(); ++i) text += all[i].text + "\n";
+    return write(name, text);
+  }
+  [[nodiscard]] std::set<std::size_t> lines_of_gouges(const Verdict& v) const {
+    std::set<std::size_t> lines;
+    for (const json& gouge : v.certificate["path"]["gouges"])
+      lines.insert(gouge["line"].get<std::size_t>());
+    return lines;
+  }
+};
+
+TEST_F(SideCuts, ByARapidALeadOrALinkAreFound) {
+  ASSERT_EQ(verify(program.string()).exit_code, 0);
+  struct Slip {
+    const char* name;
+    /// Lines, the guilty one the `at`-th, by where the axis stands near the wall.
+    std::function<std::string(double x)> lines;
+    std::size_t at;
+    bool rapid;
+    double y_from, y_to;  ///< where it touches
+  };
+  const double up = kRise_mm + 6.0;
+  const Slip slips[] = {
+      {"rapid past the wall",
+       [&](double x) {
+         return fmt::format("G0X{0:.4f}Y10\nZ{1}\nX{2:.4f}Y30\nX20\nZ{3}\n", x - 1.0, kTip_mm, x,
+                            up);
+       },
+       3, true, 30.0, 30.0},
+      {"lead in by a quarter circle",
+       [&](double x) {  // ends along the wall, at its nearest
+         return fmt::format("G0X{0:.4f}Y50\nZ{1}\nG17G3X{2:.4f}Y52I0J2F1000\nG1X{0:.4f}\nG0Z{3}\n",
+                            x - 2.0, kTip_mm, x, up);
+       },
+       3, false, 52.0, 52.0},
+      {"link that swings out",
+       [&](double x) {
+         return fmt::format("G0X30Y60\nZ{0}\nG1X{1:.4f}Y62F1000\nX30Y64\nG0Z{2}\n", kTip_mm, x, up);
+       },
+       3, false, 62.0, 62.0},
+  };
+  for (const Slip& slip : slips)
+    for (const double deep : {0.05, -0.05}) {
+      const Verdict v = verify(with("slip.ngc", slip.lines(touching_mm() + deep)).string());
+      SCOPED_TRACE(fmt::format("{}, {} mm into the wall: {}", slip.name, deep, v.said));
+      if (deep < 0.0) {
+        EXPECT_EQ(v.exit_code, 0);
+        EXPECT_EQ(v.certificate["rapid_collisions"], 0);
+        continue;
+      }
+      EXPECT_EQ(v.exit_code, 1);
+      const std::size_t guilty = planted_line + slip.at - 1;
+      if (slip.rapid) {
+        EXPECT_GE(v.certificate["rapid_collisions"], 1);
+        EXPECT_EQ(v.certificate["first_rapid_collisions"][0]["line"], guilty);
+        EXPECT_THAT(v.said, HasSubstr("rapid moves touch material, first at x"));
+      }
+      // Far below where the ball may go beside the wall, though it enters by 50 um only.
+      EXPECT_GT(v.certificate["max_gouge_mm"].get<double>(), 0.1);
+      // The next move begins in the wall too.
+      const auto lines = lines_of_gouges(v);
+      EXPECT_FALSE(lines.empty());
+      for (const std::size_t line : lines)
+        EXPECT_TRUE(line == guilty || line == guilty + 1) << line << " not " << guilty;
+      for (const json& gouge : v.certificate["path"]["gouges"]) {
+        EXPECT_NEAR(gouge["x_mm"].get<double>(), kFoot_mm + 0.25, 0.3);
+        EXPECT_GE(gouge["y_mm"].get<double>(), slip.y_from - 1.5);
+        EXPECT_LE(gouge["y_mm"].get<double>(), slip.y_to + 1.5);
+      }
+    }
+}
+
+TEST_F(SideCuts, ByTheShankAreFound) {
+  // The part is finished by tool 1; then tool 2, 8 mm of flutes under a shank of 8 mm, goes along
+  // the wall: the shank meets it before the ball would.
+  const fs::path tools = write("tools.toml",
+                               "[[tool]]\nnumber = 1\nshape = \"ball\"\ndiameter_mm = 6.0\n"
+                               "[[tool]]\nnumber = 2\nshape = \"ball\"\ndiameter_mm = 6.0\n"
+                               "flute_length_mm = 8.0\nshank_diameter_mm = 8.0\n"
+                               "stick_out_mm = 60.0\n");
+  const auto judged = [&](const fs::path& one) {
+    return verify(fmt::format("{} --tools {}", one.string(), tools.string()));
+  };
+  const double edge = kFoot_mm + kRun_mm;
+  for (const double deep : {0.1, -0.1}) {
+    // The tip 1 mm over the floor, the shank from 9 mm on: 3 mm of the wall beside it. Ridges and
+    // the fillet at the foot are lower than that.
+    const double high = 9.0, x = kFoot_mm + kRun_mm * high / kRise_mm - 4.0 + deep;
+    ASSERT_LT(x, edge - 3.5) << "the ball itself is clear";
+    const Verdict v = judged(
+        with("shank.ngc", fmt::format("T2M6\nG0X30Y20\nZ1\nG1X{:.4f}F1000\nY30\nX30\nG0Z20\n", x)));
+    SCOPED_TRACE(fmt::format("{} mm into the wall: {}", deep, v.said));
+    EXPECT_TRUE(v.certificate["path"]["gouges"].empty());
+    if (deep < 0.0) {
+      EXPECT_EQ(v.exit_code, 0);
+      EXPECT_EQ(v.certificate["holder_collisions"], 0);
+    } else {
+      EXPECT_EQ(v.exit_code, 1);
+      EXPECT_EQ(v.certificate["holder_collisions"], 3) << "in, along, out";
+      EXPECT_EQ(v.certificate["first_holder_collisions"][0]["line"], planted_line + 3);
+      EXPECT_THAT(v.said, HasSubstr("holder or shank meets material in 3 moves"));
+    }
+  }
 }
 
 }  // namespace

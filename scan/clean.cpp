@@ -54,6 +54,12 @@ class Cleaner {
   [[nodiscard]] Result<void> survey();
   [[nodiscard]] Result<void> fill_images();
   [[nodiscard]] Result<void> gather();
+  /// What the points that stay have in common in each voxel, for one run of slices after the other.
+  using Use =
+      std::function<Result<void>(const VoxelStatistics&, std::int64_t begin, std::int64_t end)>;
+  [[nodiscard]] Result<void> each_run(double from, double to, const Use& use);
+  [[nodiscard]] Result<void> add_run(double from, double to, std::int64_t begin, std::int64_t end,
+                                     VoxelStatistics& voxels);
   [[nodiscard]] Result<void> write_points(const detail::StationSink& out);
   [[nodiscard]] Result<void> write_thinned(const detail::StationSink& out);
   /// Is the point one that stays? Once the isolated ones are known.
@@ -64,13 +70,13 @@ class Cleaner {
   const RunContext& run_;
   CleanFigures figures_;
   std::vector<View> views_;
-  std::vector<Vec3> sample_;  // every k-th point, model frame
+  std::vector<ScanStation> stations_;  // their points counted
+  std::vector<Vec3> sample_;           // every k-th point, model frame
   std::uint64_t sample_step_ = 1;
   Box3 bounds_;
   std::vector<Verdict> verdicts_;
-  std::unique_ptr<VoxelCounts> counts_;      // where isolated points are sought
-  std::unique_ptr<VoxelStatistics> voxels_;  // where every point shall have a normal
-  detail::VoxelGrid thin_;
+  std::unique_ptr<VoxelCounts> counts_;  // where isolated points are sought
+  detail::VoxelGrid grid_;               // of normals or of thinning
   std::unique_ptr<VoxelSlices> slices_;  // of it, where there may be more than go at once
   bool needs_normals_, needs_voxels_;
 };
@@ -107,6 +113,11 @@ Result<void> Cleaner::survey() {
       0.0, 0.25,
       [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
         View& view = view_of(b, station);
+        if (b.begins_station) {
+          stations_.push_back(station);
+          stations_.back().points = 0;
+        }
+        stations_.back().points += b.size();
         if (b.begins_station && b.size() > 0) {
           if (!view.scanner_mm)
             ++figures_.not_judged;
@@ -177,12 +188,12 @@ Result<void> Cleaner::gather() {
                             "a two-millionth of it",
                             figures_.voxel_mm, norm(bounds_.max - bounds_.min)));
   if (o_.least_neighbours > 0) counts_ = std::make_unique<VoxelCounts>(grid);
-  if (needs_normals_) voxels_ = std::make_unique<VoxelStatistics>(grid);
-  if (o_.thin_mm > 0.0 && !detail::make_voxel_grid(bounds_, o_.thin_mm, thin_))
+  if (needs_normals_) grid_ = grid;
+  if (o_.thin_mm > 0.0 && !detail::make_voxel_grid(bounds_, o_.thin_mm, grid_))
     return fail(kCleanOptions, fmt::format("voxels of {} mm are too small to thin {} mm",
                                            o_.thin_mm, norm(bounds_.max - bounds_.min)));
-  if (o_.thin_mm > 0.0 && figures_.points > o_.voxels_at_once)
-    slices_ = std::make_unique<VoxelSlices>(thin_);
+  if ((o_.thin_mm > 0.0 || needs_normals_) && figures_.points > o_.voxels_at_once)
+    slices_ = std::make_unique<VoxelSlices>(grid_);
   verdicts_.reserve(figures_.points + figures_.without_position);
   return each_batch(
       0.5, 0.75,
@@ -214,16 +225,10 @@ Result<void> Cleaner::gather() {
           const Verdict verdict = verdicts_[first + i];
           figures_.off_part += verdict == Verdict::off_part ? 1 : 0;
           figures_.mixed += verdict == Verdict::mixed ? 1 : 0;
-          if (verdict != Verdict::kept || !(counts_ || voxels_ || slices_)) continue;
+          if (verdict != Verdict::kept || !(counts_ || slices_)) continue;
           const Vec3 p = station.model_from_station.point(b.points_mm[i]);
           if (counts_) counts_->add(p);
           if (slices_) slices_->add(p);
-          if (!voxels_) continue;
-          Vec3 towards;
-          if (view.scanner_mm)
-            towards =
-                station.model_from_station.direction(normalized(*view.scanner_mm - b.points_mm[i]));
-          voxels_->add(p, towards);
         }
         return {};
       });
@@ -270,28 +275,72 @@ bool Cleaner::stays(std::uint64_t point, Vec3 p) {
   return false;
 }
 
+Result<void> Cleaner::add_run(double from, double to, std::int64_t begin, std::int64_t end,
+                              VoxelStatistics& voxels) {
+  return each_batch(
+      from, to,
+      [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+        const View& view = views_[b.station];
+        for (std::size_t i = 0; i < b.size(); ++i) {
+          const Vec3 p = station.model_from_station.point(b.points_mm[i]);
+          if (!stays(first + i, p)) continue;
+          // Normals ask the neighbours, too.
+          const std::int64_t slice = detail::VoxelGrid::x_of(grid_.key_of(p));
+          if (slice < begin - 1 || slice > end) continue;
+          Vec3 towards;
+          if (view.scanner_mm)
+            towards =
+                station.model_from_station.direction(normalized(*view.scanner_mm - b.points_mm[i]));
+          voxels.add(p, towards, b.intensity.empty() ? 0.0F : b.intensity[i],
+                     b.colours.empty() ? Colour{} : b.colours[i]);
+        }
+        return {};
+      });
+}
+
+Result<void> Cleaner::each_run(double from, double to, const Use& use) {
+  const std::vector<std::int64_t> ends =
+      slices_ ? slices_->ends(o_.voxels_at_once) : std::vector{detail::VoxelGrid::kSide};
+  slices_.reset();
+  std::int64_t begin = 0;
+  const double share = (to - from) / static_cast<double>(ends.size());
+  for (std::size_t k = 0; k < ends.size(); ++k) {
+    VoxelStatistics voxels(grid_);
+    const double at = from + share * static_cast<double>(k);
+    MAQUETTE_TRY_VOID(add_run(at, at + share, begin, ends[k], voxels));
+    MAQUETTE_TRY_VOID(use(voxels, begin, ends[k]));
+    begin = ends[k];
+  }
+  return {};
+}
+
 Result<void> Cleaner::write_points(const detail::StationSink& out) {
+  detail::VoxelNormals normals(grid_);
+  if (needs_normals_)
+    MAQUETTE_TRY_VOID(each_run(
+        0.75, 0.9, [&](const VoxelStatistics& voxels, std::int64_t begin, std::int64_t end) {
+          normals.put(voxels, begin, end);
+          return Result<void>{};
+        }));
   std::vector<std::uint32_t> wanted;
   return each_batch(
-      0.75, 1.0,
+      needs_normals_ ? 0.9 : 0.75, 1.0,
       [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
         const RigidTransform& pose = station.model_from_station;
         wanted.clear();
         for (std::size_t i = 0; i < b.size(); ++i)
           if (stays(first + i, pose.point(b.points_mm[i])))
             wanted.push_back(static_cast<std::uint32_t>(i));
-        figures_.kept += wanted.size();
         figures_.written += wanted.size();
         pick(b, wanted);
         ScanStation kept = station;
         kept.points = 0;
-        if (o_.normals) {
+        if (needs_normals_) {
           kept.fields.normals = true;
           b.normals.resize(b.size());
           const RigidTransform back = pose.inverse();
           oneapi::tbb::parallel_for(std::size_t{0}, b.size(), [&](std::size_t i) {
-            b.normals[i] =
-                back.direction(voxels_->normal(voxels_->find(pose.point(b.points_mm[i]))));
+            b.normals[i] = back.direction(normals.at(pose.point(b.points_mm[i])));
           });
         }
         return out(kept, b);
@@ -299,50 +348,25 @@ Result<void> Cleaner::write_points(const detail::StationSink& out) {
 }
 
 Result<void> Cleaner::write_thinned(const detail::StationSink& out) {
-  const std::vector<std::int64_t> ends =
-      slices_ ? slices_->ends(o_.voxels_at_once) : std::vector{detail::VoxelGrid::kSide};
-  slices_.reset();
-  std::vector<ScanStation> stations;
   bool intensity = true, colour = true;
-  std::int64_t begin = 0;
-  for (std::size_t k = 0; k < ends.size(); ++k) {
-    VoxelStatistics thin(thin_);
-    const double share = 0.25 / static_cast<double>(ends.size());
-    const double from = 0.75 + share * static_cast<double>(k);
-    MAQUETTE_TRY_VOID(each_batch(
-        from, from + share,
-        [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
-          const View& view = views_[b.station];
-          if (k == 0 && b.begins_station) stations.push_back(station);
-          intensity &= station.fields.intensity || b.size() == 0;
-          colour &= station.fields.colour || b.size() == 0;
-          for (std::size_t i = 0; i < b.size(); ++i) {
-            const Vec3 p = station.model_from_station.point(b.points_mm[i]);
-            if (!stays(first + i, p)) continue;
-            if (k == 0) ++figures_.kept;
-            // Normals ask the neighbours, too.
-            const std::int64_t slice = detail::VoxelGrid::x_of(thin_.key_of(p));
-            if (slice < begin - 1 || slice > ends[k]) continue;
-            Vec3 towards;
-            if (view.scanner_mm)
-              towards = station.model_from_station.direction(
-                  normalized(*view.scanner_mm - b.points_mm[i]));
-            thin.add(p, towards, b.intensity.empty() ? 0.0F : b.intensity[i],
-                     b.colours.empty() ? Colour{} : b.colours[i]);
-          }
-          return {};
-        }));
-    const detail::ThinnedSlices slices{begin, ends[k], figures_.written == 0};
-    MAQUETTE_TRY(const std::uint64_t written,
-                 detail::write_thinned(thin, slices, stations, intensity, colour, out));
-    figures_.written += written;
-    begin = ends[k];
+  for (std::size_t k = 0; k < stations_.size(); ++k) {
+    intensity &= stations_[k].fields.intensity || stations_[k].points == 0;
+    colour &= stations_[k].fields.colour || stations_[k].points == 0;
   }
-  return {};
+  return each_run(
+      0.75, 1.0,
+      [&](const VoxelStatistics& voxels, std::int64_t begin, std::int64_t end) -> Result<void> {
+        const detail::ThinnedSlices slices{begin, end, figures_.written == 0};
+        MAQUETTE_TRY(const std::uint64_t written,
+                     detail::write_thinned(voxels, slices, stations_, intensity, colour, out));
+        figures_.written += written;
+        return {};
+      });
 }
 
 Result<void> Cleaner::write(const detail::StationSink& out) {
   MAQUETTE_TRY_VOID(o_.thin_mm > 0.0 ? write_thinned(out) : write_points(out));
+  figures_.kept = figures_.points - figures_.mixed - figures_.isolated - figures_.off_part;
   if (figures_.kept > 0) return {};
   return fail(kCloudEmpty,
               fmt::format("of {} points none is left: {} mixed, {} isolated, {} off the part; "

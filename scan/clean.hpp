@@ -20,7 +20,8 @@
 /// Off part  Outside a box of the model frame.
 /// Thinning  One point a voxel: the mean of its points, how many they are, their rms distance from
 ///           it, mean colour and intensity (PLY, XYZ and CSV hold the statistics).
-/// Normals   That of least scatter of the points of the 27 voxels, turned to where the voxel's
+/// Normals   That of least scatter of the points of the 27 voxels that stay, turned to where the
+/// voxel's
 ///           points were seen from; zero where there is no plane or no scanner.
 /// Accuracy  The Z+F 5006h at 1.4 m, noise 0.24 mm, stones of 20 to 60 mm on rough ground, 0.4 to
 ///           1.8 mm between points: of the points that float five standard deviations from every
@@ -30,12 +31,13 @@
 ///           rough ground, nothing of a plain slope). A surface that shows less than some four
 ///           beams wide is not known well enough to tell: of points in narrow gaps between stones a
 ///           quarter stays. Means of voxels to 1e-6 of their side.
-/// Memory    Files are read four times. Four to sixteen bytes a point for the ranges until points
-///           are judged, one for the verdict, some 10 bytes a voxel of the isolated check and 90
-///           one of thinning or normals that holds points (noise spreads points over more voxels
-///           than the surface has). Thinning to more than voxels_at_once goes over the file once
-///           more for each run of slices across x that holds so many; their voxels come in this
-///           order. So 200 M points take less than 8 GiB whatever they are thinned to.
+/// Memory    Files are read four times, five with normals. Four to sixteen bytes a point for the
+///           ranges until points are judged, one for the verdict, some 10 bytes a voxel of the
+///           isolated check, 90 one of thinning or normals that holds points (noise spreads points
+///           over more voxels than the surface has), and 25 a normal that is kept. More voxels than
+///           voxels_at_once are gathered in runs of slices across x that hold so many, each of
+///           which goes over the file once; thinned points come in this order. So 200 M points
+///           take less than 8 GiB whatever they are thinned to, or not.
 
 #include <filesystem>
 #include <optional>
@@ -60,7 +62,7 @@ struct CleanOptions {
   std::optional<Box3> part_mm;         ///< what is outside is off the part
   double thin_mm = 0.0;                ///< side of the voxels; 0: every point stays
   bool normals = false;                ///< write them; thinned points always have them
-  std::uint64_t voxels_at_once = 40'000'000;  ///< of thinning
+  std::uint64_t voxels_at_once = 40'000'000;  ///< of thinning or normals
 };
 
 struct CleanFigures {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -147,6 +148,33 @@ Vec3 VoxelStatistics::normal(std::size_t voxel, double* rough_mm) const {
   const double facing = dot(plane->normal, towards);
   if (facing == 0.0) return {};  // no scanner is known
   return facing < 0.0 ? -plane->normal : plane->normal;
+}
+
+void VoxelNormals::put(const VoxelStatistics& voxels, std::int64_t begin, std::int64_t end) {
+  constexpr std::size_t kBatch = 65'536;
+  std::vector<std::size_t> chosen;
+  std::vector<Vec3> normals;
+  for (std::size_t next = 0; next < voxels.size();) {
+    chosen.clear();
+    for (; next < voxels.size() && chosen.size() < kBatch; ++next)
+      if (const std::int64_t x = VoxelGrid::x_of(voxels.key(next)); x >= begin && x < end)
+        chosen.push_back(next);
+    normals.resize(chosen.size());
+    oneapi::tbb::parallel_for(std::size_t{0}, chosen.size(),
+                              [&](std::size_t i) { normals[i] = voxels.normal(chosen[i]); });
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+      normals_.push_back({static_cast<float>(normals[i].x), static_cast<float>(normals[i].y),
+                          static_cast<float>(normals[i].z)});
+      numbers_.at(voxels.key(chosen[i])) = static_cast<std::uint32_t>(normals_.size());
+    }
+  }
+}
+
+Vec3 VoxelNormals::at(Vec3 p) const {
+  const std::uint32_t number = numbers_.find(grid_.key_of(p));
+  if (number == 0) return {};
+  const auto& n = normals_[number - 1];
+  return {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
 }
 
 VoxelSummary VoxelStatistics::summary(std::size_t voxel) const {

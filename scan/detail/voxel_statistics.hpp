@@ -149,4 +149,19 @@ class VoxelStatistics {
 };
 static_assert(KeyMap::npos == 0U - 1U);
 
+/// A normal for each voxel, when its statistics are no longer needed: some 25 bytes.
+class VoxelNormals {
+ public:
+  explicit VoxelNormals(const VoxelGrid& grid) : grid_(grid) {}
+  /// Those of the voxels with begin <= x < end.
+  void put(const VoxelStatistics& voxels, std::int64_t begin, std::int64_t end);
+  /// Zero where there is none. Thread-safe.
+  [[nodiscard]] Vec3 at(Vec3 p_mm) const;
+
+ private:
+  VoxelGrid grid_;
+  VoxelBlocks<std::uint32_t> numbers_;  // from 1
+  std::deque<std::array<float, 3>> normals_;
+};
+
 }  // namespace maquette::scan::detail

@@ -421,6 +421,26 @@ TEST(CleanNormals, FaceTheirScanner) {
   for (const Vec3& n : nowhere.normals) ASSERT_EQ(n, Vec3{});
 }
 
+TEST(CleanNormals, InRunsOfSlicesToTheSame) {
+  const ModelField ground = rough_part(6, 151, 151, 1.0, 2.0);
+  const auto cloud = simulate_scan(ground, {}, phase_shift(6'000.0));
+  ASSERT_THAT(cloud, Succeeds());
+  CleanOptions o;
+  o.normals = true;
+  Cloud whole = *cloud, runs = *cloud;
+  const auto of_whole = clean_cloud(whole, o);
+  ASSERT_THAT(of_whole, Succeeds());
+  o.voxels_at_once = 100;
+  const auto of_runs = clean_cloud(runs, o);
+  ASSERT_THAT(of_runs, Succeeds());
+  ASSERT_GT(of_whole->written, 8U * 600U) << "eight points a voxel: six runs or more";
+  EXPECT_EQ(of_runs->isolated, of_whole->isolated);
+  EXPECT_EQ(of_runs->kept, of_whole->kept);
+  EXPECT_EQ(of_runs->written, of_whole->kept);
+  EXPECT_EQ(runs.points_mm, whole.points_mm);
+  EXPECT_EQ(runs.normals, whole.normals);
+}
+
 TEST(Clean, KeepsToThePart) {
   std::vector<Vec3> planted;
   Cloud cloud = plane_and_dust(0, planted);

@@ -44,6 +44,12 @@ namespace fs = std::filesystem;
                                          double scale, const fs::path& folder,
                                          const RunContext& run);
 
+/// reach.tif (mm that the finishing ball leaves where it does not fit), slope.tif (degrees),
+/// reach.png, slope.png, reach.json; unmet where the site sets a limit that the design does not
+/// keep.
+[[nodiscard]] Result<JobResult> reach_job(const Site& site, const fs::path& design,
+                                          const fs::path& folder, const RunContext& run);
+
 /// stones.json, stones.csv, surface.tif (design with the stones' envelope).
 [[nodiscard]] Result<JobResult> stones_job(const Site& site, double scale, const fs::path& design,
                                            const fs::path& folder, const RunContext& run);

@@ -121,6 +121,32 @@ std::string paths(const fs::path& folder, const fs::path& page_folder, const std
   return html + "</table></div>\n";
 }
 
+/// What the design asks of cutter and block; nothing where it was not looked at.
+std::string cutter_reach(const json& reach, const fs::path& folder) {
+  if (reach.empty()) return "";
+  const double most_mm = reach.value("reach_colour_mm", 0.0);
+  return "<h3>For the cutter</h3>\n" +
+         figure_table(reach, {{"ball_diameter_mm", "ball, mm"},
+                              {"threshold_mm", "not reached: it leaves more than, mm"},
+                              {"unreached_percent", "not reached, % of the surface"},
+                              {"unreached_volume_mm3", "left there, mm&sup3;"},
+                              {"most_left_mm", "most left, mm"},
+                              {"steepest_deg", "steepest, degrees"},
+                              {"slope_limit_deg", "limit of slope, degrees; 90: none"},
+                              {"above_slope_limit_percent", "steeper than that, % of the surface"},
+                              {"relief_mm", "relief, mm"},
+                              {"cutter_length_mm", "cutter below its holder, mm; 0: not given"},
+                              {"stock_needed_mm", "block needed: base, relief, margin, mm"},
+                              {"stock_height_mm", "block, mm; 0: not given"}}) +
+         picture(
+             folder / "reach.png",
+             fmt::format("left by the ball where it does not fit; full red: {:.2g} mm", most_mm),
+             500) +
+         picture(folder / "slope.png",
+                 fmt::format("slope; full red: {:g} degrees", reach.value("slope_colour_deg", 0.0)),
+                 500);
+}
+
 constexpr const char* kRegistrationRemark =
     "<p>Each scan was brought onto what the programs leave by best fit before this comparison. A "
     "best fit "
@@ -169,8 +195,10 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
                                                        {"relief_mm", "relief, mm"},
                                                        {"lowest_m", "lowest, m"},
                                                        {"highest_m", "highest, m"}});
+    html += cutter_reach(figures_of(name + ".reach"), here);
     html +=
-        "<div class='wide'><table><tr><th>source</th><th>pixel, m</th><th>coverage</th><th>shift "
+        "<h3>Sources</h3>\n<div class='wide'><table><tr><th>source</th><th>pixel, "
+        "m</th><th>coverage</th><th>shift "
         "east, "
         "m</th><th>&plusmn;</th><th>north, m</th><th>&plusmn;</th><th>up, m</th><th>&plusmn;</th>"
         "<th>tilt east, m/m</th><th>north, m/m</th><th>NMAD before, m</th><th>after, m</th>"

@@ -157,6 +157,20 @@ SiteFile empty_site_file() {
   t.section("cutter", "");
   t.add({"cutter.ball_diameter_mm", &s.ball_diameter_mm, "of the ball nose", 0.1, 100});
 
+  t.section(
+      "reach",
+      "What the design asks of cutter and block. A limit that it does not keep ends with exit "
+      "code 1.");
+  t.add({"reach.unreached_mm", &s.unreached_mm,
+         "more than this left by the ball where it does not fit counts as not reached", 1e-3, 10});
+  t.add({"reach.max_unreached_percent", &s.max_unreached_percent, "of the surface; 100: no limit",
+         0, 100});
+  t.add({"reach.max_slope_deg", &s.max_slope_deg, "from level; 90: no limit", 0, 90});
+  t.add({"reach.cutter_length_mm", &s.cutter_length_mm,
+         "of the finishing cutter below its holder, for the whole relief; 0: no limit", 0, 1000});
+  t.add({"reach.stock_height_mm", &s.stock_height_mm,
+         "of the block, for base, relief and margin; 0: no limit", 0, 10000});
+
   t.section("mill", "The finishing pass.");
   t.add({"mill.stepover_mm", &s.stepover_mm, "distance of neighbouring passes", 0.01, 50});
   t.add(

@@ -62,6 +62,8 @@ struct Site {
   std::filesystem::path spheres;  ///< none: the block has no reference spheres
 
   double ball_diameter_mm = 6.0;
+  double unreached_mm = 0.05, max_unreached_percent = 100.0, max_slope_deg = 90.0;
+  double cutter_length_mm = 0.0, stock_height_mm = 0.0;
   std::deque<Operation> operations;  ///< none: roughing, if enabled, and raster passes
   bool roughing = true;
   double rough_diameter_mm = 12.0, rough_corner_radius_mm = 1.0, rough_stepover_mm = 6.0;

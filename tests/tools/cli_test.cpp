@@ -850,6 +850,33 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
   EXPECT_EQ(o.err, "");
 }
 
+TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
+  const std::string surface =
+      "run '" MAQUETTE_SOURCE
+      "/assets/sites/default.toml' --quiet --set size_mm=40 --stage products "
+      "--stage fuse --stage reach --out '" +
+      out.string() + "' ";
+  EXPECT_EQ(run(surface).exit_code, 0) << "no limit is set";
+  const json figures = json::parse(slurp(out / "s1000/reach.json"));
+  const double steepest = figures["steepest_deg"], relief = figures["relief_mm"];
+  ASSERT_GT(steepest, 1.0);
+  for (const char* file : {"reach.tif", "slope.tif", "reach.png", "slope.png"})
+    EXPECT_TRUE(fs::exists(out / "s1000" / file)) << file;
+  const auto with = [&](const std::string& key, double value) {
+    return run(surface + fmt::format("--set reach.{}={}", key, value));
+  };
+  EXPECT_EQ(with("max_slope_deg", 89.0).exit_code, 0);
+  const Outcome steep = with("max_slope_deg", 0.2 * steepest);
+  EXPECT_EQ(steep.exit_code, 1);
+  EXPECT_THAT(steep.err, AllOf(HasSubstr("s1000.reach"), HasSubstr("reach.max_slope_deg")));
+  const Outcome shorter = with("cutter_length_mm", 0.5 * relief);
+  EXPECT_EQ(shorter.exit_code, 1);
+  EXPECT_THAT(shorter.err, HasSubstr("reach.cutter_length_mm"));
+  const Outcome low = with("stock_height_mm", 10.0 + 0.5 * relief);
+  EXPECT_EQ(low.exit_code, 1);
+  EXPECT_THAT(low.err, HasSubstr("reach.stock_height_mm"));
+}
+
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
        {"init",       "run",           "fuse",   "stones",   "mesh",    "bands",

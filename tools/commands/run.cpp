@@ -127,6 +127,9 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   stages.push_back(single(
       "stones", {design}, {"stones.", "scales"},
       [=, &site](const RunContext& run) { return stones_job(site, scale, design, here, run); }));
+  stages.push_back(
+      single("reach", {design}, {"reach.", "cutter.", "stock.base", "stock.margin"},
+             [=, &site](const RunContext& run) { return reach_job(site, design, here, run); }));
   stages.push_back(single("mesh", {design, stones}, {"stock."}, [=, &site](const RunContext& run) {
     return mesh_job(design, stones, Millimetres{site.base_thickness_mm}, mesh, run);
   }));

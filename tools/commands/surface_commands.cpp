@@ -91,12 +91,20 @@ Command add_fuse(CLI::App& root, const CommonOptions& common) {
               }));
               sources = embedded_sources(site, products);
             }
-            for (const double scale : site.scales)
-              MAQUETTE_TRY_VOID(
-                  finish(console, scale_folder(scale) + ".fuse", [&](const RunContext& run) {
-                    return fuse_job(site, sources, scale, o->out / scale_folder(scale), run);
-                  }));
-            return 0;
+            int code = 0;
+            for (const double scale : site.scales) {
+              const std::string name = scale_folder(scale);
+              const fs::path here = o->out / name;
+              MAQUETTE_TRY_VOID(finish(console, name + ".fuse", [&](const RunContext& run) {
+                return fuse_job(site, sources, scale, here, run);
+              }));
+              MAQUETTE_TRY(const int kept,
+                           finish(console, name + ".reach", [&](const RunContext& run) {
+                             return reach_job(site, here / "design.tif", here, run);
+                           }));
+              code = std::max(code, kept);
+            }
+            return code;
           }};
 }
 

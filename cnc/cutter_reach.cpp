@@ -79,8 +79,8 @@ SlopeMap map_slope(const ModelField& design, double limit_deg) {
     map.highest_y_mm = design.y_mm(r) + 0.5 * d;
   }
   map.highest_deg = std::atan(std::sqrt(highest) / d) * degree;
-  map.share_above =
-      static_cast<double>(above) / (2.0 * static_cast<double>(rows - 1) * static_cast<double>(cols - 1));
+  map.share_above = static_cast<double>(above) /
+                    (2.0 * static_cast<double>(rows - 1) * static_cast<double>(cols - 1));
   return map;
 }
 
@@ -93,9 +93,9 @@ Result<CutterReach> map_cutter_reach(const ModelField& design, BallNose ball, Mi
   const auto at = static_cast<std::ptrdiff_t>(most - left.cells().begin());
   reach.deepest_x_mm = design.x_mm(at % left.cols());
   reach.deepest_y_mm = design.y_mm(at / left.cols());
-  const auto above =
-      std::count_if(left.cells().begin(), left.cells().end(),
-                    [&](float z) { return static_cast<double>(z) > reach.rest.threshold_mm; });
+  const auto above = std::count_if(left.cells().begin(), left.cells().end(), [&](float z) {
+    return static_cast<double>(z) > reach.rest.threshold_mm;
+  });
   reach.unreached_share = static_cast<double>(above) / static_cast<double>(left.cells().size());
   reach.slope = map_slope(design, slope_limit_deg);
   const auto range = heightmap::height_range(design.z_mm);

@@ -9,7 +9,8 @@
 /// Reach    What the ball leaves at each node wherever it is put (rest.hpp: the closing of the
 ///          surface by the ball). It is more than a threshold where the surface is hollow with a
 ///          smaller radius than the ball's, or at the foot of a crease.
-/// Slope    Of the facets, exact up to the rounding of heights; a node has that of the steepest facet
+/// Slope    Of the facets, exact up to the rounding of heights; a node has that of the steepest
+/// facet
 ///          it belongs to. Shares are of the area in plan.
 /// Depth    Highest less lowest height: what the block must be higher than its base, and the cutter
 ///          longer than its holder.
@@ -38,7 +39,7 @@ struct SlopeMap {
 
 struct CutterReach {
   RestMap rest;
-  double unreached_share = 0.0;                 ///< of the plan, more than the threshold stays
+  double unreached_share = 0.0;                   ///< of the plan, more than the threshold stays
   double deepest_x_mm = 0.0, deepest_y_mm = 0.0;  ///< where most of it stays
   SlopeMap slope;
   double relief_mm = 0.0;

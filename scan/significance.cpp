@@ -279,12 +279,20 @@ class Window {
   Grid<int> steps_;
 };
 
-/// Its window grows with the patch until that is whole.
+/// Its window grows with the patch until that is whole. A patch beside a large step that grew over
+/// most of the part would be all that is not the step, and its height the step's with the wrong
+/// sign: such a one stays as it was met.
 Window whole_patch(const CellMap& map, Patch patch) {
+  const auto cells = map.mean_mm.cells();
+  const auto seen = static_cast<std::size_t>(
+      std::count_if(cells.begin(), cells.end(), [](float v) { return !std::isnan(v); }));
   Window w(map, patch);
+  if (2 * patch.cells.size() > seen) return w;
+  const Window met = w;
   for (int i = 0; i < 60; ++i) {
     Patch now = w.patch();
     if (now.cells == patch.cells) break;
+    if (2 * now.cells.size() > seen) return met;
     patch = std::move(now);
     w = Window(map, patch);
   }

@@ -2,6 +2,7 @@
 #include "tools/deviation_page.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -22,18 +23,31 @@ namespace {
 constexpr std::ptrdiff_t kViewNodes = 420;  // a side, at most
 constexpr std::size_t kMostRows = 40;       // of a table; summary.json has all
 
+/// As a person reads it: no exponents of a computer.
+std::string figure(double v, int digits) {
+  const double size = std::abs(v);
+  if (size >= 1e4 && size < 1e15) return fmt::format("{:.0f}", v);
+  if (size >= 1e-4 || size == 0.0 || !std::isfinite(v)) return fmt::format("{:.{}g}", v, digits);
+  if (size < 1e-12) return v > 0.0 ? "< 10\u207b\u00b9\u00b2" : "0";
+  constexpr std::array kDigits{"\u2070", "\u00b9", "\u00b2", "\u00b3", "\u2074",
+                               "\u2075", "\u2076", "\u2077", "\u2078", "\u2079"};
+  const auto tens = static_cast<int>(-std::floor(std::log10(size)));
+  std::string text = fmt::format("{:.1f}\u00b710\u207b", v * std::pow(10.0, tens));
+  for (const char c : fmt::format("{}", tens)) text += kDigits[static_cast<std::size_t>(c - '0')];
+  return text;
+}
+
 Table::Cell cell(const json& v) {
   if (v.is_null()) return {"\u2013", true};
-  if (v.is_number_float()) return {fmt::format("{:.4g}", v.get<double>()), true};
+  if (v.is_number_float()) return {figure(v.get<double>(), 4), true};
   if (v.is_number()) return {v.dump(), true};
   if (v.is_string()) return {v.get<std::string>(), false};
   if (v.is_array()) {
     std::string text;
     for (const json& e : v)
-      text += (text.empty() ? "" : ", ") + (e.is_string() ? e.get<std::string>()
-                                            : e.is_number_float()
-                                                ? fmt::format("{:.4g}", e.get<double>())
-                                                : e.dump());
+      text += (text.empty() ? "" : ", ") + (e.is_string()         ? e.get<std::string>()
+                                            : e.is_number_float() ? figure(e.get<double>(), 3)
+                                                                  : e.dump());
     return {text.empty() ? "nothing" : text, false};
   }
   return {v.dump(), false};

@@ -45,9 +45,9 @@ struct Pit {
   double radius, rim_deg;
   [[nodiscard]] double rim() const { return radius * std::sin(rim_deg * kDegree); }
   [[nodiscard]] double depth_at(double rho) const {
-    return rho >= rim() ? 0.0
-                        : std::sqrt(radius * radius - rho * rho) -
-                              radius * std::cos(rim_deg * kDegree);
+    return rho >= rim()
+               ? 0.0
+               : std::sqrt(radius * radius - rho * rho) - radius * std::cos(rim_deg * kDegree);
   }
   /// A wider ball rests on the rim all round.
   [[nodiscard]] double stays_at(double rho) const {
@@ -65,8 +65,8 @@ TEST(CutterReach, APitNarrowerThanTheBallKeepsWhatTheClosedFormSays) {
     const ModelField design = pit.field();
     const auto reach = map_cutter_reach(design, {kBall}, Millimetres{0.05}, 90.0);
     ASSERT_THAT(reach, Succeeds());
-    // The rim is a polygon whose corners lie up to a cell beside the circle; what that lets the ball
-    // down is cell * tan of the ball's slope at the rim.
+    // The rim is a polygon whose corners lie up to a cell beside the circle; what that lets the
+    // ball down is cell * tan of the ball's slope at the rim.
     const double slope = pit.rim() / std::sqrt(kBall * kBall - pit.rim() * pit.rim());
     const double tolerance = 1.5 * kSpacing * slope + 0.005;
     EXPECT_NEAR(reach->rest.highest_mm, pit.stays_at(0.0), tolerance) << pit.radius;
@@ -90,7 +90,8 @@ TEST(CutterReach, APitWiderThanTheBallIsReachedEverywhere) {
     ASSERT_THAT(reach, Succeeds());
     // Facets meet at angles of up to sqrt(2) cells over the radius, steeper by the slope; and below
     // the threshold the ball is put over nodes alone, up to 0.71 of a cell beside its best place.
-    // In a pit hardly wider than the ball that is far for its centre: there only the threshold holds.
+    // In a pit hardly wider than the ball that is far for its centre: there only the threshold
+    // holds.
     const double cosine = std::cos(pit.rim_deg * kDegree);
     const double turn = 1.5 * kSpacing / pit.radius / cosine;
     const double beside = 0.5 * kSpacing * kSpacing / (2.0 * kBall * std::pow(cosine, 3.0));
@@ -110,7 +111,9 @@ TEST(CutterReach, AGrooveKeepsItsBottom) {
     const auto reach = map_cutter_reach(design, {kBall}, Millimetres{0.05}, 90.0);
     ASSERT_THAT(reach, Succeeds());
     const double stretch = std::sqrt(1.0 + m * m);
-    const auto stays = [&](double y) { return kBall * stretch - std::sqrt(kBall * kBall - y * y) - m * y; };
+    const auto stays = [&](double y) {
+      return kBall * stretch - std::sqrt(kBall * kBall - y * y) - m * y;
+    };
     EXPECT_NEAR(reach->rest.highest_mm, stays(0.0), 0.01) << m;
     double edge = 0.0;
     while (stays(edge + 1e-4) > 0.05) edge += 1e-4;
@@ -141,7 +144,8 @@ TEST(CutterSlope, PlanesHaveTheirOwn) {
 
 TEST(CutterSlope, OfARoofIsOfEachSide) {
   // Steep to x = 4, a quarter of the plan.
-  const ModelField design = shaped([](double x, double) { return x < 4.0 ? 2.0 * x : 8.0 + 0.1 * (x - 4.0); });
+  const ModelField design =
+      shaped([](double x, double) { return x < 4.0 ? 2.0 * x : 8.0 + 0.1 * (x - 4.0); });
   const SlopeMap map = map_slope(design, 45.0);
   EXPECT_NEAR(map.share_above, 0.25, 1e-9);
   EXPECT_LT(map.highest_x_mm, 4.0);

@@ -70,16 +70,18 @@ struct Flat {
   return a.x * b.y - a.y * b.x;
 }
 
-/// What comes to a vertex C through an edge, and `back`: towards where from. INFINITY: nothing.
+/// What comes to a vertex C through an edge: how far from, and `back`: towards where from.
 struct Wave {
-  double distance = INFINITY;
+  bool comes = false;
+  double distance2 = INFINITY;  ///< squared
   Flat back{0.0, 0.0};
 };
 
 /// Through the edge from P to Q, C at the origin on its left, and between the directions `right`
 /// and `left`: round, of slowness 1, about the place beyond the edge that has the distances a and b
 /// from P and Q. Exact for one point on developable surfaces.
-[[nodiscard]] inline Wave round_wave(Flat p, Flat q, double a, double b, Flat right, Flat left) {
+[[nodiscard, gnu::always_inline]] inline Wave round_wave(Flat p, Flat q, double a, double b,
+                                                         Flat right, Flat left) {
   const Flat e{q.x - p.x, q.y - p.y};
   const double per = 1.0 / (e.x * e.x + e.y * e.y);
   // The centre along PQ and beyond it, in lengths of PQ.
@@ -88,7 +90,7 @@ struct Wave {
   const double h = std::sqrt(h2);
   const Flat centre{p.x + t * e.x + h * e.y, p.y + t * e.y - h * e.x};
   if (crossed(right, centre) < 0.0 || crossed(centre, left) < 0.0) return {};
-  return {std::sqrt(centre.x * centre.x + centre.y * centre.y), centre};
+  return {true, centre.x * centre.x + centre.y * centre.y, centre};
 }
 
 /// The same of a plane wave of slowness w: its gradient has the values a and b at P and Q.
@@ -102,7 +104,7 @@ struct Wave {
   if (crossed(right, back) < 0.0 || crossed(back, left) < 0.0) return {};
   const double d = a + w * (p.x * back.x + p.y * back.y);
   if (d < a || d < b) return {};
-  return {d, back};
+  return {true, d * d, back};
 }
 
 template <class Surface>
@@ -153,6 +155,8 @@ class FastMarching {
     u_[v] = -rounded;
     heap_.push(rounded, v);
   }
+
+  [[nodiscard]] static double distance(const Wave& wave) { return std::sqrt(wave.distance2); }
 
   template <bool kWeighted>
   [[nodiscard]] double weight(std::uint32_t v) const {
@@ -229,13 +233,30 @@ class FastMarching {
     const Vec3 at = s_.point(c), ea = s_.point(ca) - at, eb = s_.point(cb) - at;
     const double q = dot(ea, eb);
     if (!both && q >= 0.0) return;
+    const std::uint32_t v = s_.vertex(c);
+    if (kRound && !kWeighted && q >= 0.0) {
+      guess_round(v, dot(ea, ea), q, dot(eb, eb), value(s_.vertex(ca)), value(s_.vertex(cb)));
+      return;
+    }
     Flat a, b;
     if (!lay_out(dot(ea, ea), q, dot(eb, eb), a, b)) return;
-    const std::uint32_t v = s_.vertex(c);
     const double w = weight<kWeighted>(v);
     if (q < 0.0 && split_obtuse<kRound>(c, a, b, w)) return;
     if (both)
-      offer(v, wave<kRound>(a, b, value(s_.vertex(ca)), value(s_.vertex(cb)), w, a, b).distance);
+      offer(v, distance(wave<kRound>(a, b, value(s_.vertex(ca)), value(s_.vertex(cb)), w, a, b)));
+  }
+
+  /// The same where no angle is obtuse and the wave is round, by squares and products of the edges
+  /// from C alone: in the plane of the triangle A at 0, B at e, C at (X, p) / e and the centre at
+  /// (S, -q) / e, where the line between them must cross AB.
+  void guess_round(std::uint32_t v, double aa, double ab, double bb, double ua, double ub) {
+    const double e2 = aa + bb - 2.0 * ab, x = aa - ab, p2 = aa * bb - ab * ab;
+    const double s = 0.5 * ((ua - ub) * (ua + ub) + e2), q2 = ua * ua * e2 - s * s;
+    if (!(p2 > 1e-12 * aa * bb) || !(q2 >= 0.0)) return;
+    const double p = std::sqrt(p2), q = std::sqrt(q2);
+    if (s * p + x * q < 0.0 || (e2 - s) * p + (e2 - x) * q < 0.0) return;
+    const double d2 = aa + ua * ua + 2.0 * (p * q - x * s) / e2, now = value(v);
+    if (d2 < now * now) offer(v, std::sqrt(d2));
   }
 
   /// C at the origin, A on the x axis, B to its left, by the products AA, AB, BB of the edge
@@ -264,8 +285,10 @@ class FastMarching {
                             vb = s_.vertex(s_.prev(c));
         const double ud = value(vd);
         double least = ud + w * std::sqrt(d.x * d.x + d.y * d.y);
-        if (known(va)) least = std::min(least, wave<kRound>(a, d, value(va), ud, w, a, d).distance);
-        if (known(vb)) least = std::min(least, wave<kRound>(d, b, ud, value(vb), w, d, b).distance);
+        if (known(va))
+          least = std::min(least, distance(wave<kRound>(a, d, value(va), ud, w, a, d)));
+        if (known(vb))
+          least = std::min(least, distance(wave<kRound>(d, b, ud, value(vb), w, d, b)));
         offer(v, least);
         return true;
       }
@@ -320,7 +343,7 @@ class FastMarching {
     Wave from = wave<kRound>(p, q, up, uq, w, right, left);
     double direct = INFINITY;
     // Plane waves are exact where round ones have to be found out; slowness is that of C.
-    for (int hop = 0; hop < (kRound ? kLookBack : 1) && from.distance < INFINITY; ++hop) {
+    for (int hop = 0; hop < (kRound ? kLookBack : 1) && from.comes; ++hop) {
       if (!s_.exists(apex) || !known(s_.vertex(apex))) break;
       const double ud = value(s_.vertex(apex));
       const Flat d = unfolded(cr, cl, apex, p, q);
@@ -333,10 +356,14 @@ class FastMarching {
       };
       bool by_right = crossed(from.back, d) >= 0.0;  // where the line has passed D
       Wave next = through(by_right);
-      if (!(next.distance < INFINITY)) {
+      if (!next.comes) {
         by_right = !by_right;
         next = through(by_right);
-        if (!(next.distance < INFINITY)) break;
+        if (!next.comes) {
+          // Where it comes through neither side right beyond AB, A and B have it from two fronts.
+          if (hop == 0) return direct;
+          break;
+        }
       }
       from = next;
       const Edge on = beyond(apex, by_right ? cr : cl);
@@ -355,7 +382,7 @@ class FastMarching {
       }
       apex = on.apex;
     }
-    return std::min(from.distance, direct);
+    return std::min(distance(from), direct);
   }
 
   // ---- unfolding ----------------------------------------------------------------------------
@@ -365,14 +392,15 @@ class FastMarching {
   struct Edge {
     Corner kept, apex;
   };
-  [[nodiscard]] Edge beyond(Corner apex, Corner end) const {
+  [[nodiscard, gnu::always_inline]] Edge beyond(Corner apex, Corner end) const {
     const Corner next = s_.next(apex), prev = s_.prev(apex);
     const bool is_next = s_.vertex(next) == s_.vertex(end);
     return {is_next ? next : prev, s_.opposite(is_next ? prev : next)};
   }
 
   /// The apex beyond the edge between cr and cl, which lie at `right` and `left`.
-  [[nodiscard]] Flat unfolded(Corner cr, Corner cl, Corner apex, Flat right, Flat left) const {
+  [[nodiscard, gnu::always_inline]] Flat unfolded(Corner cr, Corner cl, Corner apex, Flat right,
+                                                  Flat left) const {
     const Vec3 from = s_.point(cr), edge = s_.point(cl) - from, to = s_.point(apex) - from;
     const double per = 1.0 / dot(edge, edge);
     const double along = dot(to, edge) * per;

@@ -13,7 +13,8 @@
 ///   and designed surface as free nuisances.
 /// - Noise is what the residuals say, scale by scale (detail/sums.hpp); at the largest scale a
 ///   stationary process, of the part or of each set-up, whose size and length are refitted in each
-///   model (restricted to a grid). A cause must beat that process.
+///   model (restricted likelihood, on a grid); smaller scales are blind to it (detail/points.hpp).
+///   A cause must beat that process.
 /// - Signatures are of one cause alone and to first order. Causes that act through the cut are cut
 ///   anew together, at their estimated sizes, and what that moves beyond the sum of their
 ///   signatures is taken off the residuals before the next round (Gauss and Newton with a fixed
@@ -22,8 +23,8 @@
 ///   the best is cut anew, its moments and lengths refined, what is not missed dropped; and again
 ///   from nothing with the residuals that this leaves, until the causes stay.
 /// - Confirming: each cause must earn its place on another third, with all others refitted, at a
-///   level that shares 1 % over all tests that can be made; and what was fitted on the first third
-///   must predict the second.
+///   level that shares 1 % over all tests that can be made; what was fitted on the first third
+///   must predict the second; and it must be as good evidence with what all blocks share.
 /// - Naming: other causes that do as well in its place (likelihood ratio below 100, less than 1 %
 ///   of its gain, or fits that differ by less than the simulation itself may be wrong by) are its
 ///   equivalents.

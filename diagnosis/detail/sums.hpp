@@ -14,8 +14,10 @@
 // one square are turned (Helmert) into the mean over the set-ups, which has the part's roughness,
 // and differences between set-ups, which have not; each kind has its own variance at each scale.
 //
-// The means of the cells have a dense covariance: white + a stationary process (theta), one for
-// means over the set-ups and one for differences between them.
+// The means of the cells have a dense covariance: white + a stationary process of heights (theta),
+// one for means over the set-ups and one for differences between them. A process longer than a
+// block is the same in neighbouring sets: where all sets are used at once, means over the set-ups
+// have one covariance, not one for each set.
 //
 // Sets. Blocks of cells in plan are drawn by the seed for choosing, confirming, reporting;
 // points within `buffer` of a border between blocks count for none.
@@ -66,6 +68,7 @@ struct Layout {
 struct TopSums {
   std::vector<double> weight;        ///< points that a mean (or difference) is worth
   std::vector<Vec3> centre;          ///< of the cell
+  std::vector<double> rise;          ///< what a point higher by 1 adds: mean z of `along`
   std::vector<std::uint32_t> which;  ///< difference: between the first `which` set-ups and the next
   std::vector<Eigen::MatrixXd> gram;  ///< over the covariance, by theta
   std::vector<double> log_det;
@@ -96,6 +99,7 @@ struct Bank {
   std::unordered_map<std::string, int> index;
   int nuisances = 0;
   std::array<SetSums, kSets> sets;
+  TopSums joint;  ///< means over the set-ups, of all sets; empty in a bank of one set
   std::vector<Theta> theta;
   std::shared_ptr<Points> points;
   [[nodiscard]] int y() const { return static_cast<int>(columns.size()); }
@@ -112,6 +116,10 @@ void add_columns(Bank& bank, const std::vector<Observation>& observations,
                  const std::vector<Column>& columns);
 /// Other residuals in the same places, one for each observation.
 void exchange_residuals(Bank& bank, const std::vector<double>& residual_mm);
+
+/// The sums of means that the likelihood of some of the sets has.
+[[nodiscard]] std::vector<const TopSums*> tops_of(const Bank& bank, const std::vector<int>& sets,
+                                                  std::size_t top);
 
 /// A model fitted to some of the sets.
 struct Fit {

@@ -69,11 +69,16 @@ Vec3 turned(Vec3 about, Vec3 station, double degrees) {
 Result<Detectability> detectability(const Measurements& m, std::uint64_t seed,
                                     const RunContext& run) {
   Detectability d;
-  const auto layout = detail::lay_out(m.scene.box, seed);
+  auto layout = detail::lay_out(m.scene.box, seed);
   const auto candidates = detail::candidates_of(m.scene, d.untestable);
   const auto columns = detail::all_columns(candidates);
   const auto nuisances = detail::nuisances_of(m);
   const std::vector<int> all{detail::kChoose, detail::kConfirm, detail::kReport};
+  {
+    const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
+    layout.smooth =
+        detail::smooth_law(plain, detail::fit(plain, detail::columns_of(plain, {}), all), layout);
+  }
   Bank bank = detail::sum_up(m.observations, nuisances, columns, layout);
   const auto model = detail::columns_of(bank, {});
   bank.weight = detail::effective_weights(bank, model, detail::fit(bank, model, all));

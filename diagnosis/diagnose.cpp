@@ -116,11 +116,11 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   Diagnosis d;
   d.notes = m.notes;
   Scene scene = m.scene;
-  const Layout layout = detail::lay_out(scene.box, seed);
+  Layout layout = detail::lay_out(scene.box, seed);
   const auto nuisances = detail::nuisances_of(m);
+  const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
   // Waves along the passes are looked for in what the nuisances leave.
   if (scene.has_path) {
-    const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
     const Fit f = detail::fit(plain, detail::columns_of(plain, {}), {kChoose});
     const auto r = detail::residuals_of(m.observations, {}, plain, f);
     scene.waves_x = detail::strongest_waves(m.observations, r, layout, 0, 2.0 * scene.half_mm());
@@ -130,6 +130,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       scene.steps[static_cast<std::size_t>(axis)] =
           detail::sharpest_steps(m.observations, r, layout, axis);
   }
+  layout.smooth =
+      detail::smooth_law(plain, detail::fit(plain, detail::columns_of(plain, {}), kAll), layout);
   detail::Search search{m.observations, nuisances, layout,
                         detail::candidates_of(scene, d.untestable)};
   Bank bank =

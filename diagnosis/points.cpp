@@ -10,8 +10,6 @@ namespace {
 using Eigen::Index;
 using Eigen::MatrixXd;
 
-constexpr double kSmoothCells = 2.5;
-constexpr double kNugget = 1e-3;   // of a full cell's mean, over the variance of the process
 constexpr double kLevel = 1e6, kTrend = 1e2;  // variances of level and slope over a cell
 constexpr Index kQuadric = 6;
 constexpr double kLeastRise = 0.2;  // steeper cells tell little of heights
@@ -76,19 +74,19 @@ Eigen::Matrix<double, 1, kQuadric> quadric_at(double u, double v) {
   return (Eigen::Matrix<double, 1, kQuadric>() << 1.0, u, v, u * u, u * v, v * v).finished();
 }
 
-/// Covariance of the means of two squares of `side` cells (0: points), d apart, their correlation
-/// taken for a Gaussian again.
-double smooth_covariance(Vec3 a, Vec3 b, double side_a, double side_b) {
-  const double own = kSmoothCells * kSmoothCells,
-               wide = own + (side_a * side_a + side_b * side_b) / 12.0, dx = a.x - b.x,
-               dy = a.y - b.y;
+/// Covariance of the means of two squares of `side` cells (0: points), lengths in cells, their
+/// correlation taken for a Gaussian again.
+double smooth_covariance(Vec3 a, Vec3 b, double side_a, double side_b, double length) {
+  const double own = length * length, wide = own + (side_a * side_a + side_b * side_b) / 12.0,
+               dx = a.x - b.x, dy = a.y - b.y;
   return own / wide * std::exp(-0.5 * (dx * dx + dy * dy) / wide) + kLevel +
          kTrend * (a.x * b.x + a.y * b.y);
 }
 
 /// The quadric within each cell of a block, from the means of its cells.
 std::vector<Eigen::MatrixXf> quadrics(const std::vector<Points::Cell>& all,
-                                      const std::vector<std::size_t>& block, double cell_mm) {
+                                      const std::vector<std::size_t>& block, const Layout& layout) {
+  const double cell_mm = layout.cell_mm, length = layout.smooth.length_mm / cell_mm;
   std::vector<Vec3> centre;
   Vec3 middle;
   double points = 0.0;
@@ -102,10 +100,10 @@ std::vector<Eigen::MatrixXf> quadrics(const std::vector<Points::Cell>& all,
   for (Index i = 0; i < n; ++i)
     for (Index j = 0; j < n; ++j)
       c(i, j) = smooth_covariance(centre[static_cast<std::size_t>(i)],
-                                  centre[static_cast<std::size_t>(j)], 1.0, 1.0);
+                                  centre[static_cast<std::size_t>(j)], 1.0, 1.0, length);
   for (Index i = 0; i < n; ++i) {
     const Points::Cell& cell = all[block[static_cast<std::size_t>(i)]];
-    c(i, i) += kNugget * points / static_cast<double>(cell.end - cell.begin);
+    c(i, i) += layout.smooth.nugget * points / static_cast<double>(cell.end - cell.begin);
   }
   const Eigen::LDLT<MatrixXd> solver(c);
   Eigen::VectorXd of_mean(n);  // height from a mean
@@ -125,7 +123,7 @@ std::vector<Eigen::MatrixXf> quadrics(const std::vector<Points::Cell>& all,
       const Vec3 place = at + Vec3{kPlace * static_cast<double>(k % 3 - 1),
                                    kPlace * static_cast<double>(k / 3 - 1), 0.0};
       for (Index i = 0; i < n; ++i)
-        to(i, k) = smooth_covariance(place, centre[static_cast<std::size_t>(i)], 0.0, 1.0);
+        to(i, k) = smooth_covariance(place, centre[static_cast<std::size_t>(i)], 0.0, 1.0, length);
     }
     const MatrixXd heights = solver.solve(to).transpose() * of_mean.asDiagonal();  // 9 x n
     result.push_back((fit * heights).cast<float>());
@@ -177,7 +175,6 @@ void transform(const Points& points, const Points::Cell& cell, RowMatrix& x, Flo
   }
   out.row(cell.mean) = mean.cast<float>();
 }
-
 
 void lift(const Points& p, FloatRows& details) {
   oneapi::tbb::parallel_for(std::size_t{0}, p.smooth.size(), [&](std::size_t b) {
@@ -277,11 +274,12 @@ Points sort_points(const std::vector<Observation>& all, const Layout& layout, in
     p.cells.push_back(cell);
   }
   p.cells_a_row = static_cast<std::uint64_t>(layout.cols);
+  if (!(layout.smooth.length_mm > 0.0)) return p;
   std::map<int, std::vector<std::size_t>> by_block;
   for (std::size_t i = 0; i < p.cells.size(); ++i)
     by_block[layout.block_of(p.cells[i].centre.x, p.cells[i].centre.y)].push_back(i);
   for (auto& [block, cells] : by_block) {
-    auto quadric = quadrics(p.cells, cells, layout.cell_mm);
+    auto quadric = quadrics(p.cells, cells, layout);
     p.smooth.push_back({std::move(cells), std::move(quadric)});
   }
   p.shape.resize(p.rows, kQuadric);

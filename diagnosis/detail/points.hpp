@@ -7,19 +7,20 @@
 // Details say how a square's quarters differ from it (sums.hpp). Those of a smooth process are
 // alike over many cells; taken for independent they would say far more about a smooth cause than is
 // known. So what the cells of a block lead to expect within each of its cells is subtracted first:
-// the process (Gaussian correlation over kSmoothCells cells, with trend) is predicted from the
-// means of the cells and taken as a quadric of heights within each: 5 % of what a process of 4 cells' length
-// varies by within a cell remains, 9 % at 2.5, 30 % at 1.5, 60 % at 1. Means are not changed, so
-// that likelihoods of details and means together are those of the values (lifting: Sweldens, SIAM
-// J. Math. Anal. 29 (1998), doi:10.1137/S0036141095289051; Gaussian prediction: Matheron 1963).
+// the process (Layout::smooth, with trend) is predicted from the means of the cells and taken as a
+// quadric of heights within each: of what a process of 4 cells' length varies by within a cell 5 %
+// remains, 9 % at 2.5, 25 % at 1.5. Means are not changed, so that likelihoods of details and
+// means together are those of the values (lifting: Sweldens, SIAM J. Math. Anal. 29 (1998),
+// doi:10.1137/S0036141095289051). Where the means show no such process nothing is subtracted:
+// their own roughness would only be carried into the details.
 
 #include <array>
 #include <cstdint>
 #include <utility>
 #include <vector>
 
-#include <Eigen/Dense>
 #include <oneapi/tbb/parallel_for.h>
+#include <Eigen/Dense>
 
 #include "diagnosis/detail/sums.hpp"
 

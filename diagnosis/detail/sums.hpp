@@ -53,7 +53,17 @@ struct Theta {
 inline constexpr double kStartRatio = 12.0;  ///< one of the grid's; where searches for theta start
 [[nodiscard]] std::vector<Theta> thetas(double cell_mm);
 
+/// What neighbouring cells tell of each other (points.hpp).
+struct SmoothLaw {
+  double length_mm = 0.0;  ///< of the Gaussian correlation; 0: nothing
+  double nugget = 1.0;     ///< variance of a cell's mean that is its own, over that of the process
+};
+
+struct Bank;
+struct Fit;
+
 struct Layout {
+  SmoothLaw smooth;
   double x0 = 0.0, y0 = 0.0, cell_mm = 8.0;
   std::ptrdiff_t rows = 0, cols = 0, block = 4;  ///< cells; cells of a block's side
   double buffer_mm = 1.0;
@@ -64,6 +74,8 @@ struct Layout {
   [[nodiscard]] int block_of(double x, double y) const;
 };
 [[nodiscard]] Layout lay_out(const Box3& box, std::uint64_t seed);
+/// The law that a fit says the means of the cells have: of what is smooth over a cell and more.
+[[nodiscard]] SmoothLaw smooth_law(const Bank& bank, const Fit& fit, const Layout& layout);
 
 struct TopSums {
   std::vector<double> weight;        ///< points that a mean (or difference) is worth

@@ -67,6 +67,15 @@ Measurements noise_alone(std::uint64_t seed, double white, double sigma, double 
   return m;
 }
 
+/// With the law that the nuisances leave.
+detail::Layout laid_out(const Measurements& m, std::uint64_t seed) {
+  auto layout = detail::lay_out(m.scene.box, seed);
+  const auto plain = detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout);
+  layout.smooth =
+      detail::smooth_law(plain, detail::fit(plain, detail::columns_of(plain, {}), kAll), layout);
+  return layout;
+}
+
 // A block with a smooth part of its own, under little noise of points: what it does to causes with
 // long waves. Standard errors must be those that estimates have, and nothing is confirmed. Details
 // of squares taken for independent, blocks of different sets taken for independent, or heights
@@ -87,8 +96,7 @@ TEST_P(SmoothNoise, IsNotTakenForEvidence) {
       column("drift",
              [](const Observation& o) { return o.normal.z * std::expm1(-o.path_share / 0.1); }),
       column("scale", [](const Observation& o) { return o.normal.x * u(o); }),
-      column("step",
-             [](const Observation& o) { return o.path_share > 0.43 ? o.normal.z : 0.0; }),
+      column("step", [](const Observation& o) { return o.path_share > 0.43 ? o.normal.z : 0.0; }),
   };
   constexpr int kDraws = 12;
   double all = 0.0;
@@ -97,7 +105,7 @@ TEST_P(SmoothNoise, IsNotTakenForEvidence) {
   for (int k = 0; k < kDraws; ++k) {
     const auto seed = 1000 + 10 * static_cast<std::uint64_t>(k);
     const auto m = noise_alone(seed, 0.007, 0.019, length_mm);
-    const auto layout = detail::lay_out(m.scene.box, static_cast<std::uint64_t>(k));
+    const auto layout = laid_out(m, static_cast<std::uint64_t>(k));
     detail::Bank bank = detail::sum_up(m.observations, detail::nuisances_of(m), columns, layout);
     const auto empty = detail::columns_of(bank, {});
     bank.weight = detail::effective_weights(bank, empty, detail::fit(bank, empty, kAll));
@@ -129,7 +137,7 @@ TEST(SmoothNoise, LeavesDetailsBlind) {
        {std::pair{60.0, 0.07}, {28.0, 0.12}, {16.0, 0.25}, {2.0, 2.0}}) {
     // Against those of a quadrant's mean about the cell's mean without what neighbours tell.
     auto m = noise_alone(77, 0.0, 0.019, length_mm);
-    const auto layout = detail::lay_out(m.scene.box, 1);
+    const auto layout = laid_out(m, 1);
     const auto bank = detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout);
     double squares = 0.0, count = 0.0;
     for (const auto& set : bank.sets) {
@@ -139,8 +147,8 @@ TEST(SmoothNoise, LeavesDetailsBlind) {
     // Slopes of the process are sigma / length; quarters are a quarter of a cell off its centre,
     // of about nine points each from both set-ups.
     const double points = static_cast<double>(m.observations.size()) / (4.0 * 24 * 24);
-    const double slopes = points * 4.0 / 3.0 * 2.0 *
-                          std::pow(0.019 / length_mm * 0.25 * layout.cell_mm, 2.0);
+    const double slopes =
+        points * 4.0 / 3.0 * 2.0 * std::pow(0.019 / length_mm * 0.25 * layout.cell_mm, 2.0);
     EXPECT_LT(std::sqrt(squares / count / slopes), left) << length_mm;
   }
 }

@@ -9,9 +9,8 @@
 /// Reach    What the ball leaves at each node wherever it is put (rest.hpp: the closing of the
 ///          surface by the ball). It is more than a threshold where the surface is hollow with a
 ///          smaller radius than the ball's, or at the foot of a crease.
-/// Slope    Of the facets, exact up to the rounding of heights; a node has that of the steepest
-/// facet
-///          it belongs to. Shares are of the area in plan.
+/// Slope    Of the facets, exact up to the rounding of heights; a node has that of its steepest
+///          facet. Shares are of the area in plan.
 /// Depth    Highest less lowest height: what the block must be higher than its base, and the cutter
 ///          longer than its holder.
 /// Cost     Of rest.hpp; 8 bytes a node.

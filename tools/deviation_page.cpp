@@ -252,12 +252,14 @@ void add_registration(Document& doc, const json& s) {
                {"absorbed_max_mm", "most, mm"},
                {"sigma_translation_mm", "pose on datums \u00b1, mm"},
                {"free_directions", "not determined"}});
-    for (const json& d : s["datums"])
+    for (const json& d : s["datums"]) {
+      doc.emplace_back(Paragraph{fmt::format("Datums in {}:", d["points"].get<std::string>())});
       add_table(doc, d["fits"],
                 {{"name", "datum"},
                  {"points", "points"},
                  {"mean_mm", "residual, mm"},
                  {"noise_mm", "noise, mm"}});
+    }
   } else {
     doc.emplace_back(Paragraph{
         "Each scan was brought onto the part by best fit before this comparison. A best fit "
@@ -271,7 +273,7 @@ void add_corrections(Document& doc, const json& c) {
   doc.emplace_back(Heading{2, "Where the part and the axes are"});
   doc.emplace_back(
       Paragraph{"In the frame of the datums, against the plan. corrections.toml has the "
-                "same for a scene of render."});
+                "same for render, mill and run."});
   add_figures(doc, c,
               {{"translation_mm", "part moved by x, y, z, mm"},
                {"sigma_translation_mm", "\u00b1 of its middle, mm"},

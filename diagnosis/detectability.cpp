@@ -73,16 +73,11 @@ Result<Detectability> detectability(const Measurements& m, std::uint64_t seed,
   const auto candidates = detail::candidates_of(m.scene, d.untestable);
   const auto columns = detail::all_columns(candidates);
   const auto nuisances = detail::nuisances_of(m);
-  const std::vector<int> all{detail::kChoose, detail::kConfirm, detail::kReport};
-  {
-    const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
-    layout.smooth =
-        detail::smooth_law(plain, detail::fit(plain, detail::columns_of(plain, {}), all), layout);
-  }
+  layout.smooth = detail::smooth_law(detail::sum_up(m.observations, nuisances, {}, layout), layout);
   Bank bank = detail::sum_up(m.observations, nuisances, columns, layout);
   const auto model = detail::columns_of(bank, {});
-  bank.weight = detail::effective_weights(bank, model, detail::fit(bank, model, all));
-  const Fit fit = detail::fit(bank, model, all);
+  bank.weight = detail::effective_weights(bank, model, detail::fit(bank, model, detail::kAll));
+  const Fit fit = detail::fit(bank, model, detail::kAll);
   if (run.stopped()) return fail(kCancelled, "detectability was cancelled");
   run.progress(0.5);
   // What has no plausible size that would be found (or no wave to look for) cannot be tested.

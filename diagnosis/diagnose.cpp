@@ -25,6 +25,7 @@ using detail::Bank;
 using detail::Candidate;
 using detail::Confirmed;
 using detail::Fit;
+using detail::kAll;
 using detail::kChoose;
 using detail::kConfirm;
 using detail::kReport;
@@ -32,7 +33,6 @@ using detail::Layout;
 using detail::Member;
 using detail::without;
 
-const std::vector<int> kAll{kChoose, kConfirm, kReport};
 using detail::kEquivalent;
 /// Or a hundredth of the gain: no data tell such causes apart honestly.
 constexpr double kEquivalentShare = 0.01;
@@ -130,8 +130,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       scene.steps[static_cast<std::size_t>(axis)] =
           detail::sharpest_steps(m.observations, r, layout, axis);
   }
-  layout.smooth =
-      detail::smooth_law(plain, detail::fit(plain, detail::columns_of(plain, {}), kAll), layout);
+  layout.smooth = detail::smooth_law(plain, layout);
   detail::Search search{m.observations, nuisances, layout,
                         detail::candidates_of(scene, d.untestable)};
   Bank bank =

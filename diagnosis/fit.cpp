@@ -186,15 +186,6 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
 
 }  // namespace
 
-SmoothLaw smooth_law(const Bank& bank, const Fit& fit, const Layout& layout) {
-  constexpr double kLeastCells = 1.2, kMostCells = 8.0, kLeastNugget = 1e-3;
-  const Theta& theta = bank.theta[static_cast<std::size_t>(fit.theta[0])];
-  if (!theta.gauss || theta.ratio == 0.0 || theta.length_mm < kLeastCells * layout.cell_mm)
-    return {};
-  return {std::fmin(theta.length_mm, kMostCells * layout.cell_mm),
-          std::fmax(kLeastNugget, 1.0 / theta.ratio)};
-}
-
 std::vector<const TopSums*> tops_of(const Bank& bank, const std::vector<int>& sets,
                                     std::size_t top) {
   if (top == 0 && sets.size() == kSets && !bank.joint.weight.empty()) return {&bank.joint};
@@ -298,6 +289,17 @@ double objective_held(const Bank& bank, const std::vector<int>& model, const Vec
   std::vector<int> nuisances(static_cast<std::size_t>(free_columns));
   std::iota(nuisances.begin(), nuisances.end(), 0);
   return fit(moved, nuisances, sets).objective;
+}
+
+SmoothLaw smooth_law(const Bank& bank, const Layout& layout) {
+  constexpr double kLeastCells = 1.2, kMostCells = 8.0, kLeastNugget = 1e-3;
+  std::vector<int> nuisances(static_cast<std::size_t>(bank.nuisances));
+  std::iota(nuisances.begin(), nuisances.end(), 0);
+  const Theta& theta = bank.theta[static_cast<std::size_t>(fit(bank, nuisances, kAll).theta[0])];
+  if (!theta.gauss || theta.ratio == 0.0 || theta.length_mm < kLeastCells * layout.cell_mm)
+    return {};
+  return {std::fmin(theta.length_mm, kMostCells * layout.cell_mm),
+          std::fmax(kLeastNugget, 1.0 / theta.ratio)};
 }
 
 }  // namespace maquette::diagnosis::detail

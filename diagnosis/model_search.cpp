@@ -16,8 +16,7 @@ namespace {
 
 constexpr std::size_t kBeam = 4;
 constexpr std::size_t kMostCauses = 5;
-constexpr double kFar = 2000.0;  // in -2 log likelihood
-const std::vector<int> kAllSets{kChoose, kConfirm, kReport};
+constexpr double kFar = 2000.0;     // in -2 log likelihood
 constexpr std::size_t kFitted = 4;  // of the forms of a candidate, at either noise
 
 bool physical(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f) {
@@ -333,7 +332,7 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     const double predicted =
         objective_held(bank, model, chosen.coefficients, bank.nuisances, {kConfirm});
     const double both = fit(bank, model, {kChoose, kConfirm}).objective;
-    const double whole = fit(bank, model, kAllSets).objective;
+    const double whole = fit(bank, model, kAll).objective;
     std::size_t worst = 0;
     double worst_p = 0.0, least = INFINITY;
     std::string why;
@@ -351,7 +350,7 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
       double p = chi_squared_tail(gain, std::max(1, degrees));
       // Smooth noise that is the same in neighbouring blocks of two sets confirms nothing: what is
       // no evidence with its correlations over all sets is none.
-      const double in_all = fit(bank, small, kAllSets).objective - whole;
+      const double in_all = fit(bank, small, kAll).objective - whole;
       p = std::fmax(p, chi_squared_tail(std::fmax(0.0, in_all), std::max(1, degrees)));
       // The first third's coefficients, without this one's own refit, must predict the second.
       const Fit chosen_fewer = fit(bank, small, {kChoose});

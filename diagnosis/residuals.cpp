@@ -47,7 +47,7 @@ std::vector<double> residuals_of(const std::vector<Observation>& all,
                                  const std::vector<Member>& members, const Bank& bank,
                                  const Fit& f) {
   const auto model = columns_of(bank, members);
-  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, {kChoose, kConfirm, kReport});
+  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, kAll);
   std::vector<double> r(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) {
     double v = all[i].residual_mm;

@@ -58,8 +58,7 @@ double rms_beside_nuisances(const Bank& bank, int column) {
   std::vector<int> model;
   for (int i = 0; i < bank.nuisances; ++i) model.push_back(i);
   model.push_back(column);
-  const std::vector<int> all{kChoose, kConfirm, kReport};
-  const MatrixXd sum = plain_sums(bank, model, all);
+  const MatrixXd sum = plain_sums(bank, model, kAll);
   const Index p = bank.nuisances;
   double points = 0.0;
   for (const SetSums& s : bank.sets) points += s.top[0].points();

@@ -43,6 +43,7 @@ inline constexpr std::size_t kPointGroup = 2 * kScales;
 /// Means of cells: over the set-ups, and differences between them.
 inline constexpr std::size_t kTops = 2;
 enum Set : int { kChoose = 0, kConfirm = 1, kReport = 2, kSets = 3 };
+inline const std::vector<int> kAll{kChoose, kConfirm, kReport};
 
 /// Smooth noise of the cell means, relative to the white part.
 struct Theta {
@@ -60,7 +61,6 @@ struct SmoothLaw {
 };
 
 struct Bank;
-struct Fit;
 
 struct Layout {
   SmoothLaw smooth;
@@ -74,8 +74,8 @@ struct Layout {
   [[nodiscard]] int block_of(double x, double y) const;
 };
 [[nodiscard]] Layout lay_out(const Box3& box, std::uint64_t seed);
-/// The law that a fit says the means of the cells have: of what is smooth over a cell and more.
-[[nodiscard]] SmoothLaw smooth_law(const Bank& bank, const Fit& fit, const Layout& layout);
+/// The law of what is smooth over a cell and more in what the nuisances leave of the cells' means.
+[[nodiscard]] SmoothLaw smooth_law(const Bank& bank, const Layout& layout);
 
 struct TopSums {
   std::vector<double> weight;        ///< points that a mean (or difference) is worth
@@ -160,8 +160,7 @@ struct Beside {
   double estimate = 0.0;
 };
 [[nodiscard]] Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& fit,
-                            int column,
-                            const std::vector<int>& sets = {kChoose, kConfirm, kReport});
+                            int column, const std::vector<int>& sets = kAll);
 
 /// -2 log likelihood of sets with coefficients held except the nuisances (the first ones), noise
 /// profiled.

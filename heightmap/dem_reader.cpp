@@ -16,6 +16,7 @@
 #include <ogr_spatialref.h>
 
 #include "heightmap/detail/gdal_support.hpp"
+#include "heightmap/detail/label_rules.hpp"
 #include "heightmap/detail/raster_label.hpp"
 #include "heightmap/field_io.hpp"
 
@@ -38,11 +39,14 @@ struct HeightRule {
   bool single_precision = false;
   double lowest_special = -INFINITY;  // raw values up to here are special pixels
   double highest_special = INFINITY;  // raw values from here on too
+  std::vector<double> special;        // more raw values that are none
   double reference_radius_m = 0.0;
 
   [[nodiscard]] bool is_void(double raw) const {
     if (!(std::abs(raw) < 1e30)) return true;  // NaN, infinities, ISIS real special pixels
     if (raw <= lowest_special || raw >= highest_special) return true;
+    for (const double value : special)
+      if (raw == value) return true;
     if (!has_nodata) return false;
     return single_precision ? static_cast<float>(raw) == static_cast<float>(nodata) : raw == nodata;
   }
@@ -86,7 +90,7 @@ Result<double> unit_of(const Source& source, GDALRasterBand& band, double offset
   std::string declared = band.GetUnitType();
   if (declared.empty())
     if (const auto label = detail::read_raster_label(detail::openable_path(source.path)))
-      declared = label->find("IMAGE/UNIT").value_or("");
+      declared = label->find("IMAGE/UNIT").value_or(label->find("ELEMENT_ARRAY/UNIT").value_or(""));
   if (declared == "N/A" || declared == "NULL") declared.clear();
   const auto from_file = metres_per(declared);
   if (!declared.empty() && !from_file)
@@ -166,7 +170,8 @@ struct DemReader::State {
   double pixel_from_map[6] = {};
   double map_from_pixel[6] = {};
   bool geographic = false;
-  double latitude_factor = 1.0;  // (b/a)^2 of the file's own ellipsoid
+  double latitude_factor = 1.0;      // (b/a)^2 of the file's own ellipsoid
+  double longitude_shift_deg = 0.0;  // of maps whose longitudes count westwards
   TransformPtr map_from_geo, geo_from_map;
   mutable std::mutex clone_lock;
   double period = 0.0;  // of map x, 0: not a cylindrical map
@@ -187,7 +192,7 @@ void DemReader::State::to_map(OGRCoordinateTransformation* transform, std::span<
                               std::span<const double> lon, std::span<double> x,
                               std::span<double> y) const {
   for (std::size_t i = 0; i < lat.size(); ++i) {
-    x[i] = lon[i];
+    x[i] = lon[i] + longitude_shift_deg;
     const double phi = lat[i] * kDegree;
     y[i] = latitude_factor == 1.0
                ? lat[i]
@@ -217,7 +222,8 @@ void DemReader::State::find_period() {
       cylindrical = cylindrical || (projection != nullptr && EQUAL(projection, p));
     if (!cylindrical) return;
     const double lon0 = srs.GetNormProjParm(SRS_PP_CENTRAL_MERIDIAN, 0.0);
-    const double lat[2] = {0.0, 0.0}, lon[2] = {lon0, lon0 + 90.0};
+    const double east = lon0 - longitude_shift_deg;
+    const double lat[2] = {0.0, 0.0}, lon[2] = {east, east + 90.0};
     double x[2], y[2];
     to_map(map_from_geo.get(), lat, lon, x, y);
     period = 4.0 * std::abs(x[1] - x[0]);
@@ -260,11 +266,17 @@ Result<DemReader> DemReader::open(const Source& source, const Body& body) {
                                   "rasters"
                                 : ", so nobody knows where on the body it lies; take the product "
                                   "with its label or add a VRT that states the projection"));
+  MAQUETTE_TRY(auto rules, detail::label_rules(detail::openable_path(source.path), dataset,
+                                               state->map_from_pixel));
   if (!GDALInvGeoTransform(state->map_from_pixel, state->pixel_from_map))
     return fail(kNoProjection, fmt::format("{}: its geotransform is singular", state->name));
   MAQUETTE_TRY_VOID(check_body(source, *srs, body));
   MAQUETTE_TRY(state->rule, height_rule(source, dataset, body));
-  state->latitude_factor = squared_axis_ratio(*srs);
+  state->rule.special = std::move(rules.special);
+  if (state->rule.single_precision)
+    for (double& value : state->rule.special) value = static_cast<float>(value);
+  state->latitude_factor = squared_axis_ratio(*srs) * rules.latitude_factor;
+  state->longitude_shift_deg = rules.longitude_shift_deg;
   state->geographic = srs->IsGeographic() != 0;
   if (!state->geographic) {
     // From the file's own geographic frame: no datum shift can creep in.
@@ -344,6 +356,7 @@ GeoBox DemReader::extent() const {
       double lat = g[3] + g[4] * u + g[5] * v;
       if (s.geo_from_map && s.geo_from_map->Transform(1, &lon, &lat) == 0) continue;
       if (!std::isfinite(lon) || !std::isfinite(lat)) continue;
+      lon -= s.longitude_shift_deg;
       const double phi = lat * kDegree;
       lat = std::atan2(s.latitude_factor * std::sin(phi), std::cos(phi)) / kDegree;
       box = {std::min(box.south, lat), std::max(box.north, lat), std::min(box.west, lon),

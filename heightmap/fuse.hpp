@@ -5,7 +5,7 @@
 /// Elevation products of one body -> one surface in the site frame.
 ///
 /// Room    heightmap, steps: read -> [align, fuse] -> to_model
-/// Takes   rasters with a map projection (GDAL: PDS3, ISIS3, GeoTIFF, VRT), metres
+/// Takes   rasters with a map projection (GDAL: PDS3, PDS4, ISIS3, GeoTIFF, JPEG 2000, VRT), metres
 /// Gives   PlanetField with standard uncertainty and source mask
 ///
 /// Method. Each output node is a point of the tangent plane at the site's centre

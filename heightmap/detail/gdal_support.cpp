@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "heightmap/detail/gdal_support.hpp"
 
+#include <algorithm>
 #include <mutex>
 #include <system_error>
 
@@ -43,6 +44,11 @@ void register_gdal_drivers() {
   std::call_once(once, [] {
     const ErrorCapture capture;
     GDALAllRegister();
+    // Lines are read once and in order. GDAL's own limit, a twentieth of the memory, would let a
+    // wide raster fill gigabytes.
+    constexpr GIntBig kCacheBytes = GIntBig{192} << 20;
+    if (CPLGetConfigOption("GDAL_CACHEMAX", nullptr) == nullptr)
+      GDALSetCacheMax64(std::min(GDALGetCacheMax64(), kCacheBytes));
   });
 }
 
@@ -55,13 +61,16 @@ Result<DatasetPtr> open_raster(const std::filesystem::path& given) {
   MAQUETTE_TRY_VOID(check_pixels_complete(path));
   const ErrorCapture capture;
   // A list, so that no driver with surprises (web services, databases) has a say.
-  static const char* const drivers[] = {"GTiff", "VRT", "PDS", "ISIS3", nullptr};
+  static const char* const drivers[] = {"GTiff", "VRT",         "PDS",  "PDS4",
+                                        "ISIS3", "JP2OpenJPEG", nullptr};
   DatasetPtr dataset(GDALDataset::Open(
       path.string().c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR, drivers));
   if (!dataset)
-    return fail(kRasterNotReadable,
-                fmt::format("{}: not a GeoTIFF, VRT, PDS3 or ISIS3 raster that can be read: {}",
-                            given.string(), capture.text()));
+    return fail(
+        kRasterNotReadable,
+        fmt::format("{}: not a GeoTIFF, VRT, PDS3, PDS4, ISIS3 or JPEG 2000 raster that can be "
+                    "read: {}",
+                    given.string(), capture.text()));
   // A GeoTIFF cut short inside its tags opens with warnings, its pixels then being zero.
   if (capture.text().find("IO error") != std::string::npos)
     return fail(kRasterNotReadable,

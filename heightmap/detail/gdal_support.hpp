@@ -40,8 +40,8 @@ using DatasetPtr = std::unique_ptr<GDALDataset, DatasetCloser>;
 /// Thread-safe, cheap after the first call.
 void register_gdal_drivers();
 
-/// Opens a GeoTIFF, VRT, PDS3 or ISIS3 raster for reading, after checking that it is
-/// there and that its pixels are complete.
+/// Opens a GeoTIFF, VRT, PDS3, PDS4, ISIS3 or JPEG 2000 raster for reading, after checking that it
+/// is there and that its pixels are complete.
 /// @return CORE_FILE_NOT_FOUND or HEIGHTMAP_RASTER_NOT_READABLE
 [[nodiscard]] Result<DatasetPtr> open_raster(const std::filesystem::path& path);
 

@@ -199,9 +199,12 @@ double raw_band_bytes(const CPLXMLNode* band, double cols, double rows) {
 Result<void> check_vrt(const fs::path& path, int depth);
 
 Result<void> check_any(const fs::path& path, int depth) {
-  if (const auto label = read_raster_label(path))
-    return label->kind == RasterLabel::Kind::pds3 ? check_pds3(path, *label)
-                                                  : check_isis3(path, *label);
+  if (const auto label = read_raster_label(path)) {
+    if (label->kind == RasterLabel::Kind::pds3) return check_pds3(path, *label);
+    if (label->kind == RasterLabel::Kind::isis3) return check_isis3(path, *label);
+    const Pds4Image image = pds4_image(*label);
+    return check_size(path, sibling(path, image.file), image.bytes);
+  }
   if (upper(path.extension().string()) == ".VRT" && depth < 8) return check_vrt(path, depth);
   return {};
 }
@@ -268,6 +271,8 @@ std::optional<RasterLabel> read_raster_label(const fs::path& path) {
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(std::max<std::streamsize>(in.gcount(), 0)));
   const std::string_view head = std::string_view(text).substr(0, 4096);
+  if (head.rfind("<?xml", 0) == 0 || head.find("<Product_Observational") != std::string_view::npos)
+    return parse_pds4_label(text);
   RasterLabel label;
   if (head.find("PDS_VERSION_ID") != std::string_view::npos &&
       head.find("PDS3") != std::string_view::npos)
@@ -282,7 +287,7 @@ std::optional<RasterLabel> read_raster_label(const fs::path& path) {
 
 fs::path openable_path(const fs::path& path) {
   if (upper(path.extension().string()) != ".IMG" || read_raster_label(path)) return path;
-  for (const char* extension : {".LBL", ".lbl"}) {
+  for (const char* extension : {".LBL", ".lbl", ".xml", ".XML", ".lblx"}) {
     const fs::path label = fs::path(path).replace_extension(extension);
     std::error_code ignored;
     if (fs::exists(label, ignored) && read_raster_label(label)) return label;

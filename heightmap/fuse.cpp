@@ -12,6 +12,7 @@
 #include "heightmap/dem_reader.hpp"
 #include "heightmap/detail/blend.hpp"
 #include "heightmap/detail/coregister.hpp"
+#include "heightmap/detail/enlargement.hpp"
 #include "heightmap/detail/knowledge.hpp"
 #include "heightmap/detail/node_map.hpp"
 #include "heightmap/detail/roughness.hpp"
@@ -120,6 +121,30 @@ Result<void> move(Layer& layer, const DemReader& dem, const detail::SiteFrame& s
   return {};
 }
 
+/// A source that lies outside the enlargement of a surface that it was part of.
+Layer nothing_of(const DemReader& dem, const detail::SiteFrame& site,
+                 const detail::NodeGrid& nodes) {
+  Layer layer;
+  layer.pixel = detail::pixel_size(dem, site, nodes.spacing_m);
+  layer.z_m = Grid<float>(nodes.rows, nodes.cols, NAN);
+  return layer;
+}
+
+/// As a source lay in the surface that is enlarged.
+detail::Coregistration as_reported(const SourceReport& report) {
+  detail::Coregistration by;
+  by.east_m = report.shift_east_m;
+  by.north_m = report.shift_north_m;
+  by.up_m = report.shift_up_m;
+  by.tilt_east = report.tilt_east;
+  by.tilt_north = report.tilt_north;
+  by.rotation_rad = report.turn_rad;
+  by.scale = report.scale;
+  by.horizontal =
+      by.east_m != 0.0 || by.north_m != 0.0 || by.rotation_rad != 0.0 || by.scale != 1.0;
+  return by;
+}
+
 /// Brings a layer onto the surface below it and reports how.
 Result<void> align(Layer& layer, SourceReport& report, const Source& source, const DemReader& dem,
                    const detail::SiteFrame& site, const detail::NodeGrid& nodes,
@@ -171,10 +196,15 @@ std::size_t levels_of(double coarsest_pixel_m, const detail::NodeGrid& nodes) {
   return levels;
 }
 
+/// Pixels of the file along the side of a cell of the window: white noise is as much lower.
+double pixels_across(const PixelWindow& window) {
+  return std::sqrt(static_cast<double>(window.step_u) * window.step_v);
+}
+
 /// Noise of a layer as it says, white as far as its pixels show white noise.
 detail::Knowledge knowledge_of(const Layer& layer, const Source& source,
                                const detail::Roughness& own, const detail::WaveTable& waves) {
-  const double averaged = std::sqrt(static_cast<double>(layer.window.step_u) * layer.window.step_v);
+  const double averaged = pixels_across(layer.window);
   double white_m = source.sigma_m / averaged;
   if (own.coefficient > 0.0) white_m = std::min(white_m, own.noise_m);
   const double correlated_m = std::sqrt(
@@ -201,6 +231,9 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   const detail::NodeGrid nodes = nodes_of(request);
   const detail::SiteFrame site(request.body, request.centre_latitude_deg,
                                request.centre_longitude_deg);
+  MAQUETTE_CHECK(!request.enlarges || request.enlarges->sources.size() == request.sources.size(),
+                 "{} sources enlarge a surface of {}", request.sources.size(),
+                 request.enlarges ? request.enlarges->sources.size() : 0);
   const auto all_nodes = static_cast<double>(nodes.rows * nodes.cols);
   FusedSurface surface;
   surface.field.spacing = Metres{nodes.spacing_m};
@@ -218,12 +251,26 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   for (const Source& source : request.sources) {
     MAQUETTE_TRY(DemReader dem, DemReader::open(source, request.body));
     dem.centre_on(request.centre_latitude_deg, request.centre_longitude_deg);
-    MAQUETTE_TRY(Layer layer, read_layer(request, dem, site, nodes, run));
+    const SourceReport* before =
+        request.enlarges ? &request.enlarges->sources[read.size()] : nullptr;
+    auto read_now = read_layer(request, dem, site, nodes, run);
+    const bool outside = !read_now && before != nullptr && !read.empty() &&
+                         (read_now.error().code == kNoOverlap || read_now.error().code == kAllVoid);
+    if (outside) read_now = nothing_of(dem, site, nodes);
+    MAQUETTE_TRY(Layer layer, std::move(read_now));
     SourceReport report;
+    if (before != nullptr) report = *before;
     report.name = source.name;
     report.pixel_m = layer.pixel.longer_m();
     report.coverage = static_cast<double>(layer.covered) / all_nodes;
-    const detail::Roughness own = detail::measure_roughness(layer.window, layer.pixel);
+    const double averaged = pixels_across(layer.window);
+    const detail::Roughness own =
+        before != nullptr
+            ? detail::Roughness{before->hurst, before->coefficient, before->noise_m / averaged}
+            : detail::measure_roughness(layer.window, layer.pixel);
+    report.hurst = own.hurst;
+    report.coefficient = own.coefficient;
+    report.noise_m = own.noise_m * averaged;
     if (report.pixel_m < finest_pixel_m) roughness = own;
     finest_pixel_m = std::min(finest_pixel_m, report.pixel_m);
     coarsest_pixel_m = std::max(coarsest_pixel_m, report.pixel_m);
@@ -252,7 +299,11 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
       if (read.size() > 1) as_seen = layer.z_m;
       blend.emplace(waves, std::move(layer.z_m), known, fill.sigma, request.restore);
     } else {
-      if (source.align != Source::Align::none)
+      if (request.enlarges) {
+        if (layer.covered > 0)
+          MAQUETTE_TRY_VOID(
+              move(layer, read[i].dem, site, nodes, as_reported(surface.sources[i]), run));
+      } else if (source.align != Source::Align::none)
         MAQUETTE_TRY_VOID(align(layer, surface.sources[i], source, read[i].dem, site, nodes,
                                 as_seen, pixel_below(blend->source(), layer.z_m, surface.sources),
                                 run));
@@ -281,6 +332,15 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
           "pixels to measure its roughness");
     for (float& s : surface.sigma_m.cells())
       s = static_cast<float>(std::hypot(static_cast<double>(s), sigma));
+  }
+  if (request.enlarges) {
+    const PlanetField& wide = request.enlarges->field;
+    const detail::NodeGrid wide_nodes{wide.x0.value(), wide.y0.value(), wide.spacing.value(),
+                                      wide.z_m.rows(), wide.z_m.cols()};
+    surface.mean_off_before_m =
+        detail::farthest_mean(surface.field.z_m, nodes, wide.z_m, wide_nodes);
+    detail::match_means(surface.field.z_m, nodes, wide.z_m, wide_nodes);
+    surface.mean_off_m = detail::farthest_mean(surface.field.z_m, nodes, wide.z_m, wide_nodes);
   }
   run.progress(1.0);
   return surface;

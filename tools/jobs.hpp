@@ -39,10 +39,20 @@ namespace fs = std::filesystem;
 /// The sources that the products above stand for.
 [[nodiscard]] std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& products);
 
+/// What fuse_job left of a scale with wider nodes.
+struct WiderSurface {
+  fs::path folder;
+  double scale = 0.0;
+  [[nodiscard]] std::vector<fs::path> files() const {
+    return {folder / "design.tif", folder / "fuse.json"};
+  }
+};
+
 /// design.tif (mm), sigma.tif (mm), source.tif (index), hillshade.png, fuse.json.
+/// @param wider  which this one enlarges: the same heights as means over its nodes
 [[nodiscard]] Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources,
-                                         double scale, const fs::path& folder,
-                                         const RunContext& run);
+                                         double scale, const std::optional<WiderSurface>& wider,
+                                         const fs::path& folder, const RunContext& run);
 
 /// reach.tif (mm that the finishing ball leaves where it does not fit), slope.tif (degrees),
 /// reach.png, slope.png, reach.json; unmet where the site sets a limit that the design does not

@@ -49,8 +49,96 @@ std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& produ
           {"dtm", products / (stem + "_dtm.img"), "auto", synthetic.fine_noise_m}};
 }
 
+namespace {
+
+json figures_of(const heightmap::SourceReport& s) {
+  return {{"name", s.name},
+          {"pixel_m", s.pixel_m},
+          {"coverage", s.coverage},
+          {"hurst", s.hurst},
+          {"relief_coefficient", s.coefficient},
+          {"white_noise_m", s.noise_m},
+          {"shift_east_m", s.shift_east_m},
+          {"shift_north_m", s.shift_north_m},
+          {"shift_up_m", s.shift_up_m},
+          {"tilt_east", s.tilt_east},
+          {"tilt_north", s.tilt_north},
+          {"turn_rad", s.turn_rad},
+          {"scale", s.scale},
+          {"sigma_east_m", std::sqrt(s.covariance[0][0])},
+          {"sigma_north_m", std::sqrt(s.covariance[1][1])},
+          {"sigma_up_m", std::sqrt(s.covariance[2][2])},
+          {"covariance", s.covariance},
+          {"overlap", s.overlap},
+          {"height_only", s.height_only},
+          {"median_before_m", s.median_before_m},
+          {"median_after_m", s.median_after_m},
+          {"nmad_before_m", s.nmad_before_m},
+          {"nmad_after_m", s.nmad_after_m}};
+}
+
+heightmap::SourceReport report_of(const json& f) {
+  heightmap::SourceReport s;
+  s.name = f.at("name").get<std::string>();
+  s.pixel_m = f.at("pixel_m");
+  s.hurst = f.at("hurst");
+  s.coefficient = f.at("relief_coefficient");
+  s.noise_m = f.at("white_noise_m");
+  s.shift_east_m = f.at("shift_east_m");
+  s.shift_north_m = f.at("shift_north_m");
+  s.shift_up_m = f.at("shift_up_m");
+  s.tilt_east = f.at("tilt_east");
+  s.tilt_north = f.at("tilt_north");
+  s.turn_rad = f.at("turn_rad");
+  s.scale = f.at("scale");
+  s.covariance = f.at("covariance").get<decltype(s.covariance)>();
+  s.overlap = f.at("overlap");
+  s.height_only = f.at("height_only").get<std::string>();
+  s.median_before_m = f.at("median_before_m");
+  s.median_after_m = f.at("median_after_m");
+  s.nmad_before_m = f.at("nmad_before_m");
+  s.nmad_after_m = f.at("nmad_after_m");
+  return s;
+}
+
+/// The wider surface in metres, as fuse_job left it.
+Result<heightmap::Enlarged> read_wider(const Site& site, const WiderSurface& wider,
+                                       std::size_t sources) {
+  const auto files = wider.files();
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(files[0]));
+  MAQUETTE_TRY(const auto text, read_file(files[1]));
+  const ModelScale scale(wider.scale, site.exaggeration);
+  heightmap::Enlarged out;
+  try {
+    const json figures = json::parse(text);
+    for (const json& f : figures.at("sources")) out.sources.push_back(report_of(f));
+    const double lowest_m = figures.at("lowest_m");
+    out.field.z_m = Grid<float>(design.z_mm.rows(), design.z_mm.cols());
+    for (std::size_t i = 0; i < design.z_mm.cells().size(); ++i) {
+      const Millimetres above{static_cast<double>(design.z_mm.cells()[i]) - site.lowest_mm};
+      out.field.z_m.cells()[i] =
+          static_cast<float>(lowest_m + scale.unscale_vertical(above).value());
+    }
+  } catch (const json::exception& e) {
+    return fail(kInputMissing, fmt::format("{}: not what this version of `maquette fuse` writes "
+                                           "({}); fuse 1:{:g} again",
+                                           files[1].string(), e.what(), wider.scale));
+  }
+  if (out.sources.size() != sources)
+    return fail(kInputMissing,
+                fmt::format("{}: made of {} sources, the site has {}; fuse 1:{:g} again",
+                            files[1].string(), out.sources.size(), sources, wider.scale));
+  const double west_m = -half_width_m(site, wider.scale);
+  out.field.x0 = out.field.y0 = Metres{west_m};
+  out.field.spacing = scale.unscale_horizontal(Millimetres{site.spacing_mm});
+  return out;
+}
+
+}  // namespace
+
 Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources, double scale,
-                           const fs::path& folder, const RunContext& run) {
+                           const std::optional<WiderSurface>& wider, const fs::path& folder,
+                           const RunContext& run) {
   heightmap::FuseRequest request;
   request.body = *heightmap::body_by_name(site.body);
   request.centre_latitude_deg = site.centre_latitude_deg;
@@ -67,6 +155,9 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
                         : s.align == "none"   ? Align::none
                                               : Align::automatic;
     request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity});
+  }
+  if (wider) {
+    MAQUETTE_TRY(request.enlarges, read_wider(site, *wider, sources.size()));
   }
   MAQUETTE_TRY(const auto fused, heightmap::fuse(request, run));
 
@@ -100,27 +191,15 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
       {"lowest_m", range_m.min},
       {"highest_m", range_m.max},
       {"relief_mm", static_cast<double>(range_mm.max) - static_cast<double>(range_mm.min)}};
-  for (const auto& s : fused.sources)
-    figures["sources"].push_back({{"name", s.name},
-                                  {"pixel_m", s.pixel_m},
-                                  {"coverage", s.coverage},
-                                  {"shift_east_m", s.shift_east_m},
-                                  {"shift_north_m", s.shift_north_m},
-                                  {"shift_up_m", s.shift_up_m},
-                                  {"tilt_east", s.tilt_east},
-                                  {"tilt_north", s.tilt_north},
-                                  {"turn_rad", s.turn_rad},
-                                  {"scale", s.scale},
-                                  {"sigma_east_m", std::sqrt(s.covariance[0][0])},
-                                  {"sigma_north_m", std::sqrt(s.covariance[1][1])},
-                                  {"sigma_up_m", std::sqrt(s.covariance[2][2])},
-                                  {"covariance", s.covariance},
-                                  {"overlap", s.overlap},
-                                  {"height_only", s.height_only},
-                                  {"median_before_m", s.median_before_m},
-                                  {"median_after_m", s.median_after_m},
-                                  {"nmad_before_m", s.nmad_before_m},
-                                  {"nmad_after_m", s.nmad_after_m}});
+  for (const auto& s : fused.sources) figures["sources"].push_back(figures_of(s));
+  if (wider) {
+    const auto um = [&](double height_m) {
+      return 1000.0 * model_scale.vertical(Metres{height_m}).value();
+    };
+    figures["enlarges_scale"] = wider->scale;
+    figures["low_pass_before_um"] = um(fused.mean_off_before_m);
+    figures["low_pass_um"] = um(fused.mean_off_m);
+  }
   MAQUETTE_TRY_VOID(write_file(result.outputs[4], figures.dump(1)));
   result.figures_json = figures.dump();
   result.note = fmt::format("{} x {} nodes, relief {:.1f} mm", design.z_mm.cols(),

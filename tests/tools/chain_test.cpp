@@ -135,6 +135,33 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
       EXPECT_TRUE(fs::exists(out() / scale / file)) << scale << "/" << file;
 }
 
+// Files against files: means over 5 x 5 nodes of 1:200 are the nodes of 1:1000, in heights of the
+// model above one datum.
+TEST_F(Chain, TheFinerScaleIsAnEnlargement) {
+  const auto wide = heightmap::read_model_field(out() / "s1000/design.tif");
+  const auto fine = heightmap::read_model_field(out() / "s200/design.tif");
+  ASSERT_THAT(wide, testing_support::Succeeds());
+  ASSERT_THAT(fine, testing_support::Succeeds());
+  const auto figures = [](const fs::path& at) { return json::parse(slurp(at / "fuse.json")); };
+  const double lower_mm = (figures(out() / "s200")["lowest_m"].get<double>() -
+                           figures(out() / "s1000")["lowest_m"].get<double>()) *
+                          1000.0 / 200.0;
+  const std::ptrdiff_t first = wide->z_mm.rows() / 2 - fine->z_mm.rows() / 10;
+  double off_mm = 0.0;
+  for (std::ptrdiff_t r = 1; 5 * r + 2 < fine->z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 1; 5 * c + 2 < fine->z_mm.cols(); ++c) {
+      double mean = lower_mm;
+      for (std::ptrdiff_t i = -2; i <= 2; ++i)
+        for (std::ptrdiff_t j = -2; j <= 2; ++j)
+          mean += static_cast<double>(fine->z_mm(5 * r + i, 5 * c + j)) / 25.0;
+      const double aim = 5.0 * static_cast<double>(wide->z_mm(first + r, first + c));
+      off_mm = std::max(off_mm, std::abs(mean - aim));
+    }
+  EXPECT_LT(off_mm, 0.005);
+  EXPECT_LT(figures(out() / "s200")["low_pass_um"].get<double>(), 5.0);
+  EXPECT_EQ(figures(out() / "s1000").count("low_pass_um"), 0U);
+}
+
 TEST_F(Chain, EachBandHasItsWorkOffset) {
   for (const auto& [program, offset] :
        {std::pair{"rough.ngc", "\nG54\n"}, std::pair{"bands/band_01.raster.ngc", "\nG54\n"},

@@ -96,6 +96,7 @@ std::size_t band_count(const Site& site) {
 
 /// The whole chain of one scale, stage by stage. Files are named here and only here.
 std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
+                                   const std::optional<WiderSurface>& wider,
                                    const std::vector<SiteSource>& sources,
                                    const std::vector<fs::path>& source_files,
                                    const std::vector<MillJob>& operations,
@@ -121,9 +122,14 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     return Stage{full, {{full, std::move(inputs), values(std::move(prefixes)), work}}};
   };
   std::vector<Stage> stages;
-  stages.push_back(single(
-      "fuse", source_files, {"body", "centre_", "fusion.", "source", "stock.lowest_mm", "scales"},
-      [=, &site](const RunContext& run) { return fuse_job(site, sources, scale, here, run); }));
+  std::vector<fs::path> fuse_inputs = source_files;
+  if (wider)
+    for (fs::path& f : wider->files()) fuse_inputs.push_back(std::move(f));
+  stages.push_back(single("fuse", fuse_inputs,
+                          {"body", "centre_", "fusion.", "source", "stock.lowest_mm", "scales"},
+                          [=, &site](const RunContext& run) {
+                            return fuse_job(site, sources, scale, wider, here, run);
+                          }));
   stages.push_back(single(
       "stones", {design}, {"stones.", "scales"},
       [=, &site](const RunContext& run) { return stones_job(site, scale, design, here, run); }));
@@ -429,9 +435,13 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
   MAQUETTE_TRY(auto adjust, read_adjustment(adjustment_files(site)));
   if (const MillJob* finish = finishing(operations); adjust && finish != nullptr)
     adjust->errors.tool = finish->tool.number;
-  for (const double scale : site.scales)
-    for (Stage& s : stages_of_scale(file, scale, sources, source_files, operations, adjust, folder))
+  std::optional<WiderSurface> wider;
+  for (const double scale : site.scales) {
+    for (Stage& s :
+         stages_of_scale(file, scale, wider, sources, source_files, operations, adjust, folder))
       stages.push_back(std::move(s));
+    wider = WiderSurface{folder / scale_folder(scale), scale};
+  }
 
   if (!options.stages.empty() && std::none_of(stages.begin(), stages.end(), [&](const Stage& s) {
         return selected(s.name, options.stages);

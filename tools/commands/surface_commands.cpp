@@ -92,12 +92,14 @@ Command add_fuse(CLI::App& root, const CommonOptions& common) {
               sources = embedded_sources(site, products);
             }
             int code = 0;
+            std::optional<WiderSurface> wider;
             for (const double scale : site.scales) {
               const std::string name = scale_folder(scale);
               const fs::path here = o->out / name;
               MAQUETTE_TRY_VOID(finish(console, name + ".fuse", [&](const RunContext& run) {
-                return fuse_job(site, sources, scale, here, run);
+                return fuse_job(site, sources, scale, wider, here, run);
               }));
+              wider = WiderSurface{here, scale};
               MAQUETTE_TRY(const int kept,
                            finish(console, name + ".reach", [&](const RunContext& run) {
                              return reach_job(site, here / "design.tif", here, run);

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/run_context.hpp"
@@ -113,13 +114,14 @@ class FastMarching {
   /// @param distance  one a vertex; filled by run()
   /// @param slowness  one a vertex, or empty
   FastMarching(const Surface& surface, std::span<const float> slowness, std::span<float> distance)
-      : s_(surface), slowness_(slowness), u_(distance), stays_(distance.size()) {
+      : s_(surface), slowness_(slowness), u_(distance), seeded_(distance.size()) {
     std::fill(u_.begin(), u_.end(), -INFINITY);
   }
 
-  /// A value that vertex v has at most.
+  /// A value that vertex v has at most: the length of a real way.
   void seed(std::uint32_t v, double value) {
-    stays_[v] = true;
+    seeded_[v] = true;
+    seeds_.emplace_back(v, static_cast<float>(value));
     offer(v, value);
   }
 
@@ -134,6 +136,7 @@ class FastMarching {
 
   /// @return false if the run was stopped
   bool run(double max_distance, const RunContext& run) {
+    std::sort(seeds_.begin(), seeds_.end());
     if (!slowness_.empty()) return march<true, false>(max_distance, run);
     return round_ ? march<false, true>(max_distance, run) : march<false, false>(max_distance, run);
   }
@@ -304,11 +307,12 @@ class FastMarching {
 
   // ---- values: along lines that are followed back -------------------------------------------
 
+  /// Guesses of round waves do not count here: they take two fronts for one wave.
   template <bool kWeighted, bool kRound>
   [[nodiscard]] float settled(std::uint32_t v, float guess) const {
     const double w = weight<kWeighted>(v);
-    double least = INFINITY;
-    bool keep = stays_[v];  // the guess may know what is not looked at here
+    double least = seeded_[v] ? seed_of(v) : INFINITY;
+    bool waits_for_one = false;  // an obtuse angle of which one side has no value yet
     s_.for_each_corner(v, [&](Corner c) {
       const Corner ca = s_.next(c), cb = s_.prev(c);
       const std::uint32_t va = s_.vertex(ca), vb = s_.vertex(cb);
@@ -317,14 +321,27 @@ class FastMarching {
       const Vec3 at = s_.point(c), ea = s_.point(ca) - at, eb = s_.point(cb) - at;
       const double aa = dot(ea, ea), ab = dot(ea, eb), bb = dot(eb, eb);
       Flat a, b;
-      if (has_a && has_b && lay_out(aa, ab, bb, a, b))
-        least = std::min(least, followed_back<kWeighted, kRound>(c, a, b, w));
-      keep = keep || ab < 0.0;
+      if (!has_a || !has_b)
+        waits_for_one |= ab < 0.0;
+      else if (lay_out(aa, ab, bb, a, b))
+        least = std::min(least, followed_back<kWeighted, kRound>(
+                                    {ca, cb, s_.opposite(c), a, b, a, b, value(va), value(vb)}, w));
       if (has_a) lower(least, value(va), w * w * aa);
       if (has_b) lower(least, value(vb), w * w * bb);
     });
-    if (keep || !(least < INFINITY)) least = std::min(least, static_cast<double>(guess));
+    // Seeds beside a segment are nearest to a piece of it; the guess knows its neighbours. Obtuse
+    // angles may be split by a vertex that is not followed here.
+    bool keep_guess = (!kRound && seeded_[v]) || !(least < INFINITY);
+    if (waits_for_one && static_cast<double>(guess) < least)
+      s_.for_each_corner(
+          v, [&](Corner c) { keep_guess |= !through_one_side<kWeighted, kRound>(c, w, least); });
+    if (keep_guess) least = std::min(least, static_cast<double>(guess));
     return static_cast<float>(least);
+  }
+
+  [[nodiscard]] double seed_of(std::uint32_t v) const {
+    const auto least = std::lower_bound(seeds_.begin(), seeds_.end(), std::pair{v, 0.0F});
+    return static_cast<double>(least->second);
   }
 
   /// To what comes straight from a place of value u.
@@ -333,56 +350,89 @@ class FastMarching {
     if (room > 0.0 && room * room > length2) least = u + std::sqrt(length2);
   }
 
-  /// At the vertex of c, from A and B on: the wave through the last edge that its line crosses, so
-  /// far as values are known, and what comes straight from vertices that the line passes.
+  /// Between P and Q, the edge that a line to C at the origin crosses: their corners in the
+  /// triangle on C's side, the corner beyond, and the directions between which C sees the edge.
+  struct Strip {
+    Corner cr, cl, apex;
+    Flat p, q, right, left;
+    double up, uq;
+  };
+  /// On over the edge from P or, if not `by_right`, from Q to the apex beyond, D, of value ud.
+  void cross_triangle(Strip& s, Flat d, double ud, bool by_right) const {
+    const Edge on = beyond(s.apex, by_right ? s.cr : s.cl);
+    if (by_right) {
+      if (crossed(d, s.left) >= 0.0) s.left = d;
+      s.q = d;
+      s.uq = ud;
+      s.cl = s.apex;
+      s.cr = on.kept;
+    } else {
+      if (crossed(s.right, d) >= 0.0) s.right = d;
+      s.p = d;
+      s.up = ud;
+      s.cr = s.apex;
+      s.cl = on.kept;
+    }
+    s.apex = on.apex;
+  }
+
+  /// At C: the wave through the last edge that its line crosses, so far as values are known, and
+  /// what comes straight from vertices that the line passes.
   template <bool kWeighted, bool kRound>
-  [[nodiscard]] double followed_back(Corner c, Flat a, Flat b, double w) const {
-    Corner cr = s_.next(c), cl = s_.prev(c), apex = s_.opposite(c);
-    Flat p = a, q = b, right = a, left = b;
-    double up = value(s_.vertex(cr)), uq = value(s_.vertex(cl));
-    Wave from = wave<kRound>(p, q, up, uq, w, right, left);
+  [[nodiscard]] double followed_back(Strip s, double w) const {
+    Wave from = wave<kRound>(s.p, s.q, s.up, s.uq, w, s.right, s.left);
     double direct = INFINITY;
     // Plane waves are exact where round ones have to be found out; slowness is that of C.
-    for (int hop = 0; hop < (kRound ? kLookBack : 1) && from.comes; ++hop) {
-      if (!s_.exists(apex) || !known(s_.vertex(apex))) break;
-      const double ud = value(s_.vertex(apex));
-      const Flat d = unfolded(cr, cl, apex, p, q);
-      const bool seen_r = crossed(right, d) >= 0.0, seen_l = crossed(d, left) >= 0.0;
+    for (int hop = 0; hop < (kRound ? kLookBack : 1) && from.comes && s_.exists(s.apex); ++hop) {
+      if (!known(s_.vertex(s.apex))) break;
+      const double ud = value(s_.vertex(s.apex));
+      const Flat d = unfolded(s.cr, s.cl, s.apex, s.p, s.q);
+      const bool seen_r = crossed(s.right, d) >= 0.0, seen_l = crossed(d, s.left) >= 0.0;
       if (seen_r && seen_l) lower(direct, ud, w * w * (d.x * d.x + d.y * d.y));
       const auto through = [&](bool by_right) {
         if (by_right)
-          return seen_r ? wave<kRound>(p, d, up, ud, w, right, seen_l ? d : left) : Wave{};
-        return seen_l ? wave<kRound>(d, q, ud, uq, w, seen_r ? d : right, left) : Wave{};
+          return seen_r ? wave<kRound>(s.p, d, s.up, ud, w, s.right, seen_l ? d : s.left) : Wave{};
+        return seen_l ? wave<kRound>(d, s.q, ud, s.uq, w, seen_r ? d : s.right, s.left) : Wave{};
       };
       bool by_right = crossed(from.back, d) >= 0.0;  // where the line has passed D
       Wave next = through(by_right);
       if (!next.comes) {
         by_right = !by_right;
         next = through(by_right);
-        if (!next.comes) {
-          // Where it comes through neither side right beyond AB, A and B have it from two fronts.
-          if (hop == 0) return direct;
-          break;
-        }
+      }
+      if (!next.comes) {
+        // Where it comes through neither side right beyond AB, A and B have it from two fronts.
+        // Farther back that is as often an error of the values: to take none of these makes more
+        // too long than it saves from being too short.
+        if (hop == 0) return direct;
+        break;
       }
       from = next;
-      const Edge on = beyond(apex, by_right ? cr : cl);
-      if (by_right) {
-        q = d;
-        uq = ud;
-        cl = apex;
-        cr = on.kept;
-        if (seen_l) left = d;
-      } else {
-        p = d;
-        up = ud;
-        cr = apex;
-        cl = on.kept;
-        if (seen_r) right = d;
-      }
-      apex = on.apex;
+      cross_triangle(s, d, ud, by_right);
     }
     return std::min(distance(from), direct);
+  }
+
+  /// Lowers `least` where the angle at C is obtuse and only A or only B has its value: by what
+  /// comes through AB from the edge between that one and the apex beyond.
+  /// @return false if that apex splits the angle into no two that are not obtuse
+  template <bool kWeighted, bool kRound>
+  bool through_one_side(Corner c, double w, double& least) const {
+    const Corner ca = s_.next(c), cb = s_.prev(c), apex = s_.opposite(c);
+    const bool has_a = known(s_.vertex(ca)), has_b = known(s_.vertex(cb));
+    if (has_a == has_b || !s_.exists(apex) || !known(s_.vertex(apex))) return true;
+    const Vec3 at = s_.point(c), ea = s_.point(ca) - at, eb = s_.point(cb) - at;
+    const double ab = dot(ea, eb);
+    Flat a, b;
+    if (ab >= 0.0 || !lay_out(dot(ea, ea), ab, dot(eb, eb), a, b)) return true;
+    const double ud = value(s_.vertex(apex));
+    const Flat d = unfolded(ca, cb, apex, a, b);
+    if (d.x < 0.0 || d.x * b.x + d.y * b.y < 0.0) return false;
+    lower(least, ud, w * w * (d.x * d.x + d.y * d.y));
+    Strip s{ca, cb, apex, a, b, a, b, value(s_.vertex(ca)), value(s_.vertex(cb))};
+    cross_triangle(s, d, ud, has_a);
+    least = std::min(least, followed_back<kWeighted, kRound>(s, w));
+    return true;
   }
 
   // ---- unfolding ----------------------------------------------------------------------------
@@ -412,7 +462,8 @@ class FastMarching {
   const Surface& s_;
   std::span<const float> slowness_;
   std::span<float> u_;
-  std::vector<bool> stays_;  // a guess that is no more than that
+  std::vector<bool> seeded_;
+  std::vector<std::pair<std::uint32_t, float>> seeds_;  // by vertex, the least first
   float exact_up_to_ = 0.0F;
   bool round_ = false;
   FrontHeap heap_;

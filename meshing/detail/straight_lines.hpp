@@ -61,7 +61,7 @@ class StraightLines {
   }
 
   /// Every value up to here is exact if all sources had at least this radius; INFINITY unless
-  /// some source had more than kMostWindows.
+  /// some source had more than kMostWindows or kMostWindowsPerVertex.
   [[nodiscard]] double complete_up_to() const { return complete_; }
 
   void from_vertex(std::uint32_t v, double radius) {
@@ -104,8 +104,9 @@ class StraightLines {
     Plane2 p, q, right, left;
     double base;  ///< distance of the origin
   };
-  static constexpr double kTie = 1.0 + 1e-6;             // values are kept in single precision
-  static constexpr std::size_t kMostWindows = 1U << 22;  // of one source; slivers can ask for more
+  static constexpr double kTie = 1.0 + 1e-6;  // values are kept in single precision
+  // Of one source: 4 million, or 64 for each vertex there is. Slivers can ask for more.
+  static constexpr std::size_t kMostWindows = 1U << 22, kMostWindowsPerVertex = 64;
 
   /// Corners of c's triangle in the plane: c at the origin, the next on the x axis, the third
   /// to its left.
@@ -202,8 +203,9 @@ class StraightLines {
 
   /// The nearest first, so that what is farther finds out early that it is not needed.
   void follow() {
+    const std::size_t most = std::max(kMostWindows, kMostWindowsPerVertex * s_.vertices());
     std::size_t count = 0;
-    for (; count < kMostWindows && !(queue_.empty() && turns_.empty()); ++count) {
+    for (; count < most && !(queue_.empty() && turns_.empty()); ++count) {
       if (queue_.empty() || (!turns_.empty() && turns_.top().first < queue_.top().first)) {
         const auto [value, v] = turns_.top();
         turns_.pop();

@@ -5,9 +5,8 @@
 //
 //   plane waves ............... exact on a plane and on waves z(x), from lines at many angles
 //   round waves ............... exact on a plane of 1 M triangles
-//   1 % around a point ........ wave, cylinder, cone, sphere; harsh terrain against exact lines,
-//   too
-//                               short where waves meet by a little more
+//   1 % around a point ........ wave, cylinder, cone, sphere; harsh terrain, up to 1 M triangles,
+//                               against exact lines
 //   a point beside a line ..... first order when refined
 //   exact_radius .............. with no limit, exact on cylinder and cone all the way round
 //   obtuse triangles .......... a sheared plane whose corners have up to 160 degrees
@@ -376,36 +375,48 @@ double mean_turn_deg(const ModelField& f) {
          (static_cast<double>(f.z_mm.rows() - 1) * static_cast<double>(f.z_mm.cols() - 1));
 }
 
-// Against straight lines followed all the way. Measured: too long by 0.0034,
-// 0.0057, 0.0088, too short, where waves meet, by 0.0106, 0.0094, 0.0124; too long 0.007, 0.017 and
-// more where lines are not followed back.
-TEST(GeodesicPoint, StaysWithinItsErrorOnHarshTerrain) {
+// Against straight lines followed all the way (which geodesic_cgal_test.cpp compares with CGAL).
+struct Extremes {
+  double most_long = 0.0, most_short = 0.0;
+};
+Extremes against_exact(const ModelField& f, std::uint32_t from) {
+  GeodesicOptions all;
+  all.exact_radius_mm = 1e4;
+  const Grid<float> exact = distance(f, vertex(from), all), d = distance(f, vertex(from));
+  Extremes e;
+  for (std::size_t i = 0; i < exact.cells().size(); ++i) {
+    const double truth = exact.cells()[i], error = static_cast<double>(d.cells()[i]) - truth;
+    if (truth <= 0.0) continue;
+    e.most_long = std::max(e.most_long, error / truth);
+    e.most_short = std::max(e.most_short, -error / truth);
+  }
+  return e;
+}
+
+// Measured at the worst of the three: too long by 0.0034, 0.0063, 0.0070, too short by 0.0066,
+// 0.0093, 0.0068. Too long by 0.017 and more where lines are not followed back, too short by 0.0124
+// where guesses of seeded vertices count.
+TEST(GeodesicPoint, StaysWithinOnePercentOnHarshTerrain) {
   struct Case {
-    double noise_mm, least_turn_deg, most_long, most_short;
+    double noise_mm, least_turn_deg, most_long;
   };
-  for (const Case& k : {Case{0.1, 20.0, 0.005, 0.0125}, Case{0.2, 38.0, 0.008, 0.0125},
-                        Case{0.25, 44.0, 0.0115, 0.015}}) {
-    double worst = 0.0, least = 0.0;
+  for (const Case& k : {Case{0.1, 20.0, 0.005}, Case{0.2, 38.0, 0.008}, Case{0.25, 44.0, 0.01}})
     for (const std::uint64_t seed : {1U, 2U, 3U}) {
       const ModelField f = testing_support::random_terrain(
           seed, 90, 90, 0.5, k.noise_mm > 0.15 ? 0.1 : 0.3, k.noise_mm);
       EXPECT_GT(mean_turn_deg(f), k.least_turn_deg);
-      const GeodesicSources s = vertex(static_cast<std::uint32_t>(90 * (10 + 20 * seed) + 30));
-      GeodesicOptions all;
-      all.exact_radius_mm = 500.0;
-      const Grid<float> exact = distance(f, s, all), d = distance(f, s);
-      for (std::size_t i = 0; i < exact.cells().size(); ++i) {
-        const double truth = exact.cells()[i], error = static_cast<double>(d.cells()[i]) - truth;
-        if (truth <= 0.0) continue;
-        worst = std::max(worst, error / truth);
-        least = std::min(least, error / truth);
-        // Too short by half an edge at most, where waves meet.
-        ASSERT_GT(error, -0.5 * std::numbers::sqrt2 * 0.5) << "seed " << seed << " vertex " << i;
-      }
+      const Extremes e = against_exact(f, static_cast<std::uint32_t>(90 * (10 + 20 * seed) + 30));
+      EXPECT_LE(e.most_long, k.most_long) << k.noise_mm << " seed " << seed;
+      EXPECT_LE(e.most_short, 0.01) << k.noise_mm << " seed " << seed;
     }
-    EXPECT_LE(worst, k.most_long) << k.noise_mm;
-    EXPECT_GE(least, -k.most_short) << k.noise_mm;
-  }
+}
+
+// Measured: too long by 0.0071, too short by 0.0048, both near the source.
+TEST(GeodesicPoint, StaysWithinOnePercentOnAMillionHarshTriangles) {
+  const ModelField f = testing_support::random_terrain(1, 708, 708, 0.5, 0.1, 0.2);
+  const Extremes e = against_exact(f, 300 * 708 + 222);
+  EXPECT_LE(e.most_long, 0.01);
+  EXPECT_LE(e.most_short, 0.01);
 }
 
 // ---- obtuse triangles ----------------------------------------------------------------------

@@ -11,6 +11,7 @@
 
 #include "heightmap/dem_reader.hpp"
 #include "heightmap/detail/blend.hpp"
+#include "heightmap/detail/clean_layer.hpp"
 #include "heightmap/detail/coregister.hpp"
 #include "heightmap/detail/enlargement.hpp"
 #include "heightmap/detail/knowledge.hpp"
@@ -25,6 +26,7 @@ namespace maquette::heightmap {
 namespace {
 
 constexpr double kUncoveredAllowed = 0.01;
+constexpr double kVoidPixels = 2.0;  // of what lies below: it shows nothing of narrower voids
 /// Where no source has pixels enough to show the relief's law: lunar highlands, 7.5 degrees over 17
 /// m (Rosenburg et al. 2011, doi:10.1029/2010JE003716).
 const detail::Roughness kUnseenRelief{0.95, 0.022, 0.0};
@@ -50,6 +52,9 @@ struct Layer {
   PixelWindow window;
   detail::PixelSize pixel;
   std::ptrdiff_t covered = 0;
+  Clean clean = Clean::off;
+  double widest_void_m = 0.0;  ///< of those that are filled from its own relief
+  detail::LayerMarks marks;
 };
 
 Error no_overlap(const FuseRequest& request, const DemReader& dem, const detail::SiteFrame& site) {
@@ -80,15 +85,38 @@ Result<PixelWindow> read_window(const DemReader& dem, const detail::NodeMap& map
   return dem.read(map.needed(step_u, step_v), step_u, step_v, run);
 }
 
-Result<Layer> read_layer(const FuseRequest& request, const DemReader& dem,
-                         const detail::SiteFrame& site, const detail::NodeGrid& nodes,
+/// Reads a layer's window, cleans it and lays it on the nodes; gives what was found.
+Result<detail::CleanedLayer> lay(Layer& layer, const DemReader& dem, const detail::NodeMap& map,
+                                 const RunContext& run) {
+  MAQUETTE_TRY(layer.window, read_window(dem, map, layer.pixel, run));
+  MAQUETTE_TRY(auto cleaned, detail::clean_layer(layer.window, layer.pixel, map, layer.clean,
+                                                 layer.widest_void_m, run));
+  layer.marks = std::move(cleaned.marks);
+  MAQUETTE_TRY(layer.z_m, map.sample(layer.window, run));
+  return cleaned;
+}
+
+/// @param pixel_below_m  narrowest of the sources before it; 0: there are none
+Result<Layer> read_layer(const FuseRequest& request, const Source& source, double pixel_below_m,
+                         const DemReader& dem, const detail::SiteFrame& site,
+                         const detail::NodeGrid& nodes, SourceReport& report,
                          const RunContext& run) {
   MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run));
   if (!map.touches()) return tl::unexpected<Error>(no_overlap(request, dem, site));
   Layer layer;
   layer.pixel = detail::pixel_size(dem, site, 0.5 * request.half_width.value());
-  MAQUETTE_TRY(layer.window, read_window(dem, map, layer.pixel, run));
-  MAQUETTE_TRY(layer.z_m, map.sample(layer.window, run));
+  layer.clean = source.clean;
+  layer.widest_void_m = kVoidPixels * pixel_below_m;
+  MAQUETTE_TRY(const auto cleaned, lay(layer, dem, map, run));
+  report.artefacts = cleaned.report;
+  report.filled_share = cleaned.filled_share;
+  if (const std::string found = detail::in_words(cleaned.report, layer.pixel.longer_m());
+      !found.empty())
+    run.warn(
+        fmt::format("{}: {}; {} (artefacts.tif shows where)", dem.name(), found,
+                    source.clean == Clean::remove
+                        ? "what is separable was taken away"
+                        : "left as they are, clean = \"remove\" takes away what is separable"));
   layer.covered =
       static_cast<std::ptrdiff_t>(layer.z_m.cells().size()) - height_range(layer.z_m).voids;
   if (layer.covered == 0)
@@ -106,8 +134,7 @@ Result<void> move(Layer& layer, const DemReader& dem, const detail::SiteFrame& s
     const auto [nx, ny] = by.origin_of(0.0, 1.0);
     const detail::Origin origin{ex - x, nx - x, ey - y, ny - y, x, y};
     MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run, origin));
-    MAQUETTE_TRY(layer.window, read_window(dem, map, layer.pixel, run));
-    MAQUETTE_TRY(layer.z_m, map.sample(layer.window, run));
+    MAQUETTE_TRY_VOID(lay(layer, dem, map, run));
   }
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, nodes.rows, [&](std::ptrdiff_t r) {
     const double y = nodes.y0_m + nodes.spacing_m * static_cast<double>(r);
@@ -213,6 +240,33 @@ detail::Knowledge knowledge_of(const Layer& layer, const Source& source,
                               correlated_m);
 }
 
+/// What was made up in the base counts as filled.
+void doubt_made(Grid<float>& sigma_m, const detail::LayerMarks& marks) {
+  if (marks.made.empty()) return;
+  if (sigma_m.empty()) sigma_m = Grid<float>(marks.made.rows(), marks.made.cols(), NAN);
+  for (std::size_t i = 0; i < sigma_m.cells().size(); ++i)
+    if (marks.made.cells()[i] != 0) sigma_m.cells()[i] = marks.doubt_m.cells()[i];
+}
+
+/// Artefacts of all sources, and what those of the most exact one do to the uncertainty.
+void mark(FusedSurface& surface, const std::vector<detail::LayerMarks>& marks) {
+  surface.artefacts = Grid<std::uint8_t>(surface.source.rows(), surface.source.cols(), 0);
+  const Grid<std::uint8_t> most_exact = surface.source;
+  for (std::size_t i = 0; i < marks.size(); ++i) {
+    const detail::LayerMarks& of = marks[i];
+    for (std::size_t k = 0; k < most_exact.cells().size(); ++k) {
+      if (!of.artefacts.empty())
+        surface.artefacts.cells()[k] =
+            static_cast<std::uint8_t>(surface.artefacts.cells()[k] | of.artefacts.cells()[k]);
+      if (most_exact.cells()[k] != i) continue;
+      if (!of.made.empty() && of.made.cells()[k] != 0)
+        surface.source.cells()[k] = detail::Blend::kFilled;
+      if (!of.doubt_m.empty())
+        surface.sigma_m.cells()[k] = std::hypot(surface.sigma_m.cells()[k], of.doubt_m.cells()[k]);
+    }
+  }
+}
+
 /// Pixel of the source that most of what lies below a layer comes from.
 double pixel_below(const Grid<std::uint8_t>& source, const Grid<float>& layer,
                    const std::vector<SourceReport>& reports) {
@@ -253,13 +307,14 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
     dem.centre_on(request.centre_latitude_deg, request.centre_longitude_deg);
     const SourceReport* before =
         request.enlarges ? &request.enlarges->sources[read.size()] : nullptr;
-    auto read_now = read_layer(request, dem, site, nodes, run);
+    SourceReport report;
+    if (before != nullptr) report = *before;
+    auto read_now = read_layer(request, source, read.empty() ? 0.0 : finest_pixel_m, dem, site,
+                               nodes, report, run);
     const bool outside = !read_now && before != nullptr && !read.empty() &&
                          (read_now.error().code == kNoOverlap || read_now.error().code == kAllVoid);
     if (outside) read_now = nothing_of(dem, site, nodes);
     MAQUETTE_TRY(Layer layer, std::move(read_now));
-    SourceReport report;
-    if (before != nullptr) report = *before;
     report.name = source.name;
     report.pixel_m = layer.pixel.longer_m();
     report.coverage = static_cast<double>(layer.covered) / all_nodes;
@@ -289,13 +344,15 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
       roughness.coefficient > 0.0 ? roughness : kUnseenRelief, nodes.spacing_m,
       nodes.spacing_m * static_cast<double>(nodes.cols), levels_of(coarsest_pixel_m, nodes));
   std::optional<detail::Blend> blend;
+  std::vector<detail::LayerMarks> marks;
   Grid<float> as_seen;  // most exact source at each node as its pixels have it: to align with
   for (std::size_t i = 0; i < read.size(); ++i) {
     Layer& layer = read[i].layer;
     const Source& source = request.sources[i];
     const detail::Knowledge known = knowledge_of(layer, source, read[i].roughness, waves);
     if (!blend) {
-      const detail::VoidFill fill = detail::fill_voids(layer.z_m);
+      detail::VoidFill fill = detail::fill_voids(layer.z_m);
+      doubt_made(fill.sigma, layer.marks);
       if (read.size() > 1) as_seen = layer.z_m;
       blend.emplace(waves, std::move(layer.z_m), known, fill.sigma, request.restore);
     } else {
@@ -313,6 +370,7 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
         if (most_exact.cells()[k] == i && !std::isnan(layer.z_m.cells()[k]))
           as_seen.cells()[k] = layer.z_m.cells()[k];
     }
+    marks.push_back(std::move(layer.marks));
     layer = {};
     run.progress(0.5 + 0.4 * static_cast<double>(i + 1) / static_cast<double>(read.size()));
     if (run.stopped()) return fail(kCancelled, "fusing was stopped");
@@ -321,6 +379,7 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   surface.source = blend->source();
   surface.field.z_m = blend->take_heights_m();
   blend.reset();
+  mark(surface, marks);
 
   if (request.synthetic_detail > 0.0) {
     MAQUETTE_TRY(const double sigma,

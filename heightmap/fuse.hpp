@@ -16,7 +16,9 @@
 /// tell more) and laid over it where it has data, each band of waves trusted as far as pixel and
 /// noise let the sources know it (detail/blend.hpp); the relief's power law and each source's white
 /// noise are measured (detail/roughness.hpp). Voids of the base get relief as rough as what
-/// surrounds them (detail/void_fill.hpp).
+/// surrounds them (detail/void_fill.hpp); so do voids inside a finer source that are narrower than
+/// two pixels of the sources before it, which know nothing of what is missing there. Before that,
+/// artefacts of each source are looked for in its own pixels (artefacts.hpp).
 ///
 /// Accuracy (tests: ten synthetic truths, beside a solver that knows spectrum, noise and pixels):
 /// error over the whole 1.10 of the best possible at most; along a source's border half of that of
@@ -57,6 +59,7 @@
 #include "core/grid.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
+#include "heightmap/artefacts.hpp"
 #include "heightmap/body.hpp"
 #include "heightmap/height_field.hpp"
 
@@ -85,6 +88,8 @@ struct Source {
   };
   Align align = Align::automatic;
   bool similarity = false;  ///< turn about the vertical and scale too
+  /// What is done about spikes, boxes, seams, ripples and stripes (artefacts.hpp).
+  Clean clean = Clean::detect;
 };
 
 /// What happened to one source; goes into the manifest.
@@ -95,6 +100,8 @@ struct SourceReport {
   /// Its relief's power law, mean squared height difference over L: coefficient L^(2 hurst), and
   /// the white noise of a pixel; coefficient 0: too few pixels to tell.
   double hurst = 0.5, coefficient = 0.0, noise_m = 0.0;
+  ArtefactReport artefacts;
+  double filled_share = 0.0;  ///< of the window's pixels: small voids inside it
   /// By how much the source was moved to lie on what was there before.
   double shift_east_m = 0.0, shift_north_m = 0.0, shift_up_m = 0.0;
   double tilt_east = 0.0, tilt_north = 0.0;  ///< metres per metre, added
@@ -138,9 +145,13 @@ struct FusedSurface {
   /// show, as the power law has it; grows into filled voids with the distance; includes the
   /// standard deviation of synthetic detail.
   Grid<float> sigma_m;
-  /// Index of the most exact source of those there; 255 = void of the base, filled. Synthetic
+  /// Index of the most exact source of those there; 255 = filled: a void of the base, a small
+  /// one of that source, or a box or spike that was taken out of it. Synthetic
   /// detail has no mean of its own over a pixel, so a node keeps the source that measured it.
   Grid<std::uint8_t> source;
+  /// Same nodes: bits of Artefact of any source there. Of the most exact source they are in sigma_m
+  /// too.
+  Grid<std::uint8_t> artefacts;
   std::vector<SourceReport> sources;
   /// Farthest that a mean over the cell of an enlarged surface's node lies from its height, before
   /// and after it was made to.

@@ -48,7 +48,8 @@ struct WiderSurface {
   }
 };
 
-/// design.tif (mm), sigma.tif (mm), source.tif (index), hillshade.png, fuse.json.
+/// design.tif (mm), sigma.tif (mm), source.tif (index), artefacts.tif (bits of
+/// heightmap/artefacts.hpp), their pictures and hillshade.png, fuse.json.
 /// @param wider  which this one enlarges: the same heights as means over its nodes
 [[nodiscard]] Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources,
                                          double scale, const std::optional<WiderSurface>& wider,

@@ -51,6 +51,32 @@ std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& produ
 
 namespace {
 
+json figures_of(const heightmap::ArtefactReport& a) {
+  json boxes = json::array(), seams = json::array(), waves = json::array();
+  for (const auto& b : a.boxes)
+    boxes.push_back({{"row", b.row},
+                     {"col", b.col},
+                     {"rows", b.rows},
+                     {"cols", b.cols},
+                     {"offset_m", b.offset_m}});
+  for (const auto& s : a.seams)
+    seams.push_back({{"between", s.level ? "rows" : "columns"},
+                     {"at", s.at},
+                     {"slant", s.slant},
+                     {"step_m", s.step_m},
+                     {"sigma_m", s.sigma_m},
+                     {"separable", s.separable}});
+  for (const auto& w : a.waves)
+    waves.push_back({{"towards_deg", w.towards_deg},
+                     {"shortest_pixels", w.shortest_pixels},
+                     {"longest_pixels", w.longest_pixels},
+                     {"rms_m", w.rms_m},
+                     {"alike", w.alike},
+                     {"separable", w.separable}});
+  return {{"spikes", a.spikes}, {"boxes", boxes}, {"box_limit_m", a.box_limit_m},
+          {"seams", seams},     {"waves", waves}, {"masked_share", a.masked_share}};
+}
+
 json figures_of(const heightmap::SourceReport& s) {
   return {{"name", s.name},
           {"pixel_m", s.pixel_m},
@@ -58,6 +84,8 @@ json figures_of(const heightmap::SourceReport& s) {
           {"hurst", s.hurst},
           {"relief_coefficient", s.coefficient},
           {"white_noise_m", s.noise_m},
+          {"filled_share", s.filled_share},
+          {"artefacts", figures_of(s.artefacts)},
           {"shift_east_m", s.shift_east_m},
           {"shift_north_m", s.shift_north_m},
           {"shift_up_m", s.shift_up_m},
@@ -154,7 +182,10 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
                         : s.align == "height" ? Align::height
                         : s.align == "none"   ? Align::none
                                               : Align::automatic;
-    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity});
+    const heightmap::Clean clean = s.clean == "off"      ? heightmap::Clean::off
+                                   : s.clean == "remove" ? heightmap::Clean::remove
+                                                         : heightmap::Clean::detect;
+    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity, clean});
   }
   if (wider) {
     MAQUETTE_TRY(request.enlarges, read_wider(site, *wider, sources.size()));
@@ -171,23 +202,34 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
   JobResult result;
-  result.outputs = {folder / "design.tif", folder / "sigma.tif", folder / "source.tif",
-                    folder / "hillshade.png", folder / "fuse.json"};
+  result.outputs = {folder / "design.tif",    folder / "sigma.tif", folder / "source.tif",
+                    folder / "hillshade.png", folder / "fuse.json", folder / "artefacts.tif",
+                    folder / "artefacts.png", folder / "sigma.png", folder / "source.png"};
   MAQUETTE_TRY_VOID(heightmap::write_model_field(design, result.outputs[0]));
   Grid<float> values(design.z_mm.rows(), design.z_mm.cols());
   for (std::size_t i = 0; i < values.cells().size(); ++i)
     values.cells()[i] = static_cast<float>(
         model_scale.vertical(Metres{static_cast<double>(fused.sigma_m.cells()[i])}).value());
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "mm", result.outputs[1]));
+  const double sigma_colour_mm = colour_limit(values, 1e-4);
+  MAQUETTE_TRY_VOID(
+      camera::write_png(signed_picture(values, sigma_colour_mm, &design), result.outputs[7]));
   for (std::size_t i = 0; i < values.cells().size(); ++i)
     values.cells()[i] = static_cast<float>(fused.source.cells()[i]);
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "index", result.outputs[2]));
+  MAQUETTE_TRY_VOID(camera::write_png(source_picture(fused.source, design), result.outputs[8]));
   MAQUETTE_TRY_VOID(camera::write_png(hillshade_picture(design), result.outputs[3]));
+  for (std::size_t i = 0; i < values.cells().size(); ++i)
+    values.cells()[i] = static_cast<float>(fused.artefacts.cells()[i]);
+  MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "bits", result.outputs[5]));
+  MAQUETTE_TRY_VOID(
+      camera::write_png(artefact_picture(fused.artefacts, design), result.outputs[6]));
 
   json figures{
       {"scale", scale},
       {"nodes", {design.z_mm.cols(), design.z_mm.rows()}},
       {"spacing_mm", site.spacing_mm},
+      {"sigma_colour_mm", sigma_colour_mm},
       {"lowest_m", range_m.min},
       {"highest_m", range_m.max},
       {"relief_mm", static_cast<double>(range_mm.max) - static_cast<double>(range_mm.min)}};

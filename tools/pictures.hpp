@@ -26,6 +26,19 @@ namespace maquette::tools {
                                                 const heightmap::ModelField* relief = nullptr,
                                                 int longest_px = 1000);
 
+/// Artefacts (heightmap/artefacts.hpp) over shaded relief: spikes red, boxes orange, seams violet,
+/// waves blue; of several kinds in a pixel the first of these. Spikes and boxes are drawn at least
+/// three pixels wide.
+[[nodiscard]] Grid<camera::Rgb8> artefact_picture(const Grid<std::uint8_t>& artefacts,
+                                                  const heightmap::ModelField& relief,
+                                                  int longest_px = 1000);
+
+/// Which source is the most exact (source.tif) over shaded relief: a colour each, filled places
+/// grey.
+[[nodiscard]] Grid<camera::Rgb8> source_picture(const Grid<std::uint8_t>& source,
+                                                const heightmap::ModelField& relief,
+                                                int longest_px = 1000);
+
 /// The same scale as a bar with labels, as SVG.
 [[nodiscard]] std::string signed_legend_svg(double limit, const std::string& unit);
 

@@ -336,6 +336,13 @@ SiteFile empty_site_file() {
                INFINITY,
                {"auto", "required", "height", "none"}});
         e.add({"similarity", &source.similarity, "align turn and scale too"});
+        e.add({"clean",
+               &source.clean,
+               "spikes, stereo boxes, camera seams, ripples, track stripes: not looked for (off), "
+               "shown with a higher uncertainty (detect), or taken away where separable (remove)",
+               -INFINITY,
+               INFINITY,
+               {"off", "detect", "remove"}});
         return e;
       });
   return file;

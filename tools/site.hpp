@@ -25,6 +25,7 @@ struct SiteSource {
   double sigma_m = 1.0;
   std::string align = "auto";
   bool similarity = false;
+  std::string clean = "detect";
 };
 
 struct Site {

@@ -70,6 +70,12 @@ double sample_window(const PixelWindow& window, double u, double v) {
 
 namespace {
 
+float nearest_in(const PixelWindow& window, double u, double v) {
+  const auto c = static_cast<std::ptrdiff_t>(std::floor((u - window.u0) / window.step_u));
+  const auto r = static_cast<std::ptrdiff_t>(std::floor((v - window.v0) / window.step_v));
+  return window.height_m.contains(r, c) ? window.height_m(r, c) : NAN;
+}
+
 PixelSize pixel_size_at(const DemReader& dem, const SiteFrame& site, double x0, double y0) {
   constexpr double kStep = 0.5;  // metres; the map is linear over such a distance
   const double x[4] = {x0 - kStep, x0 + kStep, x0, x0}, y[4] = {y0, y0, y0 - kStep, y0 + kStep};
@@ -216,7 +222,8 @@ PixelRectangle NodeMap::needed(int step_u, int step_v) const {
   return need;
 }
 
-void NodeMap::sample_row(std::ptrdiff_t tile_row, const PixelWindow& window, Grid<float>& z) const {
+void NodeMap::sample_row(std::ptrdiff_t tile_row, const PixelWindow& window, bool nearest,
+                         Grid<float>& z) const {
   const std::ptrdiff_t r0 = tile_row * kTile;
   const std::ptrdiff_t r1 = std::min(r0 + kTile, nodes_.rows);
   const auto last_u = static_cast<double>(dem_->cols());
@@ -224,6 +231,7 @@ void NodeMap::sample_row(std::ptrdiff_t tile_row, const PixelWindow& window, Gri
   const bool wraps = dem_->wraps();
   const auto height = [&](double u, double v, double deficit) {
     if (!(v >= 0.0 && v <= last_v) || !(wraps || (u >= 0.0 && u <= last_u))) return NAN;
+    if (nearest) return nearest_in(window, u, v);
     const double h = sample_window(window, u, v);
     return static_cast<float>(window.radii ? h + deficit : h);
   };
@@ -262,13 +270,23 @@ void NodeMap::sample_row(std::ptrdiff_t tile_row, const PixelWindow& window, Gri
   }
 }
 
-Result<Grid<float>> NodeMap::sample(const PixelWindow& window, const RunContext& run) const {
+Result<Grid<float>> NodeMap::sample_by(const PixelWindow& window, bool nearest,
+                                       const RunContext& run) const {
   Grid<float> z(nodes_.rows, nodes_.cols, NAN);
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, tile_rows_, [&](std::ptrdiff_t tile_row) {
-    if (!run.stopped()) sample_row(tile_row, window, z);
+    if (!run.stopped()) sample_row(tile_row, window, nearest, z);
   });
   if (run.stopped()) return fail(kCancelled, dem_->name() + ": sampling was stopped");
   return z;
+}
+
+Result<Grid<float>> NodeMap::sample(const PixelWindow& window, const RunContext& run) const {
+  return sample_by(window, false, run);
+}
+
+Result<Grid<float>> NodeMap::sample_nearest(const PixelWindow& window,
+                                            const RunContext& run) const {
+  return sample_by(window, true, run);
 }
 
 }  // namespace maquette::heightmap::detail

@@ -59,6 +59,9 @@ class NodeMap {
   /// Heights at all nodes from a window that covers needed(); NaN where the source has
   /// none. Same result for any number of threads.
   [[nodiscard]] Result<Grid<float>> sample(const PixelWindow& window, const RunContext& run) const;
+  /// The values of the cells in which the nodes lie, as they are.
+  [[nodiscard]] Result<Grid<float>> sample_nearest(const PixelWindow& window,
+                                                   const RunContext& run) const;
 
  private:
   static constexpr std::ptrdiff_t kTile = 32;
@@ -73,7 +76,10 @@ class NodeMap {
   void build_row(std::ptrdiff_t tile_row);
   void walk(const std::vector<double>& x, const std::vector<double>& y,
             std::array<std::vector<double>, kChannels>& out) const;
-  void sample_row(std::ptrdiff_t tile_row, const PixelWindow& window, Grid<float>& z) const;
+  void sample_row(std::ptrdiff_t tile_row, const PixelWindow& window, bool nearest,
+                  Grid<float>& z) const;
+  [[nodiscard]] Result<Grid<float>> sample_by(const PixelWindow& window, bool nearest,
+                                              const RunContext& run) const;
 
   const DemReader* dem_;
   const SiteFrame* site_;

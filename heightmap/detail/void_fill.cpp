@@ -261,9 +261,28 @@ Grid<float> distance_to(const Grid<float>& z, bool to_voids) {
   return d;
 }
 
-VoidFill fill_voids(Grid<float>& z) {
+Grid<std::uint8_t> narrow_voids(const Grid<float>& z, double widest) {
+  Grid<std::uint8_t> out;
+  if (widest < 1.0) return out;
+  for (const Hole& hole : holes_of(z)) {
+    const bool at_edge = std::any_of(hole.nodes.begin(), hole.nodes.end(), [&](const Node& n) {
+      return n.first == 0 || n.second == 0 || n.first + 1 == z.rows() || n.second + 1 == z.cols();
+    });
+    if (at_edge || hole.across > widest) continue;
+    if (out.empty()) out = Grid<std::uint8_t>(z.rows(), z.cols(), 0);
+    for (const auto& [r, c] : hole.nodes) out(r, c) = 1;
+  }
+  return out;
+}
+
+VoidFill fill_voids(Grid<float>& z, const Grid<std::uint8_t>* only) {
   VoidFill out;
-  const std::vector<Hole> holes = holes_of(z);
+  std::vector<Hole> holes = holes_of(z);
+  if (only != nullptr)
+    std::erase_if(holes, [&](const Hole& hole) {
+      return std::any_of(hole.nodes.begin(), hole.nodes.end(),
+                         [&](const Node& n) { return (*only)(n.first, n.second) == 0; });
+    });
   if (holes.empty()) return out;
   MAQUETTE_CHECK(static_cast<std::ptrdiff_t>(holes[0].nodes.size()) < z.rows() * z.cols(),
                  "nothing to fill from");

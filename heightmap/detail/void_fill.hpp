@@ -15,6 +15,8 @@
 /// Uncertainty. The fill errs by (t - S t) - (z - S z), two draws of the same kind: sqrt(2) times
 /// the rms of t - S t, which is measured at the places tried, by the distance from the edge.
 
+#include <cstdint>
+
 #include "core/grid.hpp"
 
 namespace maquette::heightmap::detail {
@@ -24,6 +26,10 @@ namespace maquette::heightmap::detail {
 /// with steps 1 and sqrt(2): at most 8 % too long (Borgefors 1986,
 /// doi:10.1016/S0734-189X(86)80047-0).
 [[nodiscard]] Grid<float> distance_to(const Grid<float>& z, bool to_voids);
+
+/// 1 at the voids of holes whose shorter side is at most `widest` nodes and that do not touch the
+/// grid's edge; empty if there are none.
+[[nodiscard]] Grid<std::uint8_t> narrow_voids(const Grid<float>& z, double widest);
 
 struct VoidFill {
   std::ptrdiff_t filled = 0;  ///< nodes
@@ -38,6 +44,7 @@ struct VoidFill {
 /// 0.99 to 1.00 of the surroundings' (gdal_fillnodata 1.1 to 2.3, with its smoothing 0.2 to 0.3);
 /// errors lie within one sigma at 66 to 69 %, within 1.96 sigma at 92 to 94 % of the nodes.
 /// @pre at least one node is not void
-[[nodiscard]] VoidFill fill_voids(Grid<float>& z);
+/// @param only  not null: holes with a node that it does not name (0) stay as they are
+[[nodiscard]] VoidFill fill_voids(Grid<float>& z, const Grid<std::uint8_t>* only = nullptr);
 
 }  // namespace maquette::heightmap::detail

@@ -11,8 +11,9 @@
 ///           do not rise with it (stereo smears a boulder over its matching window)
 ///   box     a rectangle along rows and columns, 4 to 64 pixels wide, raised or lowered as a whole:
 ///           all four sides are steps of one height, and together 7.5 deviations clear
-///   seam    a straight step of two pixels at most right through, within 15 degrees of rows or columns, 7 deviations
-///           clear, with the same sign in all quarters of its length
+///   seam    a straight step of two pixels at most, within 15 degrees of rows or columns, with one
+///           sign: right through, 7 deviations clear, or in a quarter of it or more, 8 deviations;
+///           or a row or column whose steps, of either sign, are 1.8 times those of rows around
 ///   waves   ripples and stripes: waves of one direction only, to the width of a ray in the
 ///           spectrum, far above those in the directions beside it. Dunes and ridges turn and end:
 ///           their rays are wide
@@ -20,8 +21,8 @@
 /// Separable, and so removed where asked: spikes and boxes are replaced by relief like that around
 /// (detail/void_fill.hpp), seams by moving what lies beyond them, waves by taking away the mean
 /// along their crests, in the bands where they are seen and by their share there. Not separable are
-/// seams whose step changes along them, and waves that are not alike along their crests or stand in
-/// one place only (a scarp does): these are only shown, and uncertainty is raised.
+/// seams whose step changes along them or that end, and waves that are not alike along their crests
+/// or stand in one place only (a scarp does): these are only shown, and uncertainty is raised.
 ///
 /// Accuracy (tests/heightmap/artefacts_test.cpp): 95 % of boxes of 0.5 m and more found at 0.1 m of
 /// noise; clean ground, smooth or rough, changes by less than 2 % of its noise.
@@ -60,8 +61,9 @@ struct BoxArtefact {
 struct SeamArtefact {
   bool level = false;
   double at = 0.0, slant = 0.0;
-  double step_m = 0.0;   ///< beyond it less before it
-  double sigma_m = 0.0;  ///< of the step
+  double from = 0.0, to = 1.0;  ///< share of its length where it shows
+  double step_m = 0.0;          ///< beyond it less before it
+  double sigma_m = 0.0;         ///< of the step
   bool separable = false;
 };
 

@@ -18,7 +18,7 @@
 #include "heightmap/detail/node_map.hpp"
 #include "heightmap/detail/roughness.hpp"
 #include "heightmap/detail/site_frame.hpp"
-#include "heightmap/detail/small_relief.hpp"
+#include "heightmap/detail/synthetic.hpp"
 #include "heightmap/detail/void_fill.hpp"
 #include "heightmap/field_io.hpp"
 
@@ -381,17 +381,7 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   blend.reset();
   mark(surface, marks);
 
-  if (request.synthetic_detail > 0.0) {
-    MAQUETTE_TRY(const double sigma,
-                 detail::add_small_relief(surface.field.z_m, nodes, roughness, finest_pixel_m,
-                                          request.synthetic_detail, request.seed, run));
-    if (sigma == 0.0)
-      run.warn(
-          "no synthetic detail: nodes are not finer than the finest source, or it has too few "
-          "pixels to measure its roughness");
-    for (float& s : surface.sigma_m.cells())
-      s = static_cast<float>(std::hypot(static_cast<double>(s), sigma));
-  }
+  MAQUETTE_TRY_VOID(detail::add_synthetic(surface, request, nodes, roughness, finest_pixel_m, run));
   if (request.enlarges) {
     const PlanetField& wide = request.enlarges->field;
     const detail::NodeGrid wide_nodes{wide.x0.value(), wide.y0.value(), wide.spacing.value(),

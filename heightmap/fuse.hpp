@@ -135,6 +135,8 @@ struct FuseRequest {
   double synthetic_detail = 0.0;      ///< strength of relief below the finest source's pixel,
                                       ///< 0 none, 1 continues the measured spectrum; all over
                                       ///< the site, from the roughness of the finest source in it
+  double crater_age_gyr = 0.0;        ///< of the ground: its synthetic detail has the craters of
+                                      ///< that age (crater_production.hpp); 0 none
   std::uint64_t seed = 1;             ///< of the synthetic detail
   std::optional<Enlarged> enlarges{};
 };
@@ -152,6 +154,9 @@ struct FusedSurface {
   /// Same nodes: bits of Artefact of any source there. Of the most exact source they are in sigma_m
   /// too.
   Grid<std::uint8_t> artefacts;
+  /// Same nodes: 1 where synthetic detail is more than what was uncertain without it.
+  Grid<std::uint8_t> synthetic;
+  std::size_t craters = 0;  ///< synthetic ones
   std::vector<SourceReport> sources;
   /// Farthest that a mean over the cell of an enlarged surface's node lies from its height, before
   /// and after it was made to.

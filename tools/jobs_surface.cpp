@@ -51,6 +51,13 @@ std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& produ
 
 namespace {
 
+/// Of source.tif: index of the most exact source, + 100 where synthetic detail is more than what
+/// was uncertain before; 255 filled.
+int source_value(const heightmap::FusedSurface& fused, std::size_t i) {
+  const int source = fused.source.cells()[i];
+  return source == 255 || fused.synthetic.cells()[i] == 0 ? source : source + 100;
+}
+
 json figures_of(const heightmap::ArtefactReport& a) {
   json boxes = json::array(), seams = json::array(), waves = json::array();
   for (const auto& b : a.boxes)
@@ -63,6 +70,8 @@ json figures_of(const heightmap::ArtefactReport& a) {
     seams.push_back({{"between", s.level ? "rows" : "columns"},
                      {"at", s.at},
                      {"slant", s.slant},
+                     {"from", s.from},
+                     {"to", s.to},
                      {"step_m", s.step_m},
                      {"sigma_m", s.sigma_m},
                      {"separable", s.separable}});
@@ -174,6 +183,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   request.half_width = Metres{half_width_m(site, scale)};
   request.spacing = ModelScale(scale).unscale_horizontal(Millimetres{site.spacing_mm});
   request.synthetic_detail = site.synthetic_detail;
+  request.crater_age_gyr = site.crater_age_gyr;
   request.restore = site.restore;
   request.seed = static_cast<std::uint64_t>(site.seed);
   for (const SiteSource& s : sources) {
@@ -215,7 +225,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   MAQUETTE_TRY_VOID(
       camera::write_png(signed_picture(values, sigma_colour_mm, &design), result.outputs[7]));
   for (std::size_t i = 0; i < values.cells().size(); ++i)
-    values.cells()[i] = static_cast<float>(fused.source.cells()[i]);
+    values.cells()[i] = static_cast<float>(source_value(fused, i));
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "index", result.outputs[2]));
   MAQUETTE_TRY_VOID(camera::write_png(source_picture(fused.source, design), result.outputs[8]));
   MAQUETTE_TRY_VOID(camera::write_png(hillshade_picture(design), result.outputs[3]));
@@ -230,6 +240,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
       {"nodes", {design.z_mm.cols(), design.z_mm.rows()}},
       {"spacing_mm", site.spacing_mm},
       {"sigma_colour_mm", sigma_colour_mm},
+      {"synthetic_craters", fused.craters},
       {"lowest_m", range_m.min},
       {"highest_m", range_m.max},
       {"relief_mm", static_cast<double>(range_mm.max) - static_cast<double>(range_mm.min)}};

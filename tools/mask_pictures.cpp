@@ -13,12 +13,8 @@ namespace {
 using camera::Rgb8;
 
 /// Okabe and Ito's colours, told apart with any colour vision.
-constexpr std::array<Rgb8, 6> kColours{{{230, 159, 0},
-                                        {86, 180, 233},
-                                        {0, 158, 115},
-                                        {240, 228, 66},
-                                        {0, 114, 178},
-                                        {204, 121, 167}}};
+constexpr std::array<Rgb8, 6> kColours{
+    {{230, 159, 0}, {86, 180, 233}, {0, 158, 115}, {240, 228, 66}, {0, 114, 178}, {204, 121, 167}}};
 constexpr Rgb8 kRed{213, 0, 40}, kOrange{230, 159, 0}, kViolet{170, 60, 200}, kBlue{0, 114, 178};
 constexpr Rgb8 kGrey{90, 90, 90};
 
@@ -65,8 +61,7 @@ Grid<Rgb8> artefact_picture(const Grid<std::uint8_t>& artefacts,
               Rgb8& p = picture(i, j);
               // Relief shows through what covers much.
               for (std::size_t k = 0; k < 3; ++k)
-                p[k] = wide > 0 ? colour[k]
-                                : static_cast<std::uint8_t>((p[k] + 2 * colour[k]) / 3);
+                p[k] = wide > 0 ? colour[k] : static_cast<std::uint8_t>((p[k] + 2 * colour[k]) / 3);
             }
       }
   return picture;
@@ -80,8 +75,7 @@ Grid<Rgb8> source_picture(const Grid<std::uint8_t>& source, const heightmap::Mod
   for (std::ptrdiff_t r = 0; r < picture.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < picture.cols(); ++c) {
       const std::uint8_t which = source((picture.rows() - 1 - r) * step, c * step);
-      picture(r, c) =
-          shaded(which == 255 ? kGrey : kColours[which % kColours.size()], shade(r, c));
+      picture(r, c) = shaded(which == 255 ? kGrey : kColours[which % kColours.size()], shade(r, c));
     }
   return picture;
 }

@@ -118,6 +118,10 @@ SiteFile empty_site_file() {
   t.section("fusion", "How the sources become one surface.");
   t.add({"fusion.synthetic_detail", &s.synthetic_detail,
          "strength of relief below the finest source's pixel, marked as synthetic; 0: none", 0, 5});
+  t.add({"fusion.crater_age_gyr", &s.crater_age_gyr,
+         "age of the ground: synthetic detail has Neukum's craters of that age, up to equilibrium "
+         "(3.5 lunar mare, 3.9 highlands); 0: none",
+         0, 4.5});
   t.add({"fusion.restore", &s.restore,
          "waves as strong as relief is: noise is lowered, what wide pixels weaken is raised"});
   t.add({"fusion.synthetic_seed", &s.synthetic_seed,

@@ -45,6 +45,7 @@ struct Site {
   std::int64_t synthetic_seed = 20260101;
   double synthetic_detail = 1.0;
   bool restore = true;
+  double crater_age_gyr = 0.0;  ///< 0: no craters
 
   std::int64_t stone_count = 12;
   double stone_inner_share = 0.5;

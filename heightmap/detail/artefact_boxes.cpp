@@ -122,8 +122,7 @@ class BoxSearch {
       const double top = sign_ * sums_.level(r, c, c + w);
       if (top < least(r, c, w)) continue;
       for (std::ptrdiff_t h = kShortest; h <= kLongest && r + h < rows_; ++h) {
-        if ((corners_(r + h, c) & kBottomLeft) == 0 ||
-            (corners_(r + h, c + w) & kBottomRight) == 0)
+        if ((corners_(r + h, c) & kBottomLeft) == 0 || (corners_(r + h, c + w) & kBottomRight) == 0)
           continue;
         const std::array<double, 4> side{top, -sign_ * sums_.level(r + h, c, c + w),
                                          sign_ * sums_.upright(c, r, r + h),
@@ -132,8 +131,7 @@ class BoxSearch {
         const double mean = (static_cast<double>(w) * (side[0] + side[1]) +
                              static_cast<double>(h) * (side[2] + side[3])) /
                             length;
-        const double score =
-            mean * std::sqrt(length) / deviation(r + h / 2, c + w / 2);
+        const double score = mean * std::sqrt(length) / deviation(r + h / 2, c + w / 2);
         const double weakest = *std::min_element(side.begin(), side.end());
         if (score < kClear || weakest < kUneven * mean || mean < kLowest_m) continue;
         found.push_back({{r, c, h, w, sign_ * mean}, score});
@@ -158,9 +156,8 @@ double height_of(const Grid<float>& h, const BoxArtefact& box) {
   std::vector<double> steps;
   const auto add = [&](std::ptrdiff_t r, std::ptrdiff_t c, std::ptrdiff_t dr, std::ptrdiff_t dc) {
     const auto at = [&](std::ptrdiff_t k) {
-      return h.contains(r + k * dr, c + k * dc)
-                 ? static_cast<double>(h(r + k * dr, c + k * dc))
-                 : std::nan("");
+      return h.contains(r + k * dr, c + k * dc) ? static_cast<double>(h(r + k * dr, c + k * dc))
+                                                : std::nan("");
     };
     // From inside (0) outwards.
     const double v = 1.5 * (at(0) - at(1)) - 0.5 * (at(-1) - at(2));

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Steps are averaged along straight lines, by every slant of a whole pixel over the window's
-// length: a sheared projection. Relief has steps of either sign along a line; a seam has one.
+// length: a sheared projection. Relief has steps of either sign along a line; a seam has one, or
+// shows in one part of it only, as where tiles of a mosaic meet.
 
 #include <algorithm>
 #include <array>
@@ -16,15 +17,20 @@ namespace maquette::heightmap::detail {
 namespace {
 
 constexpr double kSteepest = 0.268;  // tangent of 15 degrees
-constexpr std::ptrdiff_t kShortest = 64, kMostRows = 600, kQuarters = 4;
-constexpr double kClear = 7.0, kKnown = 4.0;  // deviations
+constexpr std::ptrdiff_t kShortest = 64, kMostRows = 600;
+constexpr std::size_t kParts = 8;                               // of a line
+constexpr double kClear = 7.0, kClearPart = 8.0, kKnown = 4.0;  // deviations
 constexpr double kUneven = 0.4;
+// Means of |step| over half a hundred pixels vary by a fifth where they are alike.
+constexpr double kRough = 1.8, kRoughPart = 1.7;  // times what is usual
+constexpr std::size_t kRoughParts = 3;
 constexpr float kNormal = 1.4826F;
 
 struct Line {
   std::ptrdiff_t slant = 0, at = 0;  ///< columns over the whole length; column in the middle
   double mean = 0.0, clear = 0.0;    ///< in local deviations; in deviations of such means
-  std::array<double, kQuarters> quarter{};
+  std::array<double, kParts> part{};
+  std::size_t first = 0, last = kParts;  ///< parts that the seam goes through
 };
 
 /// Steps into columns (or, turned, into rows) in local deviations.
@@ -39,41 +45,41 @@ Grid<float> in_deviations(const Steps& s, bool level) {
 
 std::ptrdiff_t column_of(const Line& line, std::ptrdiff_t r, std::ptrdiff_t rows) {
   const double from_middle = static_cast<double>(r) - 0.5 * static_cast<double>(rows - 1);
-  return line.at + std::lround(static_cast<double>(line.slant) * from_middle /
-                               static_cast<double>(rows - 1));
+  return line.at +
+         std::lround(static_cast<double>(line.slant) * from_middle / static_cast<double>(rows - 1));
 }
 
-/// Means along all lines of one slant, by column in the middle; quarters apart.
+/// Means along all lines of one slant, by column in the middle; parts apart.
 std::vector<Line> lines_of(const Grid<float>& steps, std::ptrdiff_t slant) {
   const std::ptrdiff_t rows = steps.rows(), cols = steps.cols();
   const std::ptrdiff_t every = (rows + kMostRows - 1) / kMostRows;
-  std::array<std::vector<float>, kQuarters> sum, count;
+  std::array<std::vector<float>, kParts> sum, count;
   for (auto* sums : {&sum, &count})
     for (auto& v : *sums) v.assign(static_cast<std::size_t>(cols), 0.0F);
   for (std::ptrdiff_t r = 0; r < rows; r += every) {
-    const auto q = static_cast<std::size_t>(kQuarters * r / rows);
+    const auto q = kParts * static_cast<std::size_t>(r) / static_cast<std::size_t>(rows);
     const std::ptrdiff_t shift = column_of({slant, 0}, r, rows);
     const auto from = steps.row(r);
-    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, -shift);
-         c < std::min(cols, cols - shift); ++c) {
+    for (std::ptrdiff_t c = std::max<std::ptrdiff_t>(0, -shift); c < std::min(cols, cols - shift);
+         ++c) {
       const float v = from[static_cast<std::size_t>(c + shift)];
       sum[q][static_cast<std::size_t>(c)] += v;
       count[q][static_cast<std::size_t>(c)] += v == 0.0F ? 0.0F : 1.0F;
     }
   }
   std::vector<Line> out;
-  const double enough = 0.1 * static_cast<double>(rows / every);  // of a quarter's pixels
+  const double enough = 0.4 / kParts * static_cast<double>(rows / every);  // pixels of a part
   for (std::ptrdiff_t c = 0; c < cols; ++c) {
     Line line{slant, c};
     const auto i = static_cast<std::size_t>(c);
     double all = 0.0, pixels = 0.0;
     bool whole = true;
-    for (std::size_t q = 0; q < kQuarters; ++q) {
+    for (std::size_t q = 0; q < kParts; ++q) {
       const auto n = static_cast<double>(count[q][i]);
       whole = whole && n >= enough;
       all += static_cast<double>(sum[q][i]);
       pixels += n;
-      line.quarter[q] = n > 0.0 ? static_cast<double>(sum[q][i]) / n : 0.0;
+      line.part[q] = n > 0.0 ? static_cast<double>(sum[q][i]) / n : 0.0;
     }
     if (!whole) continue;
     line.mean = all / pixels;
@@ -85,7 +91,8 @@ std::vector<Line> lines_of(const Grid<float>& steps, std::ptrdiff_t slant) {
 double deviation_of_means(const Grid<float>& steps) {
   std::vector<float> size;
   for (const std::ptrdiff_t slant : {-7, -2, 0, 3, 8})
-    for (const Line& l : lines_of(steps, slant)) size.push_back(std::abs(static_cast<float>(l.mean)));
+    for (const Line& l : lines_of(steps, slant))
+      size.push_back(std::abs(static_cast<float>(l.mean)));
   if (size.size() < 100) return INFINITY;
   const auto middle = size.begin() + static_cast<std::ptrdiff_t>(size.size() / 2);
   std::nth_element(size.begin(), middle, size.end());
@@ -96,14 +103,36 @@ double deviation_of_means(const Grid<float>& steps) {
 /// scarp is wider.
 bool sharp(const std::vector<Line>& lines, std::size_t i) {
   double beside = 0.0;
+  const Line& l = lines[i];
   for (const std::size_t k : {i - 2, i - 1, i + 1, i + 2})
-    if (k < lines.size()) beside += lines[k].mean;
+    if (k < lines.size())
+      for (std::size_t p = l.first; p < l.last; ++p)
+        beside += lines[k].part[p] / static_cast<double>(l.last - l.first);
   return beside * lines[i].mean < -0.5 * lines[i].mean * lines[i].mean;
 }
 
-bool one_sign(const Line& l) {
-  return std::all_of(l.quarter.begin(), l.quarter.end(),
-                     [&](double q) { return q * l.mean > 0.0; });
+/// The run of parts with one sign that is clearest; all of them, if they are clear together.
+void find_run(Line& l, double deviation) {
+  const double whole = l.mean;
+  const bool one_sign =
+      std::all_of(l.part.begin(), l.part.end(), [&](double q) { return q * whole > 0.0; });
+  if (one_sign && std::abs(whole) > kClear * deviation) {
+    l.clear = std::abs(whole) / deviation;
+    return;
+  }
+  for (std::size_t a = 0; a < kParts; ++a) {
+    double sum = 0.0;
+    for (std::size_t b = a; b < kParts && l.part[b] * l.part[a] > 0.0; ++b) {
+      sum += l.part[b];
+      const auto n = static_cast<double>(b - a + 1);
+      const double clear = std::abs(sum / n) / (deviation * std::sqrt(kParts / n));
+      if (b == a || clear < std::max(kClearPart, l.clear)) continue;
+      l.clear = clear;
+      l.mean = sum / n;
+      l.first = a;
+      l.last = b + 1;
+    }
+  }
 }
 
 /// The step of a seam from pixels at least one off it on both sides, slopes taken away; the median
@@ -111,7 +140,10 @@ bool one_sign(const Line& l) {
 SeamArtefact measured(const Grid<float>& h, const Steps& s, const Grid<float>& steps,
                       const Line& line, bool level, double deviation) {
   std::vector<double> height;
-  for (std::ptrdiff_t r = 0; r < steps.rows(); ++r) {
+  const auto row_of = [&](std::size_t part) {
+    return static_cast<std::ptrdiff_t>(part) * steps.rows() / static_cast<std::ptrdiff_t>(kParts);
+  };
+  for (std::ptrdiff_t r = row_of(line.first); r < row_of(line.last); ++r) {
     const std::ptrdiff_t c = column_of(line, r, steps.rows());
     if (c < 3 || c + 2 >= steps.cols()) continue;
     const auto at = [&](std::ptrdiff_t k) {
@@ -124,6 +156,8 @@ SeamArtefact measured(const Grid<float>& h, const Steps& s, const Grid<float>& s
   seam.level = level;
   seam.at = static_cast<double>(line.at);
   seam.slant = static_cast<double>(line.slant) / static_cast<double>(steps.rows() - 1);
+  seam.from = static_cast<double>(line.first) / kParts;
+  seam.to = static_cast<double>(line.last) / kParts;
   if (height.empty()) return seam;
   const auto middle = height.begin() + static_cast<std::ptrdiff_t>(height.size() / 2);
   std::nth_element(height.begin(), middle, height.end());
@@ -133,10 +167,10 @@ SeamArtefact measured(const Grid<float>& h, const Steps& s, const Grid<float>& s
   // Of a median of normal values, which are alike along the seam.
   seam.sigma_m = 1.2533 * static_cast<double>(kNormal) * *middle * s.alike /
                  std::sqrt(static_cast<double>(height.size()));
-  const double doubt = 4.0 * deviation * std::sqrt(static_cast<double>(kQuarters));
+  const double doubt = 4.0 * deviation * std::sqrt(static_cast<double>(kParts));
   seam.separable =
-      std::abs(seam.step_m) > kKnown * seam.sigma_m && seam.step_m * line.mean > 0.0 &&
-      std::all_of(line.quarter.begin(), line.quarter.end(), [&](double q) {
+      line.first == 0 && line.last == kParts && seam.step_m * line.mean > 0.0 &&
+      std::all_of(line.part.begin(), line.part.end(), [&](double q) {
         return std::abs(q - line.mean) < std::max(doubt, kUneven * std::abs(line.mean));
       });
   return seam;
@@ -151,8 +185,8 @@ std::vector<SeamArtefact> seams_along(const Grid<float>& h, const Steps& s, bool
   oneapi::tbb::parallel_for(-most, most + 1, [&](std::ptrdiff_t slant) {
     std::vector<Line> lines = lines_of(steps, slant);
     for (std::size_t i = 0; i < lines.size(); ++i) {
-      lines[i].clear = std::abs(lines[i].mean) / deviation;
-      if (lines[i].clear > kClear && one_sign(lines[i]) && sharp(lines, i))
+      find_run(lines[i], deviation);
+      if (lines[i].clear > 0.0 && sharp(lines, i))
         clear[static_cast<std::size_t>(slant + most)].push_back(lines[i]);
     }
   });
@@ -167,16 +201,114 @@ std::vector<SeamArtefact> seams_along(const Grid<float>& h, const Steps& s, bool
         }))
       chosen.push_back(l);
   std::vector<SeamArtefact> out;
-  for (const Line& l : chosen) out.push_back(measured(h, s, steps, l, level, deviation));
+  for (const Line& l : chosen)
+    if (const SeamArtefact seam = measured(h, s, steps, l, level, deviation);
+        std::abs(seam.step_m) > kKnown * seam.sigma_m)
+      out.push_back(seam);
   return out;
 }
+
+/// Where tiles of a mosaic meet, heights step up here and down there: rows or columns whose steps
+/// are large in themselves, next to ones whose are not.
+class RoughLines {
+ public:
+  RoughLines(const Grid<float>& h, const Steps& s, bool level)
+      : h_(h),
+        level_(level),
+        steps_(in_deviations(s, level)),
+        size_(static_cast<std::size_t>(steps_.cols())) {
+    for (std::ptrdiff_t c = 0; c < steps_.cols(); ++c) {
+      Parts& of = size_[static_cast<std::size_t>(c)];
+      Parts count{};
+      for (std::ptrdiff_t r = 0; r < steps_.rows(); ++r) {
+        const auto p =
+            kParts * static_cast<std::size_t>(r) / static_cast<std::size_t>(steps_.rows());
+        of[p] += std::abs(static_cast<double>(steps_(r, c)));
+        count[p] += steps_(r, c) == 0.0F ? 0.0 : 1.0;
+      }
+      for (std::size_t p = 0; p < kParts; ++p) of[p] = count[p] > 7.0 ? of[p] / count[p] : 0.0;
+    }
+  }
+
+  [[nodiscard]] std::vector<SeamArtefact> find() const {
+    std::vector<SeamArtefact> out;
+    std::ptrdiff_t before = -100;
+    for (std::ptrdiff_t c = 2; c + 1 < steps_.cols(); ++c) {
+      const double here = above(c);
+      if (here == 0.0 || c - before < 5 || here < std::max(above(c - 1), above(c + 1))) continue;
+      before = c;
+      out.push_back(seam_at(c));
+    }
+    return out;
+  }
+
+ private:
+  using Parts = std::array<double, kParts>;
+
+  /// Median of a part over lines 5 to 20 away.
+  [[nodiscard]] double usual(std::ptrdiff_t c, std::size_t part) const {
+    std::vector<double> around;
+    for (std::ptrdiff_t k = 5; k <= 20; ++k)
+      for (const std::ptrdiff_t i : {c - k, c + k})
+        if (i >= 2 && i + 1 < steps_.cols() && size_[static_cast<std::size_t>(i)][part] > 0.0)
+          around.push_back(size_[static_cast<std::size_t>(i)][part]);
+    if (around.size() < 10) return INFINITY;
+    const auto middle = around.begin() + static_cast<std::ptrdiff_t>(around.size() / 2);
+    std::nth_element(around.begin(), middle, around.end());
+    return *middle;
+  }
+
+  /// Mean over the parts of a line's steps over those usual there; 0 if it does not stand out.
+  [[nodiscard]] double above(std::ptrdiff_t c) const {
+    double sum = 0.0;
+    std::size_t rough = 0;
+    for (std::size_t p = 0; p < kParts; ++p) {
+      const double ratio = size_[static_cast<std::size_t>(c)][p] / usual(c, p);
+      sum += ratio / kParts;
+      if (ratio > kRoughPart) ++rough;
+    }
+    return sum > kRough && rough >= kRoughParts ? sum : 0.0;
+  }
+
+  [[nodiscard]] SeamArtefact seam_at(std::ptrdiff_t c) const {
+    SeamArtefact seam;
+    seam.level = level_;
+    seam.at = static_cast<double>(c);
+    double square = 0.0, n = 0.0;
+    for (std::ptrdiff_t r = 0; r < steps_.rows(); ++r) {
+      const auto at = [&](std::ptrdiff_t k) {
+        return static_cast<double>(level_ ? h_(c + k, r) : h_(r, c + k));
+      };
+      const double v = 1.5 * (at(0) - at(-1)) + 0.5 * (at(-2) - at(1));
+      if (std::isnan(v)) continue;
+      square += v * v;
+      n += 1.0;
+    }
+    seam.step_m = n > 0.0 ? std::sqrt(square / n) : 0.0;
+    seam.sigma_m = seam.step_m;  // of either sign
+    return seam;
+  }
+
+  const Grid<float>& h_;
+  bool level_;
+  Grid<float> steps_;
+  std::vector<Parts> size_;
+};
 
 }  // namespace
 
 std::vector<SeamArtefact> find_seams(const Grid<float>& h, const Steps& steps) {
-  std::vector<SeamArtefact> out = seams_along(h, steps, false);
-  const std::vector<SeamArtefact> level = seams_along(h, steps, true);
-  out.insert(out.end(), level.begin(), level.end());
+  std::vector<SeamArtefact> out;
+  if (std::min(h.rows(), h.cols()) < kShortest) return out;
+  for (const bool level : {false, true}) {
+    const std::vector<SeamArtefact> straight = seams_along(h, steps, level);
+    out.insert(out.end(), straight.begin(), straight.end());
+    for (const SeamArtefact& rough : RoughLines(h, steps, level).find())
+      if (std::none_of(out.begin(), out.end(), [&](const SeamArtefact& s) {
+            return s.level == level && std::abs(s.at - rough.at) < 4.0;
+          }))
+        out.push_back(rough);
+  }
   return out;
 }
 

@@ -77,8 +77,10 @@ std::vector<Spike> find_spikes(const Grid<float>& h) {
       for (std::ptrdiff_t i = -2; i <= 2; ++i)
         for (std::ptrdiff_t j = -2; j <= 2; ++j) {
           if ((i == 0 && j == 0) || !off.contains(r + i, c + j)) continue;
-          if (clear(r + i, c + j)) ++many;
-          else if (off(r + i, c + j) / off(r, c) > kShared) ++rising;
+          if (clear(r + i, c + j))
+            ++many;
+          else if (off(r + i, c + j) / off(r, c) > kShared)
+            ++rising;
         }
       if (many <= 3 && rising <= 1) found.push_back({r, c, off(r, c)});
     }

@@ -12,9 +12,9 @@
 #include <numbers>
 #include <vector>
 
+#include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
 #include <boost/math/special_functions/gamma.hpp>
-#include <oneapi/tbb/parallel_for.h>
 #include <unsupported/Eigen/FFT>
 
 #include "heightmap/detail/artefact_finders.hpp"
@@ -25,12 +25,12 @@ namespace {
 using Complex = std::complex<float>;
 constexpr double kPi = std::numbers::pi;
 constexpr std::ptrdiff_t kSmallest = 64, kLargest = 4096;  // pixels of a side
-constexpr double kChance = 1e-9;  // of one band of one ray; there are some ten thousand
-constexpr double kAbove = 8.0;    // times the rays beside it
+constexpr double kChance = 1e-9;      // of one band of one ray; there are some ten thousand
+constexpr double kAbove = 8.0;        // times the rays beside it
 constexpr double kFewestWaves = 5.0;  // in the window: longer ones are relief
 constexpr std::size_t kMostDirections = 6, kQuarters = 4, kParts = 12;
 constexpr double kAlike = 0.65, kSpread = 0.45;
-constexpr double kSkirt = 1.15;  // of a band: waves that wander in length leave it a little
+constexpr double kSkirt = 1.15;       // of a band: waves that wander in length leave it a little
 constexpr double kHeldPixels = 20.0;  // lines of fewer pixels tell little
 
 std::ptrdiff_t fft_size(std::ptrdiff_t at_least) {
@@ -46,8 +46,8 @@ std::ptrdiff_t fft_size(std::ptrdiff_t at_least) {
 Grid<float> levelled(const Grid<float>& h) {
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  const auto first = std::find_if(h.cells().begin(), h.cells().end(),
-                                  [](float v) { return !std::isnan(v); });
+  const auto first =
+      std::find_if(h.cells().begin(), h.cells().end(), [](float v) { return !std::isnan(v); });
   const double level = first == h.cells().end() ? 0.0 : static_cast<double>(*first);
   for (std::ptrdiff_t r = 0; r < h.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < h.cols(); ++c) {
@@ -181,8 +181,8 @@ Ray strongest(const Spectrum& s) {
   for (std::ptrdiff_t i = 0; i < rays; ++i) {
     double energy = 0.0;
     for (std::size_t b = 0; b < bands.size(); ++b)
-      energy += share(static_cast<std::ptrdiff_t>(b), i) *
-                mean(static_cast<std::ptrdiff_t>(b), i) * (bands[b].high - bands[b].low);
+      energy += share(static_cast<std::ptrdiff_t>(b), i) * mean(static_cast<std::ptrdiff_t>(b), i) *
+                (bands[b].high - bands[b].low);
     if (energy > best.energy) {
       best.energy = energy;
       best_ray = i;
@@ -219,8 +219,8 @@ struct Geometry {
   }
   [[nodiscard]] std::size_t quarter(std::ptrdiff_t r, std::ptrdiff_t c) const {
     const double side = static_cast<double>(r) * cos - static_cast<double>(c) * sin - side_first;
-    return std::min(kQuarters - 1, static_cast<std::size_t>(static_cast<double>(kQuarters) *
-                                                            side / side_length));
+    return std::min(kQuarters - 1,
+                    static_cast<std::size_t>(static_cast<double>(kQuarters) * side / side_length));
   }
 };
 
@@ -273,8 +273,8 @@ std::vector<double> in_bands(const Profile& p, const std::vector<Band>& bands) {
   std::vector<std::complex<double>> waves;
   fft.fwd(waves, line);
   for (std::size_t k = 0; k < waves.size(); ++k) {
-    const double f = static_cast<double>(std::min(k, waves.size() - k)) /
-                     static_cast<double>(waves.size());
+    const double f =
+        static_cast<double>(std::min(k, waves.size() - k)) / static_cast<double>(waves.size());
     double share = 0.0;
     for (const Band& b : bands) {
       const double out = f < b.low ? b.low / f : f / b.high;
@@ -333,8 +333,7 @@ double alikeness(const std::array<Profile, kQuarters>& quarters, const std::vect
 /// One where waves are as strong all along the way, 1 / kParts where they stand in one place.
 double spread_of(const std::vector<double>& line) {
   std::array<double, kParts> part{};
-  for (std::size_t i = 0; i < line.size(); ++i)
-    part[kParts * i / line.size()] += line[i] * line[i];
+  for (std::size_t i = 0; i < line.size(); ++i) part[kParts * i / line.size()] += line[i] * line[i];
   double sum = 0.0, squares = 0.0;
   for (const double v : part) {
     sum += v;

@@ -29,8 +29,7 @@ void patch(Grid<float>& work, Cleaned& out, bool remove) {
     made(s.row, s.col) = 1;
     shown(out, s.row, s.col, kSpike, remove ? 0.0 : std::abs(static_cast<double>(s.off_m)));
   }
-  if (!spikes.empty())
-    std::ignore = fill_voids(work, &made);  // or their steps would hide boxes
+  if (!spikes.empty()) std::ignore = fill_voids(work, &made);  // or their steps would hide boxes
   out.report.boxes = find_boxes(work, steps_of(work), out.report.box_limit_m);
   for (const BoxArtefact& b : out.report.boxes)
     for (std::ptrdiff_t r = b.row; r < b.row + b.rows; ++r)
@@ -69,7 +68,9 @@ void join(Grid<float>& work, Cleaned& out, bool remove) {
         const double past = beyond(s, work, r, c);
         n += 1.0;
         if (past >= 0.0) moved += s.step_m;
-        if (std::abs(past + 0.5) > kSeamSide) continue;
+        const double along = s.level ? static_cast<double>(c) / static_cast<double>(work.cols())
+                                     : static_cast<double>(r) / static_cast<double>(work.rows());
+        if (std::abs(past + 0.5) > kSeamSide || along < s.from || along >= s.to) continue;
         const bool taken = remove && s.separable;
         shown(out, r, c, static_cast<std::uint8_t>(taken ? kSeam | kTakenAway : kSeam),
               taken ? s.sigma_m : 0.5 * std::abs(s.step_m));
@@ -77,8 +78,8 @@ void join(Grid<float>& work, Cleaned& out, bool remove) {
     if (!s.separable || n == 0.0) continue;
     for (std::ptrdiff_t r = 0; r < work.rows(); ++r)
       for (std::ptrdiff_t c = 0; c < work.cols(); ++c)
-        work(r, c) -= static_cast<float>((beyond(s, work, r, c) >= 0.0 ? s.step_m : 0.0) -
-                                         moved / n);
+        work(r, c) -=
+            static_cast<float>((beyond(s, work, r, c) >= 0.0 ? s.step_m : 0.0) - moved / n);
   }
 }
 

@@ -40,8 +40,7 @@ void fill_named(Grid<float>& h, const Grid<std::uint8_t>& which, Cleaned& cleane
       cleaned.made.cells()[i] = 1;
       cleaned.doubt_m.cells()[i] = fill.sigma.cells()[i];
     }
-  out.filled_share =
-      static_cast<double>(fill.filled) / static_cast<double>(which.cells().size());
+  out.filled_share = static_cast<double>(fill.filled) / static_cast<double>(which.cells().size());
 }
 
 }  // namespace

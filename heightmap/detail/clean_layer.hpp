@@ -33,8 +33,8 @@ struct CleanedLayer {
 /// are at most `widest_void_m` wide and within it, get relief like that around (void_fill.hpp).
 /// @return CORE_CANCELLED
 [[nodiscard]] Result<CleanedLayer> clean_layer(PixelWindow& window, const PixelSize& pixel,
-                                               const NodeMap& map, Clean what,
-                                               double widest_void_m, const RunContext& run);
+                                               const NodeMap& map, Clean what, double widest_void_m,
+                                               const RunContext& run);
 
 /// "3 spikes, a box of 1.2 m, ..."; empty if there are none.
 [[nodiscard]] std::string in_words(const ArtefactReport& report, double pixel_m);

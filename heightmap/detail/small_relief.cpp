@@ -75,19 +75,6 @@ Grid<float> lattice(std::uint64_t seed, std::uint64_t octave, std::ptrdiff_t row
   return out;
 }
 
-/// Variance of an isotropic surface with the given roughness between two radial
-/// frequencies (1/m). Its profile has the two-sided spectrum A f^-(2H+1) with
-/// A = C Gamma(2H+1) sin(pi H) / (2 pi)^(2H+1), from V(L) = 2 int S (1 - cos 2 pi f L) df;
-/// the ratio of Gamma functions turns a profile's band into a ring of the plane.
-double band_variance(const Roughness& roughness, double f_low, double f_high) {
-  const double h = roughness.hurst;
-  const double amplitude = roughness.coefficient * std::tgamma(2.0 * h + 1.0) *
-                           std::sin(std::numbers::pi * h) /
-                           std::pow(2.0 * std::numbers::pi, 2.0 * h + 1.0);
-  const double ring = std::sqrt(std::numbers::pi) * std::tgamma(h + 1.0) / std::tgamma(h + 0.5);
-  return ring * amplitude / h * (std::pow(f_low, -2.0 * h) - std::pow(f_high, -2.0 * h));
-}
-
 void add_octave(Grid<float>& z, const NodeGrid& nodes, double step_m, double gain,
                 std::uint64_t seed, std::uint64_t octave, const RunContext& run) {
   const auto lattice_index = [&](double x_m) {
@@ -124,6 +111,18 @@ void add_octave(Grid<float>& z, const NodeGrid& nodes, double step_m, double gai
 
 }  // namespace
 
+// The profile has the two-sided spectrum A f^-(2H+1) with
+// A = C Gamma(2H+1) sin(pi H) / (2 pi)^(2H+1), from V(L) = 2 int S (1 - cos 2 pi f L) df;
+// the ratio of Gamma functions turns a profile's band into a ring of the plane.
+double relief_variance_m2(const Roughness& roughness, double f_low, double f_high) {
+  const double h = roughness.hurst;
+  const double amplitude = roughness.coefficient * std::tgamma(2.0 * h + 1.0) *
+                           std::sin(std::numbers::pi * h) /
+                           std::pow(2.0 * std::numbers::pi, 2.0 * h + 1.0);
+  const double ring = std::sqrt(std::numbers::pi) * std::tgamma(h + 1.0) / std::tgamma(h + 0.5);
+  return ring * amplitude / h * (std::pow(f_low, -2.0 * h) - std::pow(f_high, -2.0 * h));
+}
+
 Result<double> add_small_relief(Grid<float>& z, const NodeGrid& nodes, const Roughness& roughness,
                                 double pixel_m, double strength, std::uint64_t seed,
                                 const RunContext& run) {
@@ -134,7 +133,7 @@ Result<double> add_small_relief(Grid<float>& z, const NodeGrid& nodes, const Rou
   for (double f = 0.5 / pixel_m; f < 0.999 * f_end && roughness.coefficient > 0.0;
        f *= 2.0, ++octave) {
     const double wanted =
-        strength * strength * band_variance(roughness, f, std::min(2.0 * f, f_end));
+        strength * strength * relief_variance_m2(roughness, f, std::min(2.0 * f, f_end));
     variance += wanted;
     add_octave(z, nodes, kStepTimesFrequency / f, std::sqrt(wanted / unit_variance), seed, octave,
                run);

@@ -15,6 +15,9 @@
 
 namespace maquette::heightmap::detail {
 
+/// Variance of relief with this roughness between two radial frequencies, 1/m.
+[[nodiscard]] double relief_variance_m2(const Roughness& roughness, double f_low, double f_high);
+
 /// Adds octaves of noise between the wavelengths 2 pixel_m and 2 spacing, each a cubic
 /// B-spline over high-passed random normals, so that hardly anything is added to what
 /// the source resolves. The value at a point depends on seed and position in the site

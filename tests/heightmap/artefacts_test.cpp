@@ -46,8 +46,8 @@ Grid<double> relief(std::ptrdiff_t n, std::uint64_t seed, double hurst, double s
       const double fx = static_cast<double>(c < m / 2 ? c : c - m) / static_cast<double>(m);
       const double f = std::hypot(fx, fy);
       g(r, c) = f == 0.0 ? 0.0
-                         : std::pow(f, -hurst - 1.0) * Complex(random_normal(seed, 2 * i),
-                                                               random_normal(seed, 2 * i + 1));
+                         : std::pow(f, -hurst - 1.0) *
+                               Complex(random_normal(seed, 2 * i), random_normal(seed, 2 * i + 1));
     }
   testing_support::fft2(g, true);
   double square = 0.0;
@@ -87,9 +87,10 @@ std::string said(const ArtefactReport& report) {
                         s.level ? " level" : "", s.at, s.slant, s.step_m, s.sigma_m,
                         s.separable ? " separable" : "");
   for (const WaveArtefact& w : report.waves)
-    text += fmt::format("waves towards {:.1f}, {:.1f} to {:.1f} pixels, rms {:.3f}, alike {:.2f}{}\n",
-                        w.towards_deg, w.shortest_pixels, w.longest_pixels, w.rms_m, w.alike,
-                        w.separable ? " separable" : "");
+    text +=
+        fmt::format("waves towards {:.1f}, {:.1f} to {:.1f} pixels, rms {:.3f}, alike {:.2f}{}\n",
+                    w.towards_deg, w.shortest_pixels, w.longest_pixels, w.rms_m, w.alike,
+                    w.separable ? " separable" : "");
   return text;
 }
 
@@ -140,8 +141,8 @@ double scarp(double r, double c) {
   return 4.0 / (1.0 + std::exp((c - 120.0 - 0.1 * r) / 1.5));
 }
 
-const std::vector<Ground> kGrounds{{"smooth", 0.9, 0.02, {}},   {"rough", 0.7, 0.1, {}},
-                                   {"very rough", 0.4, 0.3, {}}, {"dunes", 0.7, 0.05, {}},
+const std::vector<Ground> kGrounds{{"smooth", 0.9, 0.02, {}},         {"rough", 0.7, 0.1, {}},
+                                   {"very rough", 0.4, 0.3, {}},      {"dunes", 0.7, 0.05, {}},
                                    {"boulders", 0.7, 0.05, boulders}, {"scarp", 0.7, 0.05, scarp}};
 
 class CleanGround : public ::testing::TestWithParam<std::size_t> {};
@@ -154,13 +155,13 @@ TEST_P(CleanGround, StaysAsItIs) {
     Grid<double> truth = relief(256, seed, ground.hurst, ground.step_m);
     if (ground.name == std::string("dunes")) {
       const Grid<double> crests = dunes(256, seed);
-      for (std::size_t i = 0; i < truth.cells().size(); ++i)
-        truth.cells()[i] += crests.cells()[i];
+      for (std::size_t i = 0; i < truth.cells().size(); ++i) truth.cells()[i] += crests.cells()[i];
     }
     const Grid<float> before = seen(truth, seed, ground.added);
     Grid<float> after = before;
     const Cleaned found = clean(after, Clean::remove);
     worst = std::max(worst, rms_between(before, after));
+    EXPECT_TRUE(found.report.seams.empty()) << ground.name << " " << said(found.report);
     EXPECT_TRUE(found.report.boxes.empty()) << ground.name << " " << seed;
     EXPECT_LE(found.report.spikes, 1) << ground.name << " " << seed;
     EXPECT_LT(rms_between(before, after), 0.02 * kNoise_m) << seed << "\n" << said(found.report);
@@ -266,8 +267,7 @@ TEST(Spikes, AreFoundAndBouldersAreNot) {
       const auto r = static_cast<std::ptrdiff_t>(5 + 240 * random_uniform(40 + seed, 2 * k));
       const auto c = static_cast<std::ptrdiff_t>(5 + 240 * random_uniform(40 + seed, 2 * k + 1));
       bool alone = boulders(static_cast<double>(r), static_cast<double>(c)) < 0.01;
-      for (const auto& [i, j] : at)
-        alone = alone && std::max(std::abs(i - r), std::abs(j - c)) > 4;
+      for (const auto& [i, j] : at) alone = alone && std::max(std::abs(i - r), std::abs(j - c)) > 4;
       if (!alone) continue;
       const float height = (k % 2 == 0 ? 1.0F : -1.0F) * (2.0F + 0.1F * static_cast<float>(k));
       for (std::ptrdiff_t i = 0; i < (k % 4 == 0 ? 2 : 1); ++i)
@@ -279,9 +279,8 @@ TEST(Spikes, AreFoundAndBouldersAreNot) {
     const auto spikes = find_spikes(h);
     injected += static_cast<int>(at.size());
     for (const auto& [r, c] : at)
-      found += static_cast<int>(std::count_if(spikes.begin(), spikes.end(), [&](const Spike& s) {
-        return s.row == r && s.col == c;
-      }));
+      found += static_cast<int>(std::count_if(
+          spikes.begin(), spikes.end(), [&](const Spike& s) { return s.row == r && s.col == c; }));
     EXPECT_LE(spikes.size(), at.size() + 1) << "boulders are no spikes";
   }
   RecordProperty("injected", injected);
@@ -293,8 +292,11 @@ TEST(Seams, AreFoundAndMovedBack) {
   for (const double step_m : {0.25, -0.6}) {
     for (std::uint64_t seed = 1; seed <= 4; ++seed) {
       const Grid<double> ground = relief(256, seed, 0.7, 0.05);
-      const auto past = [](double r, double c) { return c >= 140.0 + std::round(0.07 * (r - 127.5)); };
-      Grid<float> h = seen(ground, seed, [&](double r, double c) { return past(r, c) ? step_m : 0.0; });
+      const auto past = [](double r, double c) {
+        return c >= 140.0 + std::round(0.07 * (r - 127.5));
+      };
+      Grid<float> h =
+          seen(ground, seed, [&](double r, double c) { return past(r, c) ? step_m : 0.0; });
       const Grid<float> without = seen(ground, seed);
       const Cleaned cleaned = clean(h, Clean::remove);
       ASSERT_EQ(cleaned.report.seams.size(), 1U) << seed;
@@ -305,9 +307,9 @@ TEST(Seams, AreFoundAndMovedBack) {
       EXPECT_NEAR(seam.slant, 0.07, 2.0 / 256.0);
       EXPECT_NEAR(seam.step_m, step_m, 4.0 * seam.sigma_m);
       EXPECT_LT(seam.sigma_m, 0.05);
-      EXPECT_NE(cleaned.mask(20, static_cast<std::ptrdiff_t>(std::lround(140 + 0.07 * -107.5))) &
-                    kSeam,
-                0);
+      EXPECT_NE(
+          cleaned.mask(20, static_cast<std::ptrdiff_t>(std::lround(140 + 0.07 * -107.5))) & kSeam,
+          0);
       // Beyond it less before it, of what differs from ground without a seam.
       double beyond = 0.0, before = 0.0, n = 0.0, m = 0.0;
       for (std::ptrdiff_t r = 0; r < 256; ++r)
@@ -335,6 +337,40 @@ TEST(Seams, ThatChangeAreShownAndLeft) {
   EXPECT_FALSE(cleaned.report.seams[0].separable);
   EXPECT_EQ(cleaned.mask(128, 100) & (kSeam | kTakenAway), kSeam);
   EXPECT_GT(cleaned.doubt_m(128, 100), 0.2F);
+  EXPECT_LT(rms_between(h, before), 0.02 * kNoise_m);
+}
+
+// Tiles of a mosaic that meet for a part of the way, as in the mosaic of Gale.
+TEST(Seams, ThatEndAreShownAndLeft) {
+  Grid<float> h = seen(relief(256, 6, 0.7, 0.05), 6,
+                       [](double r, double c) { return r >= 90.0 && c >= 128.0 ? 0.6 : 0.0; });
+  const Grid<float> before = h;
+  const Cleaned cleaned = clean(h, Clean::remove);
+  const auto level = std::find_if(cleaned.report.seams.begin(), cleaned.report.seams.end(),
+                                  [](const SeamArtefact& s) { return s.level; });
+  ASSERT_NE(level, cleaned.report.seams.end());
+  EXPECT_FALSE(level->separable);
+  EXPECT_NEAR(level->at, 90.0, 1.0);
+  EXPECT_NEAR(level->step_m, 0.6, 4.0 * level->sigma_m);
+  EXPECT_NEAR(level->from, 0.5, 0.13);
+  EXPECT_EQ(level->to, 1.0);
+  EXPECT_NE(cleaned.mask(90, 200) & kSeam, 0);
+  EXPECT_EQ(cleaned.mask(90, 60) & kSeam, 0);
+  EXPECT_LT(rms_between(h, before), 0.02 * kNoise_m);
+}
+
+// As in the mosaic of Gale: tiles that differ by another height everywhere along their border.
+TEST(Seams, OfEitherSignAreShown) {
+  Grid<float> h = seen(relief(256, 7, 0.7, 0.05), 7, [](double r, double c) {
+    return r >= 140.0 ? 0.8 * std::sin(c / 11.0) : 0.0;
+  });
+  const Grid<float> before = h;
+  const Cleaned cleaned = clean(h, Clean::remove);
+  ASSERT_EQ(cleaned.report.seams.size(), 1U) << said(cleaned.report);
+  EXPECT_TRUE(cleaned.report.seams[0].level);
+  EXPECT_FALSE(cleaned.report.seams[0].separable);
+  EXPECT_NEAR(cleaned.report.seams[0].at, 140.0, 1.0);
+  EXPECT_NE(cleaned.mask(140, 100) & kSeam, 0);
   EXPECT_LT(rms_between(h, before), 0.02 * kNoise_m);
 }
 

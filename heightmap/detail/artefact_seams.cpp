@@ -24,6 +24,7 @@ constexpr double kUneven = 0.4;
 // Means of |step| over half a hundred pixels vary by a fifth where they are alike.
 constexpr double kRough = 1.8, kRoughPart = 1.7;  // times what is usual
 constexpr std::size_t kRoughParts = 3;
+constexpr std::ptrdiff_t kShortestRough = 128;  // else a crater on it makes a line rough
 constexpr float kNormal = 1.4826F;
 
 struct Line {
@@ -303,6 +304,7 @@ std::vector<SeamArtefact> find_seams(const Grid<float>& h, const Steps& steps) {
   for (const bool level : {false, true}) {
     const std::vector<SeamArtefact> straight = seams_along(h, steps, level);
     out.insert(out.end(), straight.begin(), straight.end());
+    if (std::min(h.rows(), h.cols()) < kShortestRough) continue;
     for (const SeamArtefact& rough : RoughLines(h, steps, level).find())
       if (std::none_of(out.begin(), out.end(), [&](const SeamArtefact& s) {
             return s.level == level && std::abs(s.at - rough.at) < 4.0;

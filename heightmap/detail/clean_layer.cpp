@@ -78,8 +78,11 @@ std::string in_words(const ArtefactReport& report, double pixel_m) {
                                 report.boxes.size() > 1 ? "es" : "", most));
   }
   for (const SeamArtefact& s : report.seams)
-    found.push_back(fmt::format("a seam of {:.2f} +- {:.2f} m{}", std::abs(s.step_m), s.sigma_m,
-                                s.separable ? "" : " (not separable)"));
+    found.push_back(s.sigma_m >= std::abs(s.step_m)  // of either sign
+                        ? fmt::format("steps of {:.2g} m rms along a {} (not separable)", s.step_m,
+                                      s.level ? "row" : "column")
+                        : fmt::format("a seam of {:.2f} +- {:.2f} m{}", std::abs(s.step_m),
+                                      s.sigma_m, s.separable ? "" : " (not separable)"));
   for (const WaveArtefact& w : report.waves)
     found.push_back(fmt::format("waves of {:.3g} to {:.3g} m, {:.2f} m rms{}",
                                 w.shortest_pixels * pixel_m, w.longest_pixels * pixel_m, w.rms_m,

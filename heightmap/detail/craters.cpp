@@ -45,8 +45,8 @@ double depth_of(double diameter_m, double life) {
 
 /// How far craters of a size have come towards equilibrium.
 double ripeness(const CraterField& f, double diameter_m) {
-  return std::min(1.0, craters_produced(f.body, f.age_gyr, diameter_m) /
-                           craters_in_equilibrium(diameter_m));
+  return std::min(
+      1.0, craters_produced(f.body, f.age_gyr, diameter_m) / craters_in_equilibrium(diameter_m));
 }
 
 /// The diameter of which `wanted` craters a square metre are larger, between two diameters.
@@ -95,8 +95,7 @@ void draw_class(const CraterField& f, int k, const Rectangle& in, std::vector<Cr
       const int n = poisson(mean, random_uniform(seed, 0));
       for (int i = 0; i < n; ++i) {
         const auto draw = [&](std::uint64_t what) {
-          return random_uniform(
-              seed, 1 + kStreams * static_cast<std::uint64_t>(i) + what);
+          return random_uniform(seed, 1 + kStreams * static_cast<std::uint64_t>(i) + what);
         };
         const double d = diameter_of(f, fewer + draw(2) * (more - fewer), low, high);
         Crater c{side * (static_cast<double>(col) + draw(0)),

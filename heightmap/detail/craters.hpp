@@ -10,12 +10,12 @@
 /// that is drawn in it depends on seed, class and cell alone. So a crater is the same on any grid,
 /// in any part of the site, for any number of threads.
 ///
-/// Shape. A bowl, z = h - d (1 - x^2) for x = r / R below 1; beyond the rim h x^-3 (McGetchin et al.
-/// 1973, doi:10.1016/0012-821X(73)90162-3), brought to zero at x = 3. Fresh: d = 0.2 D (Pike 1977,
-/// Impact and Explosion Cratering, p. 489). h = 0.241 d, 0.048 D, is what lets ejecta and rim hold
-/// just what is dug out (Pike has 0.036 D): so a crater has no mean, and hardly any of the waves
-/// that a source with pixels as wide as it shows. Craters fade as the ground creeps (Fassett and
-/// Thomson 2014, doi:10.1002/2014JE004698): d falls to 0.03 D, evenly in its logarithm over the
+/// Shape. A bowl, z = h - d (1 - x^2) for x = r / R below 1; beyond the rim h x^-3 (McGetchin et
+/// al. 1973, doi:10.1016/0012-821X(73)90162-3), brought to zero at x = 3. Fresh: d = 0.2 D (Pike
+/// 1977, Impact and Explosion Cratering, p. 489). h = 0.241 d, 0.048 D, is what lets ejecta and rim
+/// hold just what is dug out (Pike has 0.036 D): so a crater has no mean, and hardly any of the
+/// waves that a source with pixels as wide as it shows. Craters fade as the ground creeps (Fassett
+/// and Thomson 2014, doi:10.1002/2014JE004698): d falls to 0.03 D, evenly in its logarithm over the
 /// life of a crater; on ground too young for equilibrium they have only begun to. Where they
 /// overlap they add.
 ///

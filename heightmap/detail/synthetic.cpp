@@ -18,24 +18,22 @@ double beside_craters(const CraterField& craters, const Roughness& roughness, do
   if (roughness.coefficient <= 0.0) return 1.0;
   CraterField all = craters;
   all.smallest_m = kSmallest * pixel_m;
-  const double law =
-      relief_variance_m2(roughness, 0.5 / pixel_m, 0.5 / (kSmallest * pixel_m));
+  const double law = relief_variance_m2(roughness, 0.5 / pixel_m, 0.5 / (kSmallest * pixel_m));
   return std::sqrt(std::max(kLeastRelief, 1.0 - crater_variance_m2(all) / law));
 }
 
 }  // namespace
 
-Result<void> add_synthetic(FusedSurface& surface, const FuseRequest& request,
-                           const NodeGrid& nodes, const Roughness& roughness, double pixel_m,
-                           const RunContext& run) {
+Result<void> add_synthetic(FusedSurface& surface, const FuseRequest& request, const NodeGrid& nodes,
+                           const Roughness& roughness, double pixel_m, const RunContext& run) {
   surface.synthetic = Grid<std::uint8_t>(nodes.rows, nodes.cols, 0);
   if (request.synthetic_detail <= 0.0) return {};
   const CraterField craters{request.body, request.crater_age_gyr, nodes.spacing_m, pixel_m,
                             request.seed};
   const double strength = request.synthetic_detail * beside_craters(craters, roughness, pixel_m);
   Grid<float> made(nodes.rows, nodes.cols, 0.0F);
-  MAQUETTE_TRY(const double relief_m, add_small_relief(made, nodes, roughness, pixel_m, strength,
-                                                       request.seed, run));
+  MAQUETTE_TRY(const double relief_m,
+               add_small_relief(made, nodes, roughness, pixel_m, strength, request.seed, run));
   MAQUETTE_TRY(surface.craters, add_craters(made, nodes, craters, run));
   if (relief_m == 0.0 && surface.craters == 0)
     run.warn(

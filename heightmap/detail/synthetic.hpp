@@ -12,9 +12,9 @@
 #include "core/grid.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
-#include "heightmap/fuse.hpp"
 #include "heightmap/detail/node_map.hpp"
 #include "heightmap/detail/roughness.hpp"
+#include "heightmap/fuse.hpp"
 
 namespace maquette::heightmap::detail {
 

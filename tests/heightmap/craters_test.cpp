@@ -47,8 +47,8 @@ double printed(const std::array<double, 12>& a, double d_km) {
 constexpr std::array<double, 12> kPrintedMoon{-3.0876,   -3.557528, 0.781027, 1.021521,
                                               -0.156012, -0.444058, 0.019977, 0.086850,
                                               -0.005874, -0.006809, 0.000825, 0.0000554};
-constexpr std::array<double, 12> kPrintedMars{-3.384, -3.197,  1.257,    0.7915,
-                                              -0.4861, -0.3630, 0.1016,   0.06756,
+constexpr std::array<double, 12> kPrintedMars{-3.384,   -3.197,    1.257,     0.7915,
+                                              -0.4861,  -0.3630,   0.1016,    0.06756,
                                               -0.01181, -0.004753, 0.0006233, 0.00005805};
 
 TEST(CraterProduction, IsThePublishedOne) {
@@ -105,9 +105,9 @@ TEST_P(Sizes, FollowTheFunction) {
     const double step = std::pow(2.0, 0.4);  // not the classes that are drawn
     for (double low = d.field.smallest_m; low * step <= d.field.largest_m; low *= step, ++bins) {
       const double e = expected(low, low * step);
-      const auto o = static_cast<double>(
-          std::count_if(diameters.begin(), diameters.end(),
-                        [&](double v) { return v >= low && v < low * step; }));
+      const auto o =
+          static_cast<double>(std::count_if(diameters.begin(), diameters.end(),
+                                            [&](double v) { return v >= low && v < low * step; }));
       ASSERT_GT(e, 20.0) << d.name;
       chi2 += (o - e) * (o - e) / e;
     }
@@ -169,8 +169,7 @@ TEST(Craters, AreTheSameForAnyThreadsAndPart) {
   }
   const Grid<float> part = made({-40.0, 10.0, 0.25, 77, 130});
   for (std::ptrdiff_t r = 0; r < part.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < part.cols(); ++c)
-      ASSERT_EQ(part(r, c), whole(r + 280, c + 80));
+    for (std::ptrdiff_t c = 0; c < part.cols(); ++c) ASSERT_EQ(part(r, c), whole(r + 280, c + 80));
   CraterField other = kField;
   other.seed = 12;
   EXPECT_NE(made(kNodes, other), whole);

@@ -31,6 +31,9 @@ struct JobResult {
   std::string figures_json = "{}";  ///< for the manifest
   std::string note;                 ///< for people, one short line
   std::string unmet;                ///< a bound that the user asked for and that does not hold
+  /// Those of `outputs` that are programs as they were meant, where others are called for the
+  /// machine (MillJob::adjust).
+  std::vector<std::filesystem::path> meant{};
 };
 
 struct Unit {

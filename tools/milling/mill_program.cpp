@@ -283,6 +283,9 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
     files.insert(files.begin(), called->files.begin(), called->files.end());
   }
   MAQUETTE_TRY(result.outputs, put_in_place(files, out_, result.unmet.empty() ? "" : ".rejected"));
+  if (called)
+    result.meant.assign(result.outputs.begin() + static_cast<std::ptrdiff_t>(called->files.size()),
+                        result.outputs.end());
   if (!result.unmet.empty())
     result.unmet += fmt::format("; kept as {} for inspection", result.outputs.front().string());
   warn_of_blocks(t.highest_blocks_per_s, t.waiting_s, job_.machine, out_, run);

@@ -80,13 +80,11 @@ Result<JobResult> mill_job(const MillJob& job, const std::filesystem::path& out,
       !(job.stock || covers(job.strategy)) ||
       std::find(result.outputs.begin(), result.outputs.end(), stock) != result.outputs.end())
     return result;
+  // Of those that are meant: what the machine makes of the others is the same.
+  const auto& files = result.meant.empty() ? result.outputs : result.meant;
   std::vector<std::filesystem::path> programs;
-  // Those that are meant: what the machine makes of the others is the same.
-  const bool adjusted = job.adjust && job.joined == nullptr;
-  for (const std::filesystem::path& file : result.outputs)
-    if (file.extension() != ".tif" &&
-        (!adjusted || file.stem().string().find(".meant") != std::string::npos))
-      programs.push_back(file);
+  for (const std::filesystem::path& file : files)
+    if (file.extension() != ".tif") programs.push_back(file);
   // Also beside a band: the next operation flies over it.
   MAQUETTE_TRY(const auto left, stock_job(programs, {&whole.tool, 1}, job.design, job.stock,
                                           job.stock_margin, stock, run));

@@ -34,6 +34,32 @@ LinkSurface CutterClearance::for_thread() const {
   return {shared_->step_mm, [cutter](double x, double y) { return cutter->drop(x, y).tip_mm; }};
 }
 
+CutterClearance stock_clearance(const heightmap::ModelField& stock,
+                                const heightmap::ModelField& design, const Cutter& cutter) {
+  const double d = stock.spacing.value();
+  const std::ptrdiff_t rows = stock.z_mm.rows(), cols = stock.z_mm.cols();
+  const double missing =
+      std::max({stock.x0.value() - design.x0.value(), stock.y0.value() - design.y0.value(),
+                design.x_mm(design.z_mm.cols() - 1) - stock.x_mm(cols - 1),
+                design.y_mm(design.z_mm.rows() - 1) - stock.y_mm(rows - 1)});
+  if (missing <= 0.0) return {stock, cutter};
+  const auto ring = static_cast<std::ptrdiff_t>(std::ceil(missing / d));
+  const bool nodes_are_squares = missing <= 0.5 * d * (1.0 + 1e-9);
+  const float highest = heightmap::height_range(stock.z_mm).max;
+  heightmap::ModelField wider = stock;
+  wider.x0 = Millimetres{stock.x0.value() - d * static_cast<double>(ring)};
+  wider.y0 = Millimetres{stock.y0.value() - d * static_cast<double>(ring)};
+  wider.z_mm = Grid<float>(rows + 2 * ring, cols + 2 * ring, highest);
+  for (std::ptrdiff_t r = 0; r < wider.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < wider.z_mm.cols(); ++c) {
+      const std::ptrdiff_t from_r = std::clamp<std::ptrdiff_t>(r - ring, 0, rows - 1),
+                           from_c = std::clamp<std::ptrdiff_t>(c - ring, 0, cols - 1);
+      if (nodes_are_squares || (from_r == r - ring && from_c == c - ring))
+        wider.z_mm(r, c) = stock.z_mm(from_r, from_c);
+    }
+  return {wider, cutter};
+}
+
 double highest_tip(const LinkSurface& surface, double x0_mm, double y0_mm, double x1_mm,
                    double y1_mm) {
   const double length = std::hypot(x1_mm - x0_mm, y1_mm - y0_mm);

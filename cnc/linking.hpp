@@ -52,6 +52,14 @@ class CutterClearance {
   std::shared_ptr<const Shared> shared_;
 };
 
+/// Over a stock whose nodes may end short of the design's outline, such as cells' centres: what
+/// stands there is as high as the nearest node within half a spacing of it, and beyond that as high
+/// as the stock anywhere. Without that the cutter would come down on the block's rim.
+/// @pre as above; both fields without voids
+[[nodiscard]] CutterClearance stock_clearance(const heightmap::ModelField& stock,
+                                              const heightmap::ModelField& design,
+                                              const Cutter& cutter);
+
 struct LinkOptions {
   double clearance_mm = 2.0;          ///< rapids across stay this far above everything
   double approach_mm = 1.0;           ///< rapids down end this far above what stands there

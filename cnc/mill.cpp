@@ -59,6 +59,11 @@ Result<void> check_ranges(const MillOptions& o) {
                 fmt::format("scallop_limit is {} mm; it must be greater than 0 and at most the "
                             "ball's radius, {} mm",
                             o.scallop_limit.value(), 0.5 * diameter));
+  if (!(o.overrun.value() >= 0.0 && o.overrun.value() <= 0.3 * diameter + 0.001))
+    return fail(
+        kMillOptionOutOfRange,
+        fmt::format("overrun is {} mm; it must be from 0 to 0.6 of the ball's radius, {} mm",
+                    o.overrun.value(), 0.3 * diameter));
   const double excess = o.excess_limit.value();
   if (std::isnan(excess)) return {};
   if (!(excess >= o.tolerance.value() && excess <= 1.0))
@@ -103,6 +108,39 @@ std::vector<std::string> head_comments(const ModelField& design, const MillOptio
 }
 
 }  // namespace
+
+Millimetres border_overrun(const ModelField& design, BallNose tool) {
+  constexpr double kMostShare = 0.6;
+  const Grid<float>& z = design.z_mm;
+  const std::ptrdiff_t rows = z.rows(), cols = z.cols();
+  double outward = 0.0;  // sine of the steepest fall outwards
+  const auto facet = [&](double along_x, double along_y, double to_outside) {
+    const double d = design.spacing.value(), fall = -to_outside / d;
+    if (fall > 0.0)
+      outward = std::max(outward,
+                         fall / std::sqrt(1.0 + (along_x * along_x + along_y * along_y) / (d * d)));
+  };
+  const auto cell = [&](std::ptrdiff_t r, std::ptrdiff_t c, int out_x, int out_y) {
+    const double z00 = static_cast<double>(z(r, c)), z10 = static_cast<double>(z(r, c + 1)),
+                 z01 = static_cast<double>(z(r + 1, c)), z11 = static_cast<double>(z(r + 1, c + 1));
+    facet(z10 - z00, z11 - z10, out_x * (z10 - z00) + out_y * (z11 - z10));
+    facet(z11 - z01, z01 - z00, out_x * (z11 - z01) + out_y * (z01 - z00));
+  };
+  // As far in as the ball that touches them is beyond the outline.
+  const auto deep =
+      static_cast<std::ptrdiff_t>(std::ceil(kMostShare * tool.radius_mm / design.spacing.value()));
+  for (std::ptrdiff_t r = 0; r + 1 < rows; ++r)
+    for (std::ptrdiff_t k = 0; k < std::min(deep, cols - 1); ++k) {
+      cell(r, k, -1, 0);
+      cell(r, cols - 2 - k, 1, 0);
+    }
+  for (std::ptrdiff_t c = 0; c + 1 < cols; ++c)
+    for (std::ptrdiff_t k = 0; k < std::min(deep, rows - 1); ++k) {
+      cell(k, c, 0, -1);
+      cell(rows - 2 - k, c, 0, 1);
+    }
+  return Millimetres{std::ceil(1000.0 * tool.radius_mm * std::min(outward, kMostShare)) / 1000.0};
+}
 
 std::string head_line(const ToleranceShares& shares) {
   return fmt::format("gouge of the path at most {:.4f} mm, with blending {:.4f} in space",

@@ -69,6 +69,10 @@ struct MillOptions {
   double spindle_rpm = 18000.0;
   Millimetres clearance{5.0};    ///< rapids stay this far above everything they fly over
   Millimetres lead_radius{1.0};  ///< 0: straight down and up
+  /// How far passes go on beyond the design's outline, where ground that falls outwards is touched
+  /// from (border_overrun()); at most 0.6 of the ball's radius. Rows beyond it are whole stepovers
+  /// away, sides that a band shares with its neighbours stay.
+  Millimetres overrun{0.0};
   /// What stands before this pass, so that rapids can stay low: a height field, or how far
   /// roughing left material above the design at most. Neither: rapids fly over the design's
   /// highest point, and what goes down from there is cut.
@@ -102,6 +106,11 @@ struct ToleranceShares {
 [[nodiscard]] ToleranceShares share_tolerance(Millimetres tolerance);
 /// The shares as a line of a program's head.
 [[nodiscard]] std::string head_line(const ToleranceShares& shares);
+
+/// What the ball has to go beyond the outline to touch the facets along it: R times the outward
+/// part of their normals, at most 0.6 R (ground of 37 degrees), rounded up to 0.001 mm. Without it
+/// what falls outwards keeps up to R (1 / cos(slope) - 1) at the outline.
+[[nodiscard]] Millimetres border_overrun(const heightmap::ModelField& design, BallNose tool);
 
 struct MillReport {
   std::uint64_t passes = 0;        ///< rows of the raster

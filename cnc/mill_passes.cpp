@@ -64,7 +64,7 @@ class Milling {
         scallop_(design, o.scallop_limit.value(), 2.0 * o.stepover.value()),
         highest_mm_(highest_of(design, o)) {
     if (o.stock != nullptr) {
-      clearance_.emplace(*o.stock, Cutter::ball(tool_.radius_mm));
+      clearance_.emplace(stock_clearance(*o.stock, design, Cutter::ball(tool_.radius_mm)));
     } else if (!std::isnan(o.stock_allowance.value())) {
       allowance_mm_ = o.stock_allowance.value();
       clearance_.emplace(design, Cutter::ball(tool_.radius_mm));

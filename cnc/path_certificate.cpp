@@ -61,7 +61,8 @@ struct MotionFinding {
 
 struct PathProof::State {
   State(const heightmap::ModelField& surface, BallNose tool, PathProofOptions o)
-      : options(o),
+      : field(surface),
+        options(o),
         R(tool.radius_mm),
         x0(surface.x0.value()),
         y0(surface.y0.value()),
@@ -78,6 +79,7 @@ struct PathProof::State {
     batch.reserve(kBatch);
   }
 
+  const heightmap::ModelField& field;
   PathProofOptions options;
   double R, x0, y0, x1, y1, lattice, highest;
   SteepnessTiles tiles;
@@ -99,6 +101,8 @@ struct PathProof::State {
   [[nodiscard]] MotionFinding examine(const Motion& motion, const Place3& from, const Place3& to,
                                       DropCutter& cutter, double found_before) const;
   [[nodiscard]] double upper_bound(const PathPiece& piece, const Place3& a, const Place3& b) const;
+  [[nodiscard]] double highest_in_reach(double left, double right, double south,
+                                        double north) const;
   [[nodiscard]] double on_lattice(double mm, double origin) const {
     return origin + std::round((mm - origin) / lattice) * lattice;
   }
@@ -113,6 +117,34 @@ struct PathProof::State {
   void note(const PathGouge& gouge);
   [[nodiscard]] std::vector<PathGouge> places() const;
 };
+
+/// Of the surface under balls whose axes lie in the rectangle; INFINITY where that is more than a
+/// few cells. Beside the outline they reach a narrow strip of it, in which a wall farther in, that
+/// tiles have in them too, does not stand.
+double PathProof::State::highest_in_reach(double left, double right, double south,
+                                          double north) const {
+  constexpr std::ptrdiff_t kMostNodes = 400;
+  const double gap_x = std::fmax(0.0, std::fmax(x0 - right, left - x1));
+  const double gap_y = std::fmax(0.0, std::fmax(y0 - north, south - y1));
+  const double along_x = std::sqrt(std::fmax(0.0, R * R - gap_y * gap_y));
+  const double along_y = std::sqrt(std::fmax(0.0, R * R - gap_x * gap_x));
+  const double d = field.spacing.value();
+  const auto node = [&](double mm, double origin, std::ptrdiff_t count, bool up) {
+    const double at = (mm - origin) / d;
+    return std::clamp<std::ptrdiff_t>(
+        static_cast<std::ptrdiff_t>(up ? std::ceil(at + 1e-9) : std::floor(at - 1e-9)), 0,
+        count - 1);
+  };
+  const std::ptrdiff_t c0 = node(left - along_x, x0, field.z_mm.cols(), false),
+                       c1 = node(right + along_x, x0, field.z_mm.cols(), true),
+                       r0 = node(south - along_y, y0, field.z_mm.rows(), false),
+                       r1 = node(north + along_y, y0, field.z_mm.rows(), true);
+  if ((c1 - c0 + 1) * (r1 - r0 + 1) > kMostNodes) return INFINITY;
+  float found = field.z_mm(r0, c0);
+  for (std::ptrdiff_t r = r0; r <= r1; ++r)
+    for (std::ptrdiff_t c = c0; c <= c1; ++c) found = std::max(found, field.z_mm(r, c));
+  return static_cast<double>(found);
+}
 
 double PathProof::State::upper_bound(const PathPiece& piece, const Place3& a,
                                      const Place3& b) const {
@@ -146,6 +178,9 @@ double PathProof::State::upper_bound(const PathPiece& piece, const Place3& a,
   } else {
     // Only contacts that gouge count, and those are deeper than this.
     contact = tiles.bound(left - e, right + e, south - e, north + e, low - e);
+    contact.highest_mm =
+        std::fmin(contact.highest_mm,
+                  std::fmax(low - e, highest_in_reach(left - e, right + e, south - e, north + e)));
     contact.least_depth_mm = std::fmax(0.0, R - (contact.highest_mm - (low - e)));
     fa = std::fmax(fa, 0.0);
     fb = std::fmax(fb, 0.0);

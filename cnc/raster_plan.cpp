@@ -37,6 +37,19 @@ RasterArea area_of(const ModelField& design, const MillOptions& o) {
       tick_inside_from(std::isnan(o.first_y_mm) ? bottom : std::max(bottom, o.first_y_mm));
   area.top = tick_inside_to(std::isnan(o.last_y_mm) ? top : std::min(top, o.last_y_mm));
   area.top = std::max(area.top, area.bottom);
+  const std::int64_t over = tick_inside_from(o.overrun.value());
+  // Whole stepovers, so that rows lie where they would.
+  const std::int64_t stepover = std::max(kResolution, tick_inside_to(o.stepover.value()));
+  const std::int64_t rows_over = (over + stepover - 1) / stepover * stepover;
+  const bool along_x = raster_frame(area, o.direction).dy == 0,
+             along_y = raster_frame(area, o.direction).dx == 0;
+  const std::int64_t over_x = along_y ? rows_over : over, over_y = along_x ? rows_over : over;
+  const bool at_bottom = area.bottom == tick_inside_from(bottom),
+             at_top = area.top == tick_inside_to(top);
+  area.left -= over_x;
+  area.right += over_x;
+  if (at_bottom) area.bottom -= over_y;
+  if (at_top) area.top += over_y;
   return area;
 }
 

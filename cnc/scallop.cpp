@@ -31,6 +31,10 @@ int halvings(double centre_distance, double allowed, int most) {
 ScallopCollector::ScallopCollector(const heightmap::ModelField& design, double limit_mm,
                                    double least_mm)
     : limit_mm_(limit_mm) {
+  constexpr double kHair_mm = 1e-6;
+  low_ = {design.x0.value() - kHair_mm, design.y0.value() - kHair_mm, 0.0};
+  high_ = {design.x_mm(design.z_mm.cols() - 1) + kHair_mm,
+           design.y_mm(design.z_mm.rows() - 1) + kHair_mm, 0.0};
   const double width = design.x_mm(design.z_mm.cols() - 1) - design.x0.value();
   const double depth = design.y_mm(design.z_mm.rows() - 1) - design.y0.value();
   const double spacing = std::max(std::max(width, depth) / 1000.0, least_mm);
@@ -45,6 +49,7 @@ ScallopCollector::ScallopCollector(const heightmap::ModelField& design, double l
 }
 
 void ScallopCollector::add(double x_mm, double y_mm, double ridge_mm, double area_mm2) {
+  if (x_mm < low_.x || x_mm > high_.x || y_mm < low_.y || y_mm > high_.y) return;
   heightmap::ModelField& field = map_.predicted_mm;
   const auto nearest = [](double t, std::ptrdiff_t count) {
     return std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(std::lround(t)), 0, count - 1);

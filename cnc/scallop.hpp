@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "cnc/tool.hpp"
+#include "core/vec.hpp"
 #include "heightmap/height_field.hpp"
 
 namespace maquette::cnc {
@@ -55,10 +56,12 @@ class ScallopCollector {
   /// Nodes over the design's outline, about a thousand along its longer side, at least `least_mm`
   /// apart.
   ScallopCollector(const heightmap::ModelField& design, double limit_mm, double least_mm);
+  /// Places beyond the outline do not count.
   void add(double x_mm, double y_mm, double ridge_mm, double area_mm2);
   [[nodiscard]] ScallopMap finish() &&;
 
  private:
+  Vec3 low_, high_;  // outline, a hair wider
   ScallopMap map_;
   double limit_mm_, area_mm2_ = 0.0, above_mm2_ = 0.0, sum_ = 0.0;
 };

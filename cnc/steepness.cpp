@@ -9,7 +9,11 @@
 namespace maquette::cnc {
 
 SteepnessTiles::SteepnessTiles(const heightmap::ModelField& field, BallNose tool)
-    : R_(tool.radius_mm), x0_(field.x0.value()), y0_(field.y0.value()) {
+    : R_(tool.radius_mm),
+      x0_(field.x0.value()),
+      y0_(field.y0.value()),
+      x1_(field.x_mm(field.z_mm.cols() - 1)),
+      y1_(field.y_mm(field.z_mm.rows() - 1)) {
   const double d = field.spacing.value();
   const auto cells =
       std::max<std::ptrdiff_t>(1, static_cast<std::ptrdiff_t>(std::lround(0.5 * R_ / d)));
@@ -67,6 +71,11 @@ ContactBound SteepnessTiles::bound(double x_min, double x_max, double y_min, dou
                                       std::max(by_height, static_cast<double>(tile.least_depth)));
     }
   }
+  // Over the outline's edge the normal leans out by as much again.
+  const double beyond = std::hypot(std::max({0.0, x0_ - x_min, x_max - x1_}),
+                                   std::max({0.0, y0_ - y_min, y_max - y1_})) /
+                        R_;
+  if (beyond > 0.0) found.least_depth_mm *= std::sqrt(std::max(0.0, 1.0 - beyond * beyond));
   return found;
 }
 

@@ -32,7 +32,8 @@ class SteepnessTiles {
   /// @pre as for DropCutter
   SteepnessTiles(const heightmap::ModelField& field, BallNose tool);
 
-  /// For the axis anywhere in the rectangle, which lies inside the outline.
+  /// For the axis anywhere in the rectangle. Outside the outline by o the ball may touch the edge
+  /// across its direction: no contact is less deep than sqrt(1 - (o / R)^2) of what facets say.
   /// @param lowest_tip_mm  the tip is nowhere lower on the true cutter location; may be -inf
   [[nodiscard]] ContactBound bound(double x_min, double x_max, double y_min, double y_max,
                                    double lowest_tip_mm) const;
@@ -41,7 +42,7 @@ class SteepnessTiles {
   struct Tile {
     float highest, least_depth;
   };
-  double R_, side_mm_, x0_, y0_;
+  double R_, side_mm_, x0_, y0_, x1_, y1_;
   std::ptrdiff_t rows_, cols_;
   std::vector<Tile> tiles_;
 };

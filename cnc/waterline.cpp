@@ -310,7 +310,7 @@ Grid<float> tips_at_nodes(const ModelField& design, const DropCutter& cutter,
 /// Rapids over the design with the allowance, or over the stock.
 LinkSurface flying(const ModelField& design, const WaterlineOptions& o) {
   if (o.stock != nullptr)
-    return CutterClearance(*o.stock, Cutter::ball(o.ball_radius_mm)).for_thread();
+    return stock_clearance(*o.stock, design, Cutter::ball(o.ball_radius_mm)).for_thread();
   LinkSurface over =
       CutterClearance(design, Cutter::ball(o.ball_radius_mm + o.allowance_mm)).for_thread();
   return {over.step_mm,

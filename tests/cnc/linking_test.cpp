@@ -8,6 +8,9 @@
 //                                  ground; a far-off tower does not raise a link that avoids it
 //   moves ........................ order, kinds, feeds, no piece of no length
 //   plunge in stock .............. starts above the stock, not above the target
+//   stock to its rim ............. nodes at cells' centres, a block of flat top: the rim is met as
+//   a
+//                                  ball meets an edge, by hand; farther short: the highest counts
 //   no plunge faster than limit .. every move that descends below `approach` is at plunge feed
 
 #include "cnc/linking.hpp"
@@ -151,6 +154,29 @@ TEST(Linking, FlatAndBullNosedCuttersKeepTheirClearanceToo) {
         EXPECT_GE(height, highest - 1e-9);
       }
     }
+}
+
+TEST(Linking, StockWithNodesAtCellCentresReachesToItsRim) {
+  const ModelField design = flat_field(21, 21, 0.5, 2.0F);
+  ModelField stock = flat_field(10, 10, 1.0, 8.0F);
+  stock.x0 = stock.y0 = Millimetres{0.5};
+  const Cutter ball = Cutter::ball(3.0);
+  const LinkSurface wide = stock_clearance(stock, design, ball).for_thread(),
+                    narrow = CutterClearance(stock, ball).for_thread();
+  for (const double out : {0.0, 1.0, 2.0, 2.9}) {
+    // The ball's lowest point when it rests on the block's edge, the block reaching from 0 to 10.
+    const double on_rim = 8.0 - 3.0 + std::sqrt(9.0 - out * out);
+    for (const auto& [x, y] :
+         {std::pair{-out, 5.0}, {10.0 + out, 5.0}, {5.0, -out}, {5.0, 10.0 + out}})
+      EXPECT_GE(wide.tip_mm(x, y), on_rim) << x << ", " << y;
+  }
+  EXPECT_LT(narrow.tip_mm(-2.9, 5.0), 6.0) << "that is what is wrong without";
+  EXPECT_EQ(wide.tip_mm(-4.0, 5.0), -INFINITY);
+  // A stock that ends farther in says nothing of what stands there: its highest point.
+  stock = flat_field(5, 5, 1.0, 3.0F);
+  stock.x0 = stock.y0 = Millimetres{3.0};
+  stock.z_mm(2, 2) = 8.0F;
+  EXPECT_GE(stock_clearance(stock, design, ball).for_thread().tip_mm(0.0, 0.0), 8.0);
 }
 
 TEST(Linking, UnknownPositionsAreABug) {

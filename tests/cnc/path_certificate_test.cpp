@@ -194,6 +194,26 @@ TEST(PathCertificate, BeyondTheOutlineTheBallHangsOverTheEdge) {
 
 class PathCertificateRandom : public testing::TestWithParam<Ground> {};
 
+// Past the distance of a radius from the outline's corner the cutter location ends upright; a wall
+// farther in, which the ball does not reach, must not keep that open.
+TEST(PathCertificate, BesideTheOutlineAWallFartherInDoesNotCount) {
+  ModelField field = flat_field(21, 21, 0.5, 12.0F);
+  for (std::ptrdiff_t r = 0; r < 2; ++r)
+    for (std::ptrdiff_t c = 0; c < 2; ++c) field.z_mm(r, c) = 2.0F;
+  const double on_corner = 2.0 - 3.0 + std::sqrt(9.0 - 1.9 * 1.9 - 2.0 * 2.0);
+  for (const double above : {0.0, 0.05, 1.0}) {
+    const PathCertificate c =
+        prove(field, motions_of(fmt::format("G0 X-1.9 Y-2 Z{0:.6f}\nG1 X-3.2 F600\nX-1.9\nM2\n",
+                                            on_corner + above)));
+    EXPECT_EQ(c.undecided, 0U) << above;
+    EXPECT_LE(c.proven_mm, 0.005 + kExact_mm) << above;
+  }
+  const PathCertificate low =
+      prove(field,
+            motions_of(fmt::format("G0 X-1.9 Y-2 Z{:.6f}\nG1 X-3.2 F600\nM2\n", on_corner - 0.02)));
+  EXPECT_NEAR(low.max_gouge_mm, 0.02, 1e-5) << "a gouge of the corner still counts";
+}
+
 TEST_P(PathCertificateRandom, NothingIsDeeperThanProven) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     const ModelField field = ground(GetParam(), seed, 41, 0.5);

@@ -16,6 +16,7 @@
 #include "cnc/verify.hpp"
 
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -707,6 +708,110 @@ TEST_P(MillThenVerify, TheSeamOfTwoBandsDoesNotShow) {
   }
   EXPECT_LE(seam, 0.002);
   RecordProperty("seam_mm", fmt::format("{:.6f}", seam));
+}
+
+// Ground that falls outwards is touched from beyond the outline: a plane of slope s keeps
+// R (1 / cos s - 1) at its lower side where passes end on the outline.
+TEST(Overrun, GroundThatFallsOutwardsIsCutToItsEdge) {
+  const ScratchFolder folder;
+  for (const int axis : {0, 1})
+    for (const double side : {1.0, -1.0}) {
+      ModelField design = flat_field(81, 81, 0.5, 0.0F);
+      const double slope = 20.0 / 180.0 * std::numbers::pi;
+      for (std::ptrdiff_t r = 0; r < 81; ++r)
+        for (std::ptrdiff_t c = 0; c < 81; ++c)
+          design.z_mm(r, c) = static_cast<float>(
+              20.0 + side * std::tan(slope) * (axis == 0 ? design.x_mm(c) : design.y_mm(r)));
+      const Millimetres overrun = border_overrun(design, BallNose{3.0});
+      EXPECT_NEAR(overrun.value(), 3.0 * std::sin(slope), 0.0011);
+      double excess[2];
+      for (const bool beyond : {false, true}) {
+        MillOptions options;
+        if (beyond) options.overrun = overrun;
+        const auto program = folder / "part.ngc";
+        const auto milled = mill(design, options, program);
+        ASSERT_THAT(milled, Succeeds());
+        const auto v = verify(std::span(&program, 1), design);
+        ASSERT_THAT(v, Succeeds());
+        EXPECT_LE(v->certificate.max_gouge_mm + v->certificate.bound_mm, 0.0052);
+        EXPECT_EQ(v->certificate.rapid_collisions, 0U);
+        excess[beyond] = v->certificate.max_excess_mm;
+        const auto& travel = v->certificate.travel;
+        const double out = beyond ? overrun.value() : 0.0;
+        EXPECT_NEAR(travel.max.x, 40.0 + out + options.lead_radius.value(), 1e-3) << "and the lead";
+        EXPECT_NEAR(travel.max.y, 40.0 + (beyond ? std::ceil(out / 0.5) * 0.5 : 0.0), 1e-3)
+            << "whole stepovers";
+        // Beyond the outline nothing is predicted: the ridge is that of the plane everywhere.
+        EXPECT_LE(milled->scallop.highest_mm, 0.0125);
+      }
+      EXPECT_NEAR(excess[0], 3.0 * (1.0 / std::cos(slope) - 1.0), 0.015);
+      // Stated scallop across the slope 11.8 um, and what the tolerance leaves above.
+      EXPECT_LE(excess[1], 0.022);
+    }
+}
+
+// The lead of a pass comes down beside the block: as far out as the ball still reaches its rim.
+TEST(Overrun, RapidsBesideAHighBlockTouchNothing) {
+  const ScratchFolder folder;
+  ModelField stock = flat_field(40, 40, 1.0, 30.0F);  // squares over the design's 40 mm
+  stock.x0 = stock.y0 = Millimetres{0.5};
+  for (const double slope_deg : {25.0, 37.0})
+    for (const double direction_deg : {0.0, 90.0, 30.0})
+      for (const bool zigzag : {true, false}) {
+        ModelField design = flat_field(81, 81, 0.5, 0.0F);
+        for (std::ptrdiff_t r = 0; r < 81; ++r)
+          for (std::ptrdiff_t c = 0; c < 81; ++c)
+            design.z_mm(r, c) =
+                static_cast<float>(20.0 - std::tan(slope_deg / 180.0 * std::numbers::pi) *
+                                              std::max(std::abs(design.x_mm(c) - 20.0),
+                                                       std::abs(design.y_mm(r) - 20.0)));
+        MillOptions options;
+        options.stepover = Millimetres{2.0};
+        options.direction = degrees(direction_deg);
+        options.zigzag = zigzag;
+        options.stock = &stock;
+        options.overrun = border_overrun(design, BallNose{3.0});
+        const auto program = folder / "part.ngc";
+        ASSERT_THAT(mill(design, options, program), Succeeds());
+        VerifyOptions whole;
+        whole.stock_top = Millimetres{30.0};
+        whole.cell = Millimetres{0.25};
+        const auto v = verify(std::span(&program, 1), design, whole);
+        ASSERT_THAT(v, Succeeds());
+        EXPECT_EQ(v->certificate.rapid_collisions, 0U)
+            << slope_deg << " degrees, passes along " << direction_deg
+            << (zigzag ? "" : " one way");
+      }
+}
+
+TEST(Overrun, IsAsTheBorderWantsIt) {
+  ModelField design = flat_field(81, 81, 0.5, 3.0F);
+  EXPECT_EQ(border_overrun(design, BallNose{3.0}).value(), 0.0);
+  const auto shape = [&](double bend) {
+    for (std::ptrdiff_t r = 0; r < 81; ++r)
+      for (std::ptrdiff_t c = 0; c < 81; ++c) {
+        const double x = design.x_mm(c) - 20.0, y = design.y_mm(r) - 20.0;
+        design.z_mm(r, c) = static_cast<float>(30.0 + bend * (x * x + y * y));
+      }
+    return border_overrun(design, BallNose{3.0}).value();
+  };
+  EXPECT_EQ(shape(0.005), 0.0) << "a bowl";
+  EXPECT_NEAR(shape(-0.005), 3.0 * std::sin(std::atan(0.2)), 0.02) << "a dome, 0.2 at its sides";
+  EXPECT_NEAR(shape(-0.1), 1.8, 1e-9) << "no farther than 0.6 R";
+  MillOptions options;
+  options.overrun = Millimetres{1.9};
+  EXPECT_THAT(check_mill(design, options), FailsWith(kMillOptionOutOfRange));
+  // A band goes beyond its own part of the outline only.
+  options.overrun = Millimetres{1.0};
+  options.last_y_mm = 20.0;
+  const ScratchFolder folder;
+  shape(-0.005);
+  ASSERT_THAT(mill(design, options, folder / "band.ngc"), Succeeds());
+  const auto program = folder / "band.ngc";
+  const auto v = verify(std::span(&program, 1), design);
+  ASSERT_THAT(v, Succeeds());
+  EXPECT_NEAR(v->certificate.travel.min.y, -1.0, 1e-3);
+  EXPECT_NEAR(v->certificate.travel.max.y, 20.0, 1e-3);
 }
 
 TEST(Verify, SameBitsForAnyNumberOfThreads) {

@@ -27,7 +27,7 @@ struct Options {
   MillJob job = default_job("raster");  // defaults of all strategies
   double tolerance_mm = job.tolerance.value(), feed = job.feed.value(),
          plunge = job.plunge_feed.value(), clearance_mm = job.clearance.value(),
-         scallop_limit_mm = job.scallop_limit.value(), excess_limit_mm = NAN,
+         scallop_limit_mm = job.scallop_limit.value(), excess_limit_mm = NAN, overrun_mm = NAN,
          lead_mm = job.lead_radius.value(), stock_top_mm = NAN,
          base_mm = job.base_thickness.value();
 };
@@ -92,6 +92,7 @@ Result<MillJob> common_job(const Options& o, std::string_view strategy) {
   job.arcs = !o.no_arcs;
   job.scallop_limit = Millimetres{o.scallop_limit_mm};
   job.excess_limit = Millimetres{o.excess_limit_mm};
+  job.overrun = Millimetres{o.overrun_mm};
   job.lead_radius = Millimetres{o.lead_mm};
   job.feed = FeedRate{o.feed};
   job.plunge_feed = FeedRate{o.plunge};
@@ -233,6 +234,10 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--excess-limit-mm", o->excess_limit_mm,
                   "above the scallop stated for the slope and what the ball cannot take away: cuts "
                   "across to pits and creases between passes, each a stop");
+  app->add_option(
+      "--overrun-mm", o->overrun_mm,
+      "raster: how far passes go beyond the outline, where ground that falls outwards is "
+      "touched from; at most 0.6 of the ball's radius (default: as that ground wants it)");
   app->add_option("--scallop-limit-mm", o->scallop_limit_mm, "normal to the surface")
       ->capture_default_str();
   app->add_flag("--no-arcs", o->no_arcs, "lines only");

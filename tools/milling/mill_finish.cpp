@@ -81,6 +81,9 @@ Result<JobResult> raster_job(const MillJob& job, const fs::path& out, const RunC
   MAQUETTE_TRY(const Piece piece, piece_of(job, 2.0 * radius));
   cnc::MillOptions options = mill_options(job, piece);
   options.stock_allowance = Millimetres{job.allowance_mm};
+  options.overrun = std::isnan(job.overrun.value())
+                        ? cnc::border_overrun(piece.design, cnc::BallNose{radius})
+                        : job.overrun;
   MAQUETTE_TRY_VOID(cnc::check_mill(piece.design, options));
   const cnc::ToleranceShares shares = cnc::share_tolerance(job.tolerance);
   MAQUETTE_TRY(

@@ -24,6 +24,7 @@ namespace maquette::heightmap {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr const char* kBrightness = "brightness";  // unit of images; no site file can ask for it
 
 struct TransformDeleter {
   void operator()(OGRCoordinateTransformation* t) const {
@@ -41,6 +42,7 @@ struct HeightRule {
   double highest_special = INFINITY;  // raw values from here on too
   std::vector<double> special;        // more raw values that are none
   double reference_radius_m = 0.0;
+  bool brightness = false;
 
   [[nodiscard]] bool is_void(double raw) const {
     if (!(std::abs(raw) < 1e30)) return true;  // NaN, infinities, ISIS real special pixels
@@ -86,6 +88,7 @@ std::optional<double> metres_per(std::string_view unit) {
 /// Metres per unit of the values after scale and offset.
 Result<double> unit_of(const Source& source, GDALRasterBand& band, double offset,
                        const Body& body) {
+  if (source.unit == kBrightness) return 1.0;
   const std::string file = source.path.string();
   std::string declared = band.GetUnitType();
   if (declared.empty())
@@ -141,6 +144,7 @@ Result<HeightRule> height_rule(const Source& source, GDALDataset& dataset, const
     rule.highest_special = 255.0;
   }
   rule.reference_radius_m = body.equatorial_radius_m;
+  rule.brightness = source.unit == kBrightness;
   return rule;
 }
 
@@ -293,6 +297,13 @@ Result<DemReader> DemReader::open(const Source& source, const Body& body) {
   return DemReader(std::move(state));
 }
 
+Result<DemReader> DemReader::open_image(const std::filesystem::path& path, const std::string& name,
+                                        const Body& body) {
+  Source source{name, path};
+  source.unit = kBrightness;
+  return open(source, body);
+}
+
 DemReader::DemReader(std::unique_ptr<State> state) : state_(std::move(state)) {}
 DemReader::DemReader(DemReader&&) noexcept = default;
 DemReader::~DemReader() = default;
@@ -431,7 +442,10 @@ Result<PixelWindow> DemReader::read(const PixelRectangle& want, int step_u, int 
           low = std::min(low, value);
           high = std::max(high, value);
           // Radii and heights are two orders of magnitude apart on any body with a name.
-          if (std::abs(value - s.rule.reference_radius_m) < 0.03 * s.rule.reference_radius_m) {
+          if (s.rule.brightness) {
+            ++heights;
+          } else if (std::abs(value - s.rule.reference_radius_m) <
+                     0.03 * s.rule.reference_radius_m) {
             value -= s.rule.reference_radius_m;
             ++radii;
             out_of_relief = out_of_relief || value < lowest - flattening_m || value > highest;

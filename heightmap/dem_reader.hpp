@@ -14,6 +14,7 @@
 /// radii (LOLA: offset 1737400) becomes heights above the body's equatorial radius;
 /// SiteFrame::radius_deficit_m brings them to the ellipsoid.
 
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -51,6 +52,10 @@ class DemReader {
   /// @return the reader, or CORE_FILE_NOT_FOUND, HEIGHTMAP_RASTER_NOT_READABLE,
   ///         HEIGHTMAP_NO_PROJECTION, HEIGHTMAP_WRONG_BODY, HEIGHTMAP_SOURCE_UNIT
   [[nodiscard]] static Result<DemReader> open(const Source& source, const Body& body);
+  /// The same for an image: values are brightness in any unit, and stay as the file has them after
+  /// scale and offset.
+  [[nodiscard]] static Result<DemReader> open_image(const std::filesystem::path& path,
+                                                    const std::string& name, const Body& body);
   DemReader(DemReader&&) noexcept;
   ~DemReader();
 

@@ -13,7 +13,10 @@
 #include "heightmap/detail/blend.hpp"
 #include "heightmap/detail/clean_layer.hpp"
 #include "heightmap/detail/coregister.hpp"
+#include "heightmap/detail/datum_check.hpp"
 #include "heightmap/detail/enlargement.hpp"
+#include "heightmap/detail/image_detail.hpp"
+#include "heightmap/detail/joint_adjustment.hpp"
 #include "heightmap/detail/knowledge.hpp"
 #include "heightmap/detail/node_map.hpp"
 #include "heightmap/detail/roughness.hpp"
@@ -55,6 +58,7 @@ struct Layer {
   Clean clean = Clean::off;
   double widest_void_m = 0.0;  ///< of those that are filled from its own relief
   detail::LayerMarks marks;
+  bool adjusted = false;  ///< in its place by the joint adjustment
 };
 
 Error no_overlap(const FuseRequest& request, const DemReader& dem, const detail::SiteFrame& site) {
@@ -124,16 +128,14 @@ Result<Layer> read_layer(const FuseRequest& request, const Source& source, doubl
   return layer;
 }
 
-/// Moves a layer onto the surface below it; what it covers may change a little.
+/// Takes a layer's heights from elsewhere (nothing: from where they are) and raises them; what it
+/// covers may change a little.
+template <class Raised>
 Result<void> move(Layer& layer, const DemReader& dem, const detail::SiteFrame& site,
-                  const detail::NodeGrid& nodes, const detail::Coregistration& by,
-                  const RunContext& run) {
-  if (by.horizontal) {
-    const auto [x, y] = by.origin_of(0.0, 0.0);
-    const auto [ex, ey] = by.origin_of(1.0, 0.0);
-    const auto [nx, ny] = by.origin_of(0.0, 1.0);
-    const detail::Origin origin{ex - x, nx - x, ey - y, ny - y, x, y};
-    MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run, origin));
+                  const detail::NodeGrid& nodes, const std::optional<detail::Origin>& origin,
+                  const RunContext& run, const Raised& raised_m) {
+  if (origin) {
+    MAQUETTE_TRY(const auto map, detail::NodeMap::build(dem, site, nodes, run, *origin));
     MAQUETTE_TRY_VOID(lay(layer, dem, map, run));
   }
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, nodes.rows, [&](std::ptrdiff_t r) {
@@ -141,11 +143,27 @@ Result<void> move(Layer& layer, const DemReader& dem, const detail::SiteFrame& s
     for (std::ptrdiff_t c = 0; c < nodes.cols; ++c) {
       const double x = nodes.x0_m + nodes.spacing_m * static_cast<double>(c);
       float& h = layer.z_m(r, c);
-      h = static_cast<float>(static_cast<double>(h) + by.up_m + by.tilt_east * x +
-                             by.tilt_north * y);
+      h = static_cast<float>(static_cast<double>(h) + raised_m(x, y));
     }
   });
   return {};
+}
+
+/// Where a layer's heights are taken from that is moved like this; nothing: from where they are.
+std::optional<detail::Origin> origin_of(const detail::Coregistration& by) {
+  if (!by.horizontal) return std::nullopt;
+  const auto [x, y] = by.origin_of(0.0, 0.0);
+  const auto [ex, ey] = by.origin_of(1.0, 0.0);
+  const auto [nx, ny] = by.origin_of(0.0, 1.0);
+  return detail::Origin{ex - x, nx - x, ey - y, ny - y, x, y};
+}
+
+/// Moves a layer onto the surface below it.
+Result<void> move(Layer& layer, const DemReader& dem, const detail::SiteFrame& site,
+                  const detail::NodeGrid& nodes, const detail::Coregistration& by,
+                  const RunContext& run) {
+  return move(layer, dem, site, nodes, origin_of(by), run,
+              [&by](double x, double y) { return by.up_m + by.tilt_east * x + by.tilt_north * y; });
 }
 
 /// A source that lies outside the enlargement of a surface that it was part of.
@@ -157,19 +175,37 @@ Layer nothing_of(const DemReader& dem, const detail::SiteFrame& site,
   return layer;
 }
 
-/// As a source lay in the surface that is enlarged.
-detail::Coregistration as_reported(const SourceReport& report) {
+std::vector<detail::Seam> seams_of(const Source& source) {
+  std::vector<detail::Seam> seams;
+  for (std::size_t i = 0; i + 3 < source.seams_m.size(); i += 4)
+    seams.push_back(
+        {source.seams_m[i], source.seams_m[i + 1], source.seams_m[i + 2], source.seams_m[i + 3]});
+  return seams;
+}
+
+/// Moves a layer as it lay in the surface that is enlarged.
+Result<void> move_as_reported(Layer& layer, const DemReader& dem, const detail::SiteFrame& site,
+                              const detail::NodeGrid& nodes, const SourceReport& report,
+                              const Source& source, const RunContext& run) {
   detail::Coregistration by;
   by.east_m = report.shift_east_m;
   by.north_m = report.shift_north_m;
-  by.up_m = report.shift_up_m;
-  by.tilt_east = report.tilt_east;
-  by.tilt_north = report.tilt_north;
   by.rotation_rad = report.turn_rad;
   by.scale = report.scale;
   by.horizontal =
       by.east_m != 0.0 || by.north_m != 0.0 || by.rotation_rad != 0.0 || by.scale != 1.0;
-  return by;
+  detail::JointPose pose;
+  pose.east_m = report.shift_east_m;
+  pose.north_m = report.shift_north_m;
+  pose.up_m = report.shift_up_m;
+  pose.tilt_east = report.tilt_east;
+  pose.tilt_north = report.tilt_north;
+  pose.bow_m = report.bow_per_m;  // its half width is 1 m
+  pose.steps_m = report.steps_m;
+  std::vector<detail::Seam> seams = seams_of(source);
+  seams.resize(std::max(seams.size(), pose.steps_m.size()));
+  return move(layer, dem, site, nodes, origin_of(by), run,
+              [&](double x, double y) { return pose.raised_m(x, y, seams); });
 }
 
 /// Brings a layer onto the surface below it and reports how.
@@ -212,6 +248,28 @@ Result<void> align(Layer& layer, SourceReport& report, const Source& source, con
   report.nmad_before_m = found->nmad_before_m;
   report.nmad_after_m = found->nmad_after_m;
   return {};
+}
+
+bool wants_joint(const FuseRequest& request) {
+  bool asked = request.sources.size() > 2;
+  for (const Source& s : request.sources) asked = asked || s.bow || !s.seams_m.empty();
+  return request.joint && asked;
+}
+
+void report_pose(SourceReport& report, const detail::JointPose& pose) {
+  report.joint = true;
+  report.shift_east_m = pose.east_m;
+  report.shift_north_m = pose.north_m;
+  report.shift_up_m = pose.up_m;
+  report.tilt_east = pose.tilt_east;
+  report.tilt_north = pose.tilt_north;
+  for (std::size_t i = 0; i < 3; ++i)
+    report.bow_per_m[i] = pose.bow_m[i] / (pose.half_width_m * pose.half_width_m);
+  report.steps_m = pose.steps_m;
+  const auto side =
+      static_cast<std::size_t>(std::lround(std::sqrt(static_cast<double>(pose.covariance.size()))));
+  for (std::size_t i = 0; i < 5 && side >= 5; ++i)
+    for (std::size_t j = 0; j < 5; ++j) report.covariance[i][j] = pose.covariance[i * side + j];
 }
 
 /// Levels of bands: down to waves of two of the coarsest pixels, as far as the site has them.
@@ -279,6 +337,74 @@ double pixel_below(const Grid<std::uint8_t>& source, const Grid<float>& layer,
       .pixel_m;
 }
 
+struct Read {
+  DemReader dem;
+  Layer layer;
+  detail::Roughness roughness;
+};
+
+/// Says which sources count their heights from elsewhere than the base. A base whose pixels are
+/// wider than the site cannot tell.
+Result<void> check_datums(const FuseRequest& request, const std::vector<Read>& read,
+                          const FusedSurface& surface, const detail::NodeGrid& nodes,
+                          const RunContext& run) {
+  const double width_m = nodes.spacing_m * static_cast<double>(nodes.cols - 1);
+  for (std::size_t i = 1; i < read.size(); ++i) {
+    if (std::max(surface.sources[0].pixel_m, surface.sources[i].pixel_m) > width_m) continue;
+    const Source& source = request.sources[i];
+    const auto doubt =
+        detail::datum_doubt(read[0].layer.z_m, read[i].layer.z_m,
+                            std::hypot(request.sources[0].sigma_m, source.sigma_m), request.body);
+    if (!doubt) continue;
+    if (source.align == Source::Align::none)
+      return fail(kDatumDiffers, fmt::format("{}: {}; correct the product, or let `align` move its "
+                                             "height",
+                                             read[i].dem.name(), *doubt));
+    run.warn(fmt::format("{}: {}; it is moved onto them", read[i].dem.name(), *doubt));
+  }
+  return {};
+}
+
+/// Brings all layers that pairs tie to the base onto each other and reports how.
+Result<void> align_jointly(const FuseRequest& request, std::vector<Read>& read,
+                           const detail::SiteFrame& site, const detail::NodeGrid& nodes,
+                           FusedSurface& surface, const RunContext& run) {
+  std::vector<detail::JointSurface> surfaces;
+  for (std::size_t i = 0; i < read.size(); ++i) {
+    const Source& s = request.sources[i];
+    const bool aligned = s.align == Source::Align::automatic || s.align == Source::Align::required;
+    surfaces.push_back({&read[i].layer.z_m, std::max(surface.sources[i].pixel_m, nodes.spacing_m),
+                        i == 0 || (aligned && !s.similarity), s.bow, seams_of(s)});
+  }
+  const auto joint = detail::joint_adjustment(surfaces, nodes.spacing_m);
+  if (!joint) return {};
+  surface.loop_before_px = joint->loop_before_px;
+  surface.loop_after_px = joint->loop_after_px;
+  for (std::size_t i = 0; i < read.size(); ++i) {
+    const detail::JointPose& pose = joint->poses[i];
+    if (!pose.found || (i == 0 && pose.steps_m.empty())) continue;
+    std::optional<detail::Origin> origin;
+    if (i > 0) origin = detail::Origin{1.0, 0.0, 0.0, 1.0, -pose.east_m, -pose.north_m};
+    MAQUETTE_TRY_VOID(
+        move(read[i].layer, read[i].dem, site, nodes, origin, run,
+             [&](double x, double y) { return pose.raised_m(x, y, surfaces[i].seams); }));
+    read[i].layer.adjusted = i > 0;
+    report_pose(surface.sources[i], pose);
+    // Against the one that it has most in common with.
+    double most = 0.0;
+    for (const detail::JointPair& p : joint->pairs) {
+      if (p.upper != i || p.overlap <= most) continue;
+      most = p.overlap;
+      surface.sources[i].overlap = p.overlap;
+      surface.sources[i].median_before_m = p.median_before_m;
+      surface.sources[i].nmad_before_m = p.nmad_before_m;
+      surface.sources[i].median_after_m = p.median_after_m;
+      surface.sources[i].nmad_after_m = p.nmad_after_m;
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
@@ -294,11 +420,6 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   surface.field.x0 = Metres{nodes.x0_m};
   surface.field.y0 = Metres{nodes.y0_m};
 
-  struct Read {
-    DemReader dem;
-    Layer layer;
-    detail::Roughness roughness;
-  };
   std::vector<Read> read;
   detail::Roughness roughness;  // of the finest source
   double finest_pixel_m = INFINITY, coarsest_pixel_m = 0.0;
@@ -340,6 +461,15 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
     if (run.stopped()) return fail(kCancelled, "fusing was stopped");
   }
 
+  if (!request.enlarges) MAQUETTE_TRY_VOID(check_datums(request, read, surface, nodes, run));
+  if (request.enlarges) {
+    for (std::size_t i = 0; i < read.size(); ++i)
+      if (read[i].layer.covered > 0 && (i > 0 || !surface.sources[i].steps_m.empty()))
+        MAQUETTE_TRY_VOID(move_as_reported(read[i].layer, read[i].dem, site, nodes,
+                                           surface.sources[i], request.sources[i], run));
+  } else if (wants_joint(request))
+    MAQUETTE_TRY_VOID(align_jointly(request, read, site, nodes, surface, run));
+
   const detail::WaveTable waves = detail::wave_table(
       roughness.coefficient > 0.0 ? roughness : kUnseenRelief, nodes.spacing_m,
       nodes.spacing_m * static_cast<double>(nodes.cols), levels_of(coarsest_pixel_m, nodes));
@@ -356,11 +486,7 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
       if (read.size() > 1) as_seen = layer.z_m;
       blend.emplace(waves, std::move(layer.z_m), known, fill.sigma, request.restore);
     } else {
-      if (request.enlarges) {
-        if (layer.covered > 0)
-          MAQUETTE_TRY_VOID(
-              move(layer, read[i].dem, site, nodes, as_reported(surface.sources[i]), run));
-      } else if (source.align != Source::Align::none)
+      if (!request.enlarges && source.align != Source::Align::none && !layer.adjusted)
         MAQUETTE_TRY_VOID(align(layer, surface.sources[i], source, read[i].dem, site, nodes,
                                 as_seen, pixel_below(blend->source(), layer.z_m, surface.sources),
                                 run));
@@ -381,7 +507,19 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   blend.reset();
   mark(surface, marks);
 
-  MAQUETTE_TRY_VOID(detail::add_synthetic(surface, request, nodes, roughness, finest_pixel_m, run));
+  double shown_pixel_m = finest_pixel_m;  // by elevation products and images that show it all
+  for (const ImageSource& image : request.images) {
+    MAQUETTE_TRY(
+        ImageReport report,
+        detail::add_image_detail(surface, image, request.body, request.centre_latitude_deg,
+                                 request.centre_longitude_deg, nodes, shown_pixel_m,
+                                 roughness.coefficient > 0.0 ? roughness : kUnseenRelief, run));
+    if (report.coverage > 1.0 - kUncoveredAllowed)
+      shown_pixel_m = std::max(report.pixel_m, nodes.spacing_m);
+    surface.images.push_back(std::move(report));
+  }
+
+  MAQUETTE_TRY_VOID(detail::add_synthetic(surface, request, nodes, roughness, shown_pixel_m, run));
   if (request.enlarges) {
     const PlanetField& wide = request.enlarges->field;
     const detail::NodeGrid wide_nodes{wide.x0.value(), wide.y0.value(), wide.spacing.value(),

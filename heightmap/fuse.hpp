@@ -42,6 +42,10 @@
 /// Interpolation is bicubic, so nodes much finer than pixels see a surface without
 /// facets; pixels at least twice as fine as the nodes are averaged first.
 ///
+/// Three and more sources are aligned in one adjustment (detail/joint_adjustment.hpp), which the
+/// order of the sources does not change; those that no pair ties to the base are then aligned one
+/// by one, and so are those with turn and scale.
+///
 /// Horizontal alignment is used if both share at least 30 pixels of the coarser source, slopes
 /// of both correlate by 0.5 or more and the shift is known to a tenth of that pixel; else only the
 /// height is moved, and the source's report says why. A base whose pixel is wider than the site is
@@ -72,6 +76,8 @@ inline constexpr ErrorCode kNotAligned{"HEIGHTMAP_NOT_ALIGNED"};
 inline constexpr ErrorCode kNotCovered{"HEIGHTMAP_NOT_COVERED"};
 inline constexpr ErrorCode kSourceUnit{"HEIGHTMAP_SOURCE_UNIT"};
 inline constexpr ErrorCode kImplausibleHeight{"HEIGHTMAP_IMPLAUSIBLE_HEIGHT"};
+inline constexpr ErrorCode kDatumDiffers{"HEIGHTMAP_DATUM_DIFFERS"};
+inline constexpr ErrorCode kImageNotFiner{"HEIGHTMAP_IMAGE_NOT_FINER"};
 
 /// One elevation product as the site file names it.
 struct Source {
@@ -90,6 +96,31 @@ struct Source {
   bool similarity = false;  ///< turn about the vertical and scale too
   /// What is done about spikes, boxes, seams, ripples and stripes (artefacts.hpp).
   Clean clean = Clean::detect;
+  /// Of the joint adjustment: a bow (x^2, x y, y^2), and steps along the seams of CCDs, four
+  /// numbers each: x and y of begin and end in the site frame, metres.
+  bool bow = false;
+  std::vector<double> seams_m{};
+};
+
+/// A map-projected image whose shading adds detail that elevation products do not show
+/// (photoclinometry.hpp). It must lie on the surface as the first source does.
+struct ImageSource {
+  std::string name;
+  std::filesystem::path path;      ///< any unit; values that are not positive are no image
+  double sun_azimuth_deg = 270.0;  ///< clockwise from north, at the site
+  double sun_elevation_deg = 30.0;
+  double lunar_lambert = 0.55;     ///< 1 Lommel-Seeliger, 0 Lambert
+  double noise = 0.01;             ///< of a pixel, relative
+  double albedo_contrast = 0.1;    ///< standard deviation of log albedo
+  double albedo_length_m = 500.0;  ///< over which albedo is alike
+};
+
+struct ImageReport {
+  std::string name;
+  double pixel_m = 0.0, coverage = 0.0;  ///< share of nodes that it shows
+  double added_rms_m = 0.0;
+  double variance_lowered_m2 = 0.0;  ///< of a node's error, where the image shows ground
+  int steps = 0;
 };
 
 /// What happened to one source; goes into the manifest.
@@ -106,6 +137,9 @@ struct SourceReport {
   double shift_east_m = 0.0, shift_north_m = 0.0, shift_up_m = 0.0;
   double tilt_east = 0.0, tilt_north = 0.0;  ///< metres per metre, added
   double turn_rad = 0.0, scale = 1.0;        ///< about the site's centre, counter-clockwise
+  bool joint = false;                        ///< by the joint adjustment
+  std::array<double, 3> bow_per_m{};         ///< of x^2, x y, y^2 from the site's centre, added
+  std::vector<double> steps_m;               ///< added left of each seam, half; taken right of it
   /// Of the values above in their order; zeros where only the height was moved.
   std::array<std::array<double, 7>, 7> covariance{};
   double overlap = 0.0;     ///< share of the site in which both have heights
@@ -138,6 +172,10 @@ struct FuseRequest {
   double crater_age_gyr = 0.0;        ///< of the ground: its synthetic detail has the craters of
                                       ///< that age (crater_production.hpp); 0 none
   std::uint64_t seed = 1;             ///< of the synthetic detail
+  std::vector<ImageSource> images{};  ///< coarse to fine
+  /// Three and more sources (and any with a bow or seams) are aligned at once, so that their order
+  /// does not matter; false: each onto the ones before it.
+  bool joint = true;
   std::optional<Enlarged> enlarges{};
 };
 
@@ -158,9 +196,13 @@ struct FusedSurface {
   Grid<std::uint8_t> synthetic;
   std::size_t craters = 0;  ///< synthetic ones
   std::vector<SourceReport> sources;
+  std::vector<ImageReport> images;
   /// Farthest that a mean over the cell of an enlarged surface's node lies from its height, before
   /// and after it was made to.
   double mean_off_before_m = 0.0, mean_off_m = 0.0;
+  /// Largest sum of shifts around three sources, in pixels of the coarsest: of pairs alone, and of
+  /// what pairs still ask for after the joint adjustment; 0 without it.
+  double loop_before_px = 0.0, loop_after_px = 0.0;
 };
 
 /// @pre 2 half_width / spacing is whole, |latitude| <= 90, 1 to 254 sources
@@ -175,7 +217,10 @@ struct FusedSurface {
 ///   HEIGHTMAP_ALL_VOID           nothing but voids inside the site
 ///   HEIGHTMAP_NO_OVERLAP         source does not touch the site; gives both extents
 ///   HEIGHTMAP_NOT_ALIGNED        `required`, and relief or overlap do not tell where; says why
+///   HEIGHTMAP_DATUM_DIFFERS      `none`, and heights differ by more than 150 m everywhere alike (a
+///                                warning where heights may be moved)
 ///   HEIGHTMAP_NOT_COVERED        the base leaves more than 1 % of the site uncovered
+///   HEIGHTMAP_IMAGE_NOT_FINER    an image shows no more than the elevation products
 ///   CORE_CANCELLED
 [[nodiscard]] Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run = {});
 

@@ -102,6 +102,9 @@ json figures_of(const heightmap::SourceReport& s) {
           {"tilt_north", s.tilt_north},
           {"turn_rad", s.turn_rad},
           {"scale", s.scale},
+          {"joint", s.joint},
+          {"bow_per_m", s.bow_per_m},
+          {"steps_m", s.steps_m},
           {"sigma_east_m", std::sqrt(s.covariance[0][0])},
           {"sigma_north_m", std::sqrt(s.covariance[1][1])},
           {"sigma_up_m", std::sqrt(s.covariance[2][2])},
@@ -128,6 +131,9 @@ heightmap::SourceReport report_of(const json& f) {
   s.tilt_north = f.at("tilt_north");
   s.turn_rad = f.at("turn_rad");
   s.scale = f.at("scale");
+  s.joint = f.at("joint");
+  s.bow_per_m = f.at("bow_per_m").get<decltype(s.bow_per_m)>();
+  s.steps_m = f.at("steps_m").get<std::vector<double>>();
   s.covariance = f.at("covariance").get<decltype(s.covariance)>();
   s.overlap = f.at("overlap");
   s.height_only = f.at("height_only").get<std::string>();
@@ -185,6 +191,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   request.synthetic_detail = site.synthetic_detail;
   request.crater_age_gyr = site.crater_age_gyr;
   request.restore = site.restore;
+  request.joint = site.joint;
   request.seed = static_cast<std::uint64_t>(site.seed);
   for (const SiteSource& s : sources) {
     using Align = heightmap::Source::Align;
@@ -195,8 +202,12 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
     const heightmap::Clean clean = s.clean == "off"      ? heightmap::Clean::off
                                    : s.clean == "remove" ? heightmap::Clean::remove
                                                          : heightmap::Clean::detect;
-    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity, clean});
+    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity, clean, s.bow,
+                               s.seams_m});
   }
+  for (const SiteImage& i : site.images)
+    request.images.push_back({i.name, i.path, i.sun_azimuth_deg, i.sun_elevation_deg,
+                              i.lunar_lambert, i.noise, i.albedo_contrast, i.albedo_length_m});
   if (wider) {
     MAQUETTE_TRY(request.enlarges, read_wider(site, *wider, sources.size()));
   }
@@ -244,7 +255,18 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
       {"lowest_m", range_m.min},
       {"highest_m", range_m.max},
       {"relief_mm", static_cast<double>(range_mm.max) - static_cast<double>(range_mm.min)}};
+  if (fused.loop_before_px > 0.0) {
+    figures["loop_before_px"] = fused.loop_before_px;
+    figures["loop_after_px"] = fused.loop_after_px;
+  }
   for (const auto& s : fused.sources) figures["sources"].push_back(figures_of(s));
+  for (const auto& i : fused.images)
+    figures["images"].push_back({{"name", i.name},
+                                 {"pixel_m", i.pixel_m},
+                                 {"coverage", i.coverage},
+                                 {"added_rms_m", i.added_rms_m},
+                                 {"variance_lowered_m2", i.variance_lowered_m2},
+                                 {"steps", i.steps}});
   if (wider) {
     const auto um = [&](double height_m) {
       return 1000.0 * model_scale.vertical(Metres{height_m}).value();

@@ -42,6 +42,11 @@ std::vector<std::string> contradictions(const Site& s) {
     if (!(s.scales[i] < s.scales[i - 1]))
       found.emplace_back(
           "scales must descend: the whole site first (1000), then sections of it (200)");
+  for (const SiteSource& source : s.sources)
+    if (source.seams_m.size() % 4 != 0)
+      found.push_back(fmt::format(
+          "source '{}': seams_m has {} numbers; four a seam expected: x and y of begin and end",
+          source.name, source.seams_m.size()));
   if (s.stone_min_diameter_m >= s.stone_max_diameter_m)
     found.push_back(fmt::format("stones.min_diameter_m {} must be below stones.max_diameter_m {}",
                                 s.stone_min_diameter_m, s.stone_max_diameter_m));
@@ -97,6 +102,28 @@ std::vector<std::string> contradictions(const Site& s) {
 
 }  // namespace
 
+Schema image_schema(SiteImage& image) {
+  Schema e;
+  e.add({"name", &image.name, "for messages", -INFINITY, INFINITY, {}, true});
+  e.add({"path",
+         &image.path,
+         "what GDAL opens; brightness in any unit, 0 is no image",
+         -INFINITY,
+         INFINITY,
+         {},
+         true});
+  e.add(
+      {"sun_azimuth_deg", &image.sun_azimuth_deg, "at the site, clockwise from north", -360, 360});
+  e.add({"sun_elevation_deg", &image.sun_elevation_deg, "above the horizon", 1, 89});
+  e.add({"lunar_lambert", &image.lunar_lambert,
+         "weight of Lommel-Seeliger in the reflectance, the rest is Lambert's (McEwen's L)", 0, 1});
+  e.add({"noise", &image.noise, "of a pixel, relative to its brightness", 1e-5, 1});
+  e.add({"albedo_contrast", &image.albedo_contrast, "relative standard deviation of the albedo", 0,
+         2});
+  e.add({"albedo_length_m", &image.albedo_length_m, "over which the albedo is alike", 1e-3, 1e6});
+  return e;
+}
+
 SiteFile empty_site_file() {
   SiteFile file;
   Site& s = *file.site;
@@ -124,6 +151,8 @@ SiteFile empty_site_file() {
          0, 4.5});
   t.add({"fusion.restore", &s.restore,
          "waves as strong as relief is: noise is lowered, what wide pixels weaken is raised"});
+  t.add({"fusion.joint", &s.joint,
+         "three and more sources are aligned at once; false: each onto those before it"});
   t.add({"fusion.synthetic_seed", &s.synthetic_seed,
          "of the embedded site, used when no [[source]] is given", 0, 1e15});
 
@@ -347,8 +376,18 @@ SiteFile empty_site_file() {
                -INFINITY,
                INFINITY,
                {"off", "detect", "remove"}});
+        e.add({"bow", &source.bow,
+               "align a bow too (waves longer than the site), together with all others"});
+        e.add({"seams_m", &source.seams_m,
+               "align the step at each CCD seam too: x and y of its begin and end in the site "
+               "frame, four numbers a seam",
+               -1e7, 1e7});
         return e;
       });
+  t.array("image",
+          "Images with known sun, map-projected: their shading adds detail that the elevation "
+          "products do not show. Remove the # to use your own.",
+          [&s] { return image_schema(s.images.emplace_back()); });
   return file;
 }
 

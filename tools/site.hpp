@@ -26,6 +26,15 @@ struct SiteSource {
   std::string align = "auto";
   bool similarity = false;
   std::string clean = "detect";
+  bool bow = false;
+  std::vector<double> seams_m{};  ///< four a seam
+};
+
+struct SiteImage {
+  std::string name;
+  std::filesystem::path path;
+  double sun_azimuth_deg = 270.0, sun_elevation_deg = 30.0;
+  double lunar_lambert = 0.55, noise = 0.01, albedo_contrast = 0.1, albedo_length_m = 500.0;
 };
 
 struct Site {
@@ -41,10 +50,11 @@ struct Site {
   std::int64_t seed = 1;
   std::deque<SiteSource>
       sources;  ///< none: the embedded site is generated; deque: stable addresses
+  std::deque<SiteImage> images;
 
   std::int64_t synthetic_seed = 20260101;
   double synthetic_detail = 1.0;
-  bool restore = true;
+  bool restore = true, joint = true;
   double crater_age_gyr = 0.0;  ///< 0: no craters
 
   std::int64_t stone_count = 12;

@@ -35,6 +35,7 @@ namespace maquette::heightmap::detail {
 struct CoregisterOptions {
   bool height_only = false;
   bool rotation = false, scale = false;
+  double most_sigma_pixels = 0.1;  ///< of the coarser surface; less exact shifts are refused
 };
 
 /// A point p of the upper surface, from the middle of the grid, belongs at

@@ -3,6 +3,7 @@
 // Claims of heightmap/fuse.hpp about several sources and how each is attacked
 //   a planted shift is found and undone        analytic planet, 4 shifts, 2 pixel ratios, noise;
 //                                                to 0.05 coarse pixel, 0.3 m in height
+//   three sources are aligned at once          each order of them, and against what was planted
 //   without relief only height is moved        plane, tiny relief under noise
 //   no shift where there is none               same planet twice
 //   a border has no cliff                      fine source that ends inside the site
@@ -127,6 +128,47 @@ TEST_P(PlantedShift, IsFoundAndUndone) {
               relief(-400.0 + 2.0 * static_cast<double>(c), -400.0 + 2.0 * static_cast<double>(r)),
           2.0);
   EXPECT_LT(std::sqrt(sum / static_cast<double>(fused->field.z_m.cells().size())), d2);
+}
+
+TEST(JointAdjustment, OfThreeSourcesDoesNotDependOnTheirOrder) {
+  const ScratchFolder scratch;
+  write_planet_raster(raster(10.0, 520, pixel_mean(10.0)), scratch / "base.tif");
+  const double east[2] = {6.0, -4.0}, north[2] = {-3.0, 5.0}, up[2] = {8.0, -3.0};
+  for (int k = 0; k < 2; ++k) {
+    auto count = std::make_shared<std::uint64_t>(0);
+    auto r = raster(2.0, 480, [&, k, count](double x, double y) {
+      return relief(x - east[k], y - north[k]) + up[k] +
+             0.2 * random_normal(31 + static_cast<std::uint64_t>(k), ++*count);
+    });
+    r.cols = 340;  // each half of the site and 200 m of the other's
+    if (k == 1) r.west += 480.0 - 200.0;
+    write_planet_raster(r, scratch / (k == 0 ? "a.tif" : "b.tif"));
+  }
+  const auto fused = [&](bool swapped) {
+    FuseRequest request = pair_on(scratch, 400, 2.0);
+    request.sources = {Source{"base", scratch / "base.tif", "auto", 3.0},
+                       Source{"a", scratch / "a.tif", "auto", 0.2},
+                       Source{"b", scratch / "b.tif", "auto", 0.2}};
+    if (swapped) std::swap(request.sources[1], request.sources[2]);
+    return fuse(request);
+  };
+  const auto one = fused(false), other = fused(true);
+  ASSERT_THAT(one, Succeeds());
+  ASSERT_THAT(other, Succeeds());
+  for (std::size_t k = 0; k < 2; ++k) {
+    const SourceReport &s = one->sources[k + 1], &t = other->sources[2 - k];
+    EXPECT_TRUE(s.joint) << s.name << ": " << s.height_only;
+    EXPECT_NEAR(s.shift_east_m, -east[k], 0.5) << "0.05 of the base's pixel";
+    EXPECT_NEAR(s.shift_north_m, -north[k], 0.5);
+    EXPECT_NEAR(s.shift_up_m, -up[k], 0.3);
+    EXPECT_NEAR(s.shift_east_m, t.shift_east_m, 2e-3) << "a thousandth of a pixel";
+    EXPECT_NEAR(s.shift_north_m, t.shift_north_m, 2e-3);
+  }
+  // What lies beside each other fits to 0.02 of their pixel: one pose is no better known.
+  EXPECT_NEAR(one->sources[1].shift_east_m + east[0], one->sources[2].shift_east_m + east[1],
+              0.02 * 2.0);
+  EXPECT_NEAR(one->sources[1].shift_north_m + north[0], one->sources[2].shift_north_m + north[1],
+              0.02 * 2.0);
 }
 
 TEST(Coregister, TakesOutATiltAndSaysHowSure) {

@@ -125,11 +125,12 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   std::vector<fs::path> fuse_inputs = source_files;
   if (wider)
     for (fs::path& f : wider->files()) fuse_inputs.push_back(std::move(f));
-  stages.push_back(single("fuse", fuse_inputs,
-                          {"body", "centre_", "fusion.", "source", "stock.lowest_mm", "scales"},
-                          [=, &site](const RunContext& run) {
-                            return fuse_job(site, sources, scale, wider, here, run);
-                          }));
+  stages.push_back(
+      single("fuse", fuse_inputs,
+             {"body", "centre_", "fusion.", "source", "image", "stock.lowest_mm", "scales"},
+             [=, &site](const RunContext& run) {
+               return fuse_job(site, sources, scale, wider, here, run);
+             }));
   stages.push_back(single(
       "stones", {design}, {"stones.", "scales"},
       [=, &site](const RunContext& run) { return stones_job(site, scale, design, here, run); }));
@@ -430,6 +431,10 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
       MAQUETTE_TRY(const auto files, heightmap::source_files(s.path));
       source_files.insert(source_files.end(), files.begin(), files.end());
     }
+  }
+  for (const SiteImage& i : site.images) {
+    MAQUETTE_TRY(const auto files, heightmap::source_files(i.path));
+    source_files.insert(source_files.end(), files.begin(), files.end());
   }
   MAQUETTE_TRY(const auto operations, mill_jobs(site, options.site.string()));
   MAQUETTE_TRY(auto adjust, read_adjustment(adjustment_files(site)));

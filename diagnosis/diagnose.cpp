@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -38,6 +39,8 @@ using detail::kEquivalent;
 constexpr double kEquivalentShare = 0.01;
 /// What the simulated surface is not believed below, mm rms: ridges between passes, resampling.
 constexpr double kSimulationFloor_mm = 0.0025;
+/// A cause that explains this share of all that is explained is no error of the others' signatures.
+constexpr double kMuch = 0.1;
 /// Two causes whose fits differ by less are not told apart: the simulation of what they differ in
 /// (ridges, creases, the steepest slopes) is not better than that, mm rms.
 constexpr double kTellApart_mm = 0.0015;
@@ -123,9 +126,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   if (scene.has_path) {
     const Fit f = detail::fit(plain, detail::columns_of(plain, {}), {kChoose});
     const auto r = detail::residuals_of(m.observations, {}, plain, f);
-    scene.waves_x = detail::strongest_waves(m.observations, r, layout, 0, 2.0 * scene.half_mm());
-    scene.waves_y = detail::strongest_waves(m.observations, r, layout, 1, 2.0 * scene.half_mm());
-    scene.waves_path = detail::strongest_path_waves(m.observations, r, layout, scene.cut_mm);
+    detail::find_waves(m.observations, r, layout, scene);
     for (int axis = 0; axis < 3; ++axis)
       scene.steps[static_cast<std::size_t>(axis)] =
           detail::sharpest_steps(m.observations, r, layout, axis);
@@ -152,33 +153,41 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   std::vector<double> given(m.observations.size());
   for (std::size_t i = 0; i < given.size(); ++i) given[i] = m.observations[i].residual_mm;
   // Residuals less what the members' cut moves beyond their signatures; kept while they are the
-  // same.
-  std::vector<std::string> straight_for;
+  // same. Members that were straightened before begin where they came to rest.
+  using Keys = std::vector<std::string>;
+  Keys straight_for;
+  std::map<Keys, Eigen::VectorXd> rested;
   detail::Signatures signatures;
   const auto straighten = [&](const std::vector<Member>& with) {
-    std::vector<std::string> keys;
+    Keys keys, cut;
     for (const Member& k : with)
-      for (const Column& c : k.form.columns)
-        if (c.cut) keys.push_back(c.key);
-    if (keys.empty() && straight_for.empty()) return;
-    if (keys == straight_for && !keys.empty()) return;
-    straight_for = std::move(keys);
+      for (const Column& c : k.form.columns) {
+        keys.push_back(c.key);
+        if (c.cut) cut.push_back(c.key);
+      }
+    if (cut.empty() && straight_for.empty()) return;
+    if (cut == straight_for && !cut.empty()) return;
+    straight_for = std::move(cut);
+    const auto model = detail::columns_of(bank, with);
     Eigen::VectorXd last;
     for (int round = 0; round < (straight_for.empty() ? 1 : 4); ++round) {
-      const Fit f = detail::fit(bank, detail::columns_of(bank, with), kAll);
+      const auto before = round == 0 ? rested.find(keys) : rested.end();
+      const Fit f = before == rested.end() ? detail::fit(bank, model, kAll) : Fit{};
+      const Eigen::VectorXd now = before == rested.end() ? f.coefficients : before->second;
       // At rest to a fiftieth: second order of a fiftieth of a size is a hundredth of second order.
       bool at_rest = round > 0;
       for (Eigen::Index k = bank.nuisances; at_rest && k < last.size(); ++k)
-        at_rest = std::abs(f.coefficients(k) - last(k)) <
+        at_rest = std::abs(now(k) - last(k)) <
                   0.02 * std::abs(last(k)) + 0.2 * std::sqrt(std::fmax(0.0, f.covariance(k, k)));
       if (at_rest) break;
-      last = f.coefficients;
+      last = now;
       auto straight =
-          detail::beyond_linear(m.observations, with, bank, f, scene.ball_radius_mm, signatures);
+          detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm, signatures);
       for (std::size_t i = 0; i < given.size(); ++i)
         m.observations[i].residual_mm = straight[i] = given[i] - straight[i];
       detail::exchange_residuals(bank, straight);
     }
+    rested[keys] = last;
   };
   // With residuals as they are, and cut anew.
   const auto linear_score = [&](const std::vector<Member>& of) {
@@ -225,11 +234,16 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   };
   // Members without which the rest, cut anew, does as well: straightened residuals favour what they
   // were straightened for.
+  const auto left_by = [&](const std::vector<Member>& of) {
+    const auto model = detail::columns_of(bank, of);
+    return detail::squares(bank, model, detail::fit(bank, model, kAll).coefficients, kAll, nullptr);
+  };
   const auto pruned = [&](std::vector<Member> with) {
-    const double null = score({});
+    const double null = score({}), null_left = left_by({});
     while (!with.empty()) {
-      const double all = score(with);
-      double least = all + detail::kPriceOfGain * std::fmax(0.0, null - all);
+      const double all = score(with), left = left_by(with);
+      const double price = detail::kPriceOfGain * std::fmax(0.0, null - all);
+      double least = 0.0;
       std::size_t drop = with.size();
       // Without one, to first order: only those that are missed little are cut anew.
       std::vector<double> linear;
@@ -237,8 +251,13 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
         linear.push_back(linear_score(without(with, k)));
       for (std::size_t k = 0; k < with.size(); ++k) {
         if (linear[k] - all > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
-        if (const double fewer = score(without(with, k)); fewer < least) {
-          least = fewer;
+        const auto others = without(with, k);
+        // What moves much is not what another's signature is wrong by, however well that one shows
+        // (a warp beside chatter).
+        const double missed = score(others) - all;
+        const bool much = left_by(others) - left > kMuch * (null_left - left);
+        if (missed - (much ? 0.0 : price) < least) {
+          least = missed - (much ? 0.0 : price);
           drop = k;
         }
       }
@@ -364,6 +383,10 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
          kSignatureError * std::sqrt(std::fmax(0.0, null_squares - left_squares) / points)});
     std::vector<Cause> causes;
     std::vector<Rejected> ruled_out;
+    std::vector<double> wider;  // standard errors
+    for (std::size_t k = 0; k < members.size(); ++k)
+      wider.push_back(std::sqrt(
+          detail::overstated(bank, model, detail::columns_of(bank, without(members, k)), f)));
     for (std::size_t k = 0; k < members.size(); ++k) {
       const Member& member = members[k];
       const auto others = without(members, k);
@@ -384,7 +407,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
             std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin();
         c.parameters.push_back({column.parameter.name,
                                 f.coefficients(at) * column.parameter.per_column,
-                                std::sqrt(std::fmax(0.0, f.covariance(at, at))) *
+                                wider[k] * std::sqrt(std::fmax(0.0, f.covariance(at, at))) *
                                     std::abs(column.parameter.per_column)});
       }
       const double gain = g.objective - f.objective;

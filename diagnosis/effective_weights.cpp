@@ -8,6 +8,86 @@ namespace maquette::diagnosis::detail {
 using Eigen::Index;
 using Eigen::VectorXd;
 
+namespace {
+
+/// What the cells about each and of its set have together, itself included.
+class Neighbours {
+ public:
+  explicit Neighbours(const Points& points) : points_(points) {
+    for (std::size_t i = 0; i < points.cells.size(); ++i) index_[points.cells[i].at] = i;
+  }
+  template <class Add>
+  void each(std::size_t i, const Add& add) const {
+    const Points::Cell& cell = points_.cells[i];
+    const std::uint64_t r = cell.at / points_.cells_a_row, c = cell.at % points_.cells_a_row;
+    for (std::uint64_t row = r == 0 ? 0 : r - 1; row <= r + 1; ++row)
+      for (std::uint64_t col = c == 0 ? 0 : c - 1; col <= c + 1 && col < points_.cells_a_row; ++col)
+        if (const auto at = index_.find(row * points_.cells_a_row + col);
+            at != index_.end() && points_.cells[at->second].set == cell.set)
+          add(at->second);
+  }
+
+ private:
+  const Points& points_;
+  std::unordered_map<std::uint64_t, std::size_t> index_;
+};
+
+}  // namespace
+
+double overstated(const Bank& bank, const std::vector<int>& model, const std::vector<int>& without,
+                  const Fit& fit) {
+  // Of the cause as fitted: the direction of all coefficients that leaves the others' best.
+  std::vector<Index> own;
+  for (std::size_t i = 0; i < model.size(); ++i)
+    if (std::find(without.begin(), without.end(), model[i]) == without.end())
+      own.push_back(static_cast<Index>(i));
+  if (own.empty()) return 1.0;
+  const VectorXd size = fit.coefficients(own);
+  const VectorXd weighed = Eigen::MatrixXd(fit.covariance(own, own)).ldlt().solve(size);
+  const VectorXd direction = fit.covariance(Eigen::all, own) * weighed;
+  const double claimed = size.dot(weighed);
+  const Points& p = *bank.points;
+  VectorXd along = VectorXd::Zero(bank.y()), fitted = along;
+  for (std::size_t i = 0; i < model.size(); ++i) {
+    along(model[i]) = direction(static_cast<Index>(i));
+    fitted(model[i]) = fit.coefficients(static_cast<Index>(i));
+  }
+  std::vector<double> score(p.cells.size(), 0.0), information(p.cells.size(), 0.0);
+  each_cell(p, [&](std::size_t, const Points::Cell& cell) {
+    const auto i = static_cast<std::size_t>(&cell - p.cells.data());
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      VectorXd e = p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>();
+      VectorXd x = VectorXd::Zero(e.size());
+      Index at = 0;
+      for (const FloatRows& block : p.blocks) {
+        const auto b = fitted.segment(at, block.cols()), a = along.segment(at, block.cols());
+        if (a.squaredNorm() + b.squaredNorm() > 0.0) {
+          const auto rows = block.middleRows(cell.row[g], cell.rows[g]);
+          for (Index j = 0; j < block.cols(); ++j) {
+            if (a(j) == 0.0 && b(j) == 0.0) continue;
+            const VectorXd column = rows.col(j).cast<double>();
+            e -= b(j) * column;
+            x += a(j) * column;
+          }
+        }
+        at += block.cols();
+      }
+      const double weight = bank.weight[g] / fit.variance[g];
+      score[i] += weight * x.dot(e);
+      information[i] += weight * x.squaredNorm();
+    }
+  });
+  const Neighbours neighbours(p);
+  double real = 0.0, free = 0.0;
+  for (std::size_t i = 0; i < p.cells.size(); ++i) {
+    double near = 0.0;
+    neighbours.each(i, [&](std::size_t other) { near += score[other]; });
+    real += score[i] * near;
+    free += information[i];
+  }
+  return std::fmax(1.0, 1.0 + (real - free) / claimed);
+}
+
 Weights effective_weights(const Bank& bank, const std::vector<int>& model, const Fit& fit) {
   const Points& p = *bank.points;
   const Index k = bank.y();
@@ -36,19 +116,13 @@ Weights effective_weights(const Bank& bank, const std::vector<int>& model, const
       }
     }
   });
-  std::unordered_map<std::uint64_t, std::size_t> index;
-  for (std::size_t i = 0; i < p.cells.size(); ++i) index[p.cells[i].at] = i;
+  const Neighbours neighbours(p);
   Weights weights;
   for (std::size_t g = 0; g < kGroups; ++g) {
     VectorXd real = VectorXd::Zero(k), free = VectorXd::Zero(k);
     for (std::size_t i = 0; i < p.cells.size(); ++i) {
       VectorXd near = VectorXd::Zero(k);
-      const std::uint64_t r = p.cells[i].at / p.cells_a_row, c = p.cells[i].at % p.cells_a_row;
-      for (std::uint64_t row = r == 0 ? 0 : r - 1; row <= r + 1; ++row)
-        for (std::uint64_t col = c == 0 ? 0 : c - 1; col <= c + 1 && col < p.cells_a_row; ++col)
-          if (const auto at = index.find(row * p.cells_a_row + col);
-              at != index.end() && p.cells[at->second].set == p.cells[i].set)
-            near += scores[at->second][g];
+      neighbours.each(i, [&](std::size_t other) { near += scores[other][g]; });
       real += scores[i][g].cwiseProduct(near);
     }
     for (const SetSums& s : bank.sets) free += fit.variance[g] * s.gram[g].diagonal().head(k);

@@ -21,7 +21,8 @@ struct Small {
     double count = 0.0;
   };
   std::array<Top, kTops> top;
-  Index nuisances = 0;  // the first columns
+  std::vector<double> ratio;  // by theta
+  Index nuisances = 0;        // the first columns
 };
 
 Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<int>& sets) {
@@ -49,6 +50,7 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
       }
     }
   }
+  for (const Theta& theta : bank.theta) s.ratio.push_back(theta.ratio);
   s.nuisances = std::min<Index>(bank.nuisances, n - 1);
   return s;
 }
@@ -96,11 +98,19 @@ struct Information {
   }
 };
 
+/// Unevenness without a cause is rarely more than hundredths: its standard deviation is taken to be
+/// half-normal, mm. Without this a process of tenths over half the part holds a warp at no price.
+constexpr double kUsualUnevenness_mm = 0.02;
+double unusual(double ratio, double variance) {
+  return ratio * variance / (kUsualUnevenness_mm * kUsualUnevenness_mm);
+}
+
 /// One of the means' processes, given what the rest says of the nuisances.
 struct TopFit {
   double variance = 1.0, objective = INFINITY;
 };
-TopFit fit_top(const Small::Top& top, std::size_t t, const VectorXd& b, const MatrixXd& rest) {
+TopFit fit_top(const Small::Top& top, std::size_t t, double ratio, const VectorXd& b,
+               const MatrixXd& rest) {
   const double squares = rss(top.gram[t], b);
   const auto own = top.gram[t].topLeftCorner(rest.rows(), rest.cols());
   TopFit f;
@@ -111,7 +121,7 @@ TopFit fit_top(const Small::Top& top, std::size_t t, const VectorXd& b, const Ma
     f.variance = std::fmax(kLeastVariance, squares / free);
   }
   f.objective = top.log_det[t] + top.count * std::log(f.variance) + squares / f.variance +
-                Information(rest + own / f.variance).log_det;
+                Information(rest + own / f.variance).log_det + unusual(ratio, f.variance);
   return f;
 }
 
@@ -164,7 +174,7 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
     TopFit best;
     for (std::size_t t = 0; t < plain.size(); ++t) {
       if (!(plain[t] <= limit)) continue;
-      const TopFit here = fit_top(top, t, f.coefficients, known);
+      const TopFit here = fit_top(top, t, s.ratio[t], f.coefficients, known);
       if (!(here.objective < best.objective)) continue;
       best = here;
       f.theta[u] = static_cast<int>(t);
@@ -181,7 +191,8 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
     if (s.top[u].count > 0.0)
       f.objective += s.top[u].log_det[static_cast<std::size_t>(f.theta[u])] +
                      s.top[u].count * std::log(f.top_variance[u]) +
-                     rss(gram_of(u), f.coefficients) / f.top_variance[u];
+                     rss(gram_of(u), f.coefficients) / f.top_variance[u] +
+                     unusual(s.ratio[static_cast<std::size_t>(f.theta[u])], f.top_variance[u]);
 }
 
 }  // namespace

@@ -332,7 +332,10 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     const double predicted =
         objective_held(bank, model, chosen.coefficients, bank.nuisances, {kConfirm});
     const double both = fit(bank, model, {kChoose, kConfirm}).objective;
-    const double whole = fit(bank, model, kAll).objective;
+    const Fit whole = fit(bank, model, kAll);
+    std::vector<double> over;
+    for (std::size_t k = 0; k < members.size(); ++k)
+      over.push_back(overstated(bank, model, columns_of(bank, without(members, k)), whole));
     std::size_t worst = 0;
     double worst_p = 0.0, least = INFINITY;
     std::string why;
@@ -347,11 +350,11 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
         gain = fit(bank, small, {kConfirm}).objective - full;
       }
       const int degrees = static_cast<int>(model.size() - small.size());
-      double p = chi_squared_tail(gain, std::max(1, degrees));
+      double p = chi_squared_tail(gain / over[k], std::max(1, degrees));
       // Smooth noise that is the same in neighbouring blocks of two sets confirms nothing: what is
       // no evidence with its correlations over all sets is none.
-      const double in_all = fit(bank, small, kAll).objective - whole;
-      p = std::fmax(p, chi_squared_tail(std::fmax(0.0, in_all), std::max(1, degrees)));
+      const double in_all = fit(bank, small, kAll).objective - whole.objective;
+      p = std::fmax(p, chi_squared_tail(std::fmax(0.0, in_all) / over[k], std::max(1, degrees)));
       // The first third's coefficients, without this one's own refit, must predict the second.
       const Fit chosen_fewer = fit(bank, small, {kChoose});
       const double unaided =
@@ -368,8 +371,9 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
         worst = k;
         why = fmt::format(
             "chosen on one third of the blocks; on the next it gains {:.1f} with {} parameters "
-            "refitted, {:.1f} as it was fitted on the first; {:.1f} over all",
-            gain, degrees, unaided - predicted, in_all);
+            "refitted, {:.1f} as it was fitted on the first; {:.1f} over all; {:.1f} times less "
+            "for neighbouring cells that agree by themselves",
+            gain, degrees, unaided - predicted, in_all, over[k]);
       }
     }
     if (worst_p < level) break;

@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include <Eigen/Dense>
+#include <boost/math/distributions/fisher_f.hpp>
+#include <boost/math/distributions/students_t.hpp>
 
 #include "diagnosis/detail/forms.hpp"
 
@@ -13,21 +16,11 @@ namespace {
 
 constexpr double kLeastPattern_mm = 0.03;  // what careful registration leaves is below this
 constexpr double kLeastPose_mm = 0.002;    // no pose is believed to be better
+constexpr double kNoPose_mm = 1e3;         // nothing is known of it
 
-/// Two-sided tail of Student's t, by the integral's leading term; too large by at most a few per
-/// cent beyond t = 4, which is the safe side.
+/// Two-sided tail of Student's t.
 double student_tail(double t, double freedom) {
-  const double log_density = std::lgamma(0.5 * (freedom + 1.0)) - std::lgamma(0.5 * freedom) -
-                             0.5 * std::log(freedom * 3.14159265358979323846) -
-                             0.5 * (freedom + 1.0) * std::log1p(t * t / freedom);
-  return std::fmin(1.0, 2.0 * std::exp(log_density) * (freedom + t * t) / (t * freedom));
-}
-
-/// Upper tail of F with 6 and 2 m degrees of freedom. With even numbers it is a finite sum: the
-/// incomplete beta function of x = 2 m / (2 m + 6 F), I_x(m, 3).
-double f_tail_six(double f, int m) {
-  const double x = m / (m + 3.0 * f), y = 1.0 - x;
-  return std::pow(x, m) * (1.0 + m * y + 0.5 * m * (m + 1.0) * y * y);
+  return 2.0 * boost::math::cdf(boost::math::complement(boost::math::students_t(freedom), t));
 }
 
 struct Pattern {
@@ -50,6 +43,17 @@ Size size_of(const Eigen::VectorXd& pose, const Eigen::MatrixXd& weight,
   const Eigen::VectorXd rest = pose - x * b;
   const Eigen::Index last = free.cols();
   return {b(last), std::sqrt(std::fmax(0.0, lu.inverse()(last, last))), rest.dot(weight * rest)};
+}
+
+/// The error, mm, that makes misfit(error) what is expected.
+template <class Misfit>
+double least_error(double expected, const Misfit& misfit) {
+  double low = kLeastPose_mm, high = 100.0;
+  for (int i = 0; i < 25; ++i) {  // to 3e-7
+    const double middle = std::sqrt(low * high);
+    (misfit(middle) > expected ? low : high) = middle;
+  }
+  return high;
 }
 
 }  // namespace
@@ -103,7 +107,8 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
   } else if (stations) {
     patterns.push_back({"scanner.range_bias", "bias_mm", along_beams()});
   }
-  // The poses' own error is what makes the rest as large as it is.
+  // The poses' own error is what makes the rest as large as it is: that of turns what the turns
+  // are, for no pattern turns a scan, that of shifts what they are beside the pattern.
   struct Found {
     std::size_t pattern;
     Size size;
@@ -112,19 +117,28 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
   };
   std::vector<Found> found;
   const Eigen::MatrixXd known = fit.covariance.topLeftCorner(size, size);
-  const double freedom = static_cast<double>(size - 1 - free.cols());
-  for (std::size_t k = 0; k < patterns.size(); ++k) {
+  Eigen::VectorXd is_turn(size);
+  for (Eigen::Index i = 0; i < size; ++i) is_turn(i) = i % 6 < 3 ? 0.0 : 1.0;
+  const double turns = is_turn.sum(),
+               freedom = static_cast<double>(size) - turns - 1.0 - static_cast<double>(free.cols());
+  const auto with_errors = [&](double shift_mm, double turn_mm) {
+    Eigen::MatrixXd c = known;
+    c.diagonal() +=
+        (is_turn * turn_mm * turn_mm + (1.0 - is_turn.array()).matrix() * shift_mm * shift_mm);
+    return c;
+  };
+  const double turn_error = least_error(turns, [&](double error) {
+    // Of turns alone: the inverse of a block is that of all where nothing else is known.
+    const Eigen::MatrixXd w = with_errors(kNoPose_mm, error).inverse();
+    return pose.cwiseProduct(is_turn).dot(w * pose.cwiseProduct(is_turn));
+  });
+  for (std::size_t k = 0; k < patterns.size() && freedom > 0.0; ++k) {
     const auto at = [&](double error) {
-      Eigen::MatrixXd c = known;
-      c.diagonal().array() += error * error;
-      return Eigen::MatrixXd(c.inverse());
+      return Eigen::MatrixXd(with_errors(error, turn_error).inverse());
     };
-    double low = kLeastPose_mm, high = 100.0;
-    for (int i = 0; i < 50; ++i) {
-      const double middle = std::sqrt(low * high);
-      (size_of(pose, at(middle), free, patterns[k].along).misfit > freedom ? low : high) = middle;
-    }
-    const auto weight = at(high);
+    const auto weight = at(least_error(freedom + turns, [&](double error) {
+      return size_of(pose, at(error), free, patterns[k].along).misfit;
+    }));
     const Size s = size_of(pose, weight, free, patterns[k].along);
     if (std::isfinite(s.sigma))
       found.push_back({k, s, student_tail(std::abs(s.value) / s.sigma, freedom), weight});
@@ -195,21 +209,30 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
     d.causes.push_back(std::move(c));
     return;
   }
-  // One pose that stands apart from all others: F of mean squares, for the worst of n.
+  // One pose that stands apart from all others: F of mean squares, of shifts and of turns, for the
+  // worst of n.
   if (n < 2) return;
-  std::vector<double> squares(n, 0.0);
-  double all = 0.0;
-  for (std::size_t s = 0; s < n; ++s) {
-    squares[s] = pose.segment(static_cast<Eigen::Index>(6 * s), 6).squaredNorm() / 6.0;
-    all += squares[s];
+  std::size_t worst = 0;
+  double p_value = 1.0, size_mm = 0.0;
+  for (const Eigen::Index part : {0, 3}) {
+    std::vector<double> squares(n);
+    for (std::size_t s = 0; s < n; ++s)
+      squares[s] = pose.segment(static_cast<Eigen::Index>(6 * s) + part, 3).squaredNorm() / 3.0;
+    const auto at = static_cast<std::size_t>(std::max_element(squares.begin(), squares.end()) -
+                                             squares.begin());
+    const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
+    const double others =
+        std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[at]) / static_cast<double>(n - 1));
+    const boost::math::fisher_f law(3.0, 3.0 * static_cast<double>(n - 1));
+    const double p = 2.0 * static_cast<double>(n) *
+                     boost::math::cdf(boost::math::complement(law, squares[at] / others));
+    if (p < p_value) {
+      p_value = p;
+      worst = at;
+      size_mm = std::sqrt(squares[at]);
+    }
   }
-  const auto worst =
-      static_cast<std::size_t>(std::max_element(squares.begin(), squares.end()) - squares.begin());
-  const double others =
-      std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[worst]) / static_cast<double>(n - 1));
-  const double p_value =
-      static_cast<double>(n) * f_tail_six(squares[worst] / others, 3 * (static_cast<int>(n) - 1));
-  if (p_value < kClaimLevel && std::sqrt(squares[worst]) > 2.0 * kLeastPattern_mm) {
+  if (p_value < kClaimLevel && size_mm > 2.0 * kLeastPattern_mm) {
     Cause c = named("scanner.registration");
     const PoseEstimate& p = d.poses[worst];
     c.parameters = {{"shift_x_mm", p.shift_mm.x, p.shift_sigma_mm.x},

@@ -9,7 +9,8 @@ namespace maquette::diagnosis::detail {
 
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
-                                  const Fit& f, double ball_radius_mm, Signatures& known) {
+                                  const Eigen::VectorXd& coefficients, double ball_radius_mm,
+                                  Signatures& known) {
   struct Term {
     const Column& column;
     double coefficient;
@@ -27,7 +28,7 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
         signature[i] = static_cast<float>(c.value(all[i]));
       });
     }
-    terms.push_back({c, f.coefficients(static_cast<Eigen::Index>(k)), &signature});
+    terms.push_back({c, coefficients(static_cast<Eigen::Index>(k)), &signature});
   }
   std::vector<double> beyond(all.size(), 0.0);
   if (terms.empty()) return beyond;

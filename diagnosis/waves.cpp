@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include <oneapi/tbb/parallel_for.h>
+#include <Eigen/Dense>
 
 namespace maquette::diagnosis::detail {
 
@@ -125,6 +126,58 @@ std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
   for (const auto& [power, w] : found)
     if (waves.size() < 4) waves.push_back(w);
   return waves;
+}
+
+namespace {
+
+/// Residuals less a quadric of plan in each block.
+std::vector<double> unbowed(const std::vector<Observation>& all, std::vector<double> residual,
+                            const Layout& l) {
+  using Shape = Eigen::Matrix<double, 6, 1>;
+  const double side = l.cell_mm * static_cast<double>(l.block);
+  const auto shape = [&](Vec3 p) {
+    const double u = (p.x - l.x0) / side, v = (p.y - l.y0) / side;
+    const double a = u - std::floor(u) - 0.5, b = v - std::floor(v) - 0.5;
+    return Shape{1.0, a, b, a * a, a * b, b * b};
+  };
+  struct Block {
+    Eigen::Matrix<double, 6, 6> gram = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
+    Shape sum = Shape::Zero(), quadric;
+  };
+  std::vector<Block> blocks(l.set_of_block.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const int at = l.block_of(all[i].place.x, all[i].place.y);
+    if (at < 0) continue;
+    const Shape s = shape(all[i].place);
+    blocks[static_cast<std::size_t>(at)].gram += s * s.transpose();
+    blocks[static_cast<std::size_t>(at)].sum += residual[i] * s;
+  }
+  for (Block& b : blocks) b.quadric = b.gram.ldlt().solve(b.sum);
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if (const int at = l.block_of(all[i].place.x, all[i].place.y); at >= 0)
+      residual[i] -= blocks[static_cast<std::size_t>(at)].quadric.dot(shape(all[i].place));
+  return residual;
+}
+
+/// Those of `more` that none of `waves` stands for.
+void append(std::vector<double>& waves, const std::vector<double>& more) {
+  constexpr double kApart = 0.75;  // of a wave over the span
+  for (const double w : more)
+    if (std::none_of(waves.begin(), waves.end(),
+                     [w](double other) { return std::abs(w - other) < kApart; }))
+      waves.push_back(w);
+}
+
+}  // namespace
+
+void find_waves(const std::vector<Observation>& all, const std::vector<double>& residual,
+                const Layout& layout, Scene& scene) {
+  const std::vector<double> flat = unbowed(all, residual, layout);
+  for (const auto* r : {&residual, &flat}) {
+    append(scene.waves_x, strongest_waves(all, *r, layout, 0, 2.0 * scene.half_mm()));
+    append(scene.waves_y, strongest_waves(all, *r, layout, 1, 2.0 * scene.half_mm()));
+    append(scene.waves_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
+  }
 }
 
 }  // namespace maquette::diagnosis::detail

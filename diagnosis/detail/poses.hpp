@@ -5,12 +5,13 @@
 // a height that is the same in all scans (tool length), a shift along each scan's own beam (range
 // bias), one scan that stands apart (registration).
 //
-// Every pose is also wrong by itself, by an amount nobody has declared. It is taken from the
-// poses' own other components, beside what the fit does not know of them: a pattern counts if it is
-// out of all proportion to them (Student's t with as many degrees of freedom as components are
-// left). With one scan there are five, so only gross patterns count. Shifts that the causes found
-// bring along are no finding. Causes that registration takes almost whole (an even coat) are
-// weighed by poses and residuals together: equivalent, or named instead.
+// Every pose is also wrong by itself, by amounts nobody has declared: one for shifts, one for
+// turns, for good turns say nothing about shifts. It is taken from the shifts' own other
+// components, beside what the fit does not know of them: a pattern counts if it is out of all
+// proportion to them (Student's t with as many degrees of freedom as shifts are left). With one
+// scan there are two, so only gross patterns count. Shifts that the causes found bring along are no
+// finding. Causes that registration takes almost whole (an even coat) are weighed by poses and
+// residuals together: equivalent, or named instead.
 
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/diagnose.hpp"

@@ -150,6 +150,16 @@ struct Fit {
 [[nodiscard]] Weights effective_weights(const Bank& bank, const std::vector<int>& model,
                                         const Fit& fit);
 
+/// By how much a fit overstates what is known of one cause, as it was fitted: the variance that the
+/// score of its signature (less what the others take of it) has in the details, sums over cells and
+/// their neighbours taken together, over that which it would have were they independent; as a
+/// factor of its whole variance, at least 1. Weights are of the median column: a curve over the
+/// whole part that shows through the relief, by where the tip was, is worth less where unevenness
+/// is as long as the relief.
+/// @param without  the model's columns that are not the cause's; @param fit  of all sets
+[[nodiscard]] double overstated(const Bank& bank, const std::vector<int>& model,
+                                const std::vector<int>& without, const Fit& fit);
+
 /// @param model  indices of columns
 [[nodiscard]] Fit fit(const Bank& bank, const std::vector<int>& model,
                       const std::vector<int>& sets);

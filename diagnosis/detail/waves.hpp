@@ -6,8 +6,15 @@
 #include <vector>
 
 #include "diagnosis/detail/sums.hpp"
+#include "diagnosis/observation.hpp"
 
 namespace maquette::diagnosis::detail {
+
+/// Waves of all kinds into the scene, of residuals as they are and of what is left of them by a
+/// quadric in each block: what is smooth over many passes (a bow) has the periodogram's strongest
+/// lines at the passes' own rhythm.
+void find_waves(const std::vector<Observation>& all, const std::vector<double>& residual,
+                const Layout& layout, Scene& scene);
 
 /// @return numbers of waves over `span_mm`, at most 4, none that is no stronger than noise makes
 ///   once in a thousand cases; from 6 waves a span up to wavelengths of 0.8 mm. Choosing blocks

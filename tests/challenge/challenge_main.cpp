@@ -3,7 +3,8 @@
 // Hides effects, has them found, counts.
 //   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--full]
 //             [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X]
-//             [--noise X] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE] [--strict]
+//             [--noise X] [--fade K] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE]
+//             [--strict]
 //             [--all-right]
 // --full: 200 null, 600 single, 300 double, 150 triple, 150 outside. Prints a line a case and the
 // table; --picture draws the confusion matrix. --strict: exit 1 if a null case is claimed, a name
@@ -14,6 +15,8 @@
 // effect X times its limit.
 // --noise: of ranges, coat and block, times what is usual: with little of it a cause shows what of
 // it is not explained by its own name.
+// --fade: of effect K (from 0) only a millionth is hidden, all else stays: what the others do
+// alone.
 // --from: the first cases of each kind are passed over; --only: all but one, to see it again.
 // --keep: cases stay, with their reports. --jobs: cases at a time, each on one thread if several.
 
@@ -90,7 +93,7 @@ struct Settings {
   std::uint64_t seed = 1;
   std::string program, effect, keep, picture;
   bool strict = false, all_right = false, controls = false;
-  int points = 300'000, from = 0, only = -1;
+  int points = 300'000, from = 0, only = -1, fade = -1;
   unsigned jobs = 1;
   double over = 0.0, noise = 1.0;
 };
@@ -135,6 +138,8 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     small |= v < kOver;
     sizes += fmt::format(" x{:.1f}", v);
   }
+  if (settings.fade >= 0 && settings.fade < static_cast<int>(o.sizes.size()))
+    o.sizes[static_cast<std::size_t>(settings.fade)] *= 1e-6;
   const std::filesystem::path folder =
       settings.keep.empty() ? std::filesystem::temp_directory_path() /
                                   fmt::format("challenge_{}", static_cast<long>(o.seed))
@@ -236,6 +241,8 @@ bool read(int argc, char** argv, Settings& s) {
       s.from = std::stoi(v);
     else if (a == "--only")
       s.only = std::stoi(v);
+    else if (a == "--fade")
+      s.fade = std::stoi(v);
     else if (a == "--effect")
       s.effect = v;
     else if (a == "--keep")
@@ -267,7 +274,8 @@ int main(int argc, char** argv) {
     std::puts(
         "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
         "[--full] [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X] "
-        "[--noise X] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE] [--strict] "
+        "[--noise X] [--fade K] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE] "
+        "[--strict] "
         "[--all-right]");
     return 2;
   }

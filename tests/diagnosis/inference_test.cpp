@@ -6,6 +6,7 @@
 //   registration errors alone ....................... nothing is claimed
 //   one cause ....................................... named, with a size within its errors
 //   two causes ...................................... both, no third
+//   a bow beside a wave ............................. both
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
 //   dents, rings .................................... unexplained, no name
@@ -264,6 +265,23 @@ TEST(Inference, GivesNoNameToDents) {
   ASSERT_TRUE(d.has_value());
   EXPECT_TRUE(d->causes.empty());
   EXPECT_EQ(d->verdict, "unexplained");
+}
+
+TEST(Inference, FindsABowBesideAWaveThatShowsFarBetter) {
+  // Chatter of 20 um gains a hundred times what the bow does, for smooth unevenness is like a bow
+  // and nothing is like chatter; and the bow has the strongest lines of the path's periodogram.
+  auto m = part(53, {0.05, 0.006, 30.0, 0.02}, [](const Observation& o) {
+    const double u = o.place.x / 80.0 - 1.0, v = o.place.y / 80.0 - 1.0;
+    return (0.14 * u * u - 0.08 * v * v) * o.along.z +
+           0.02 * o.along.z * std::sin(2.0 * 3.14159265358979323846 * o.path_mm / 2.54);
+  });
+  m.scene.cut_mm = 51'200.0;
+  const auto d = diagnose(std::move(m), 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 2U);
+  EXPECT_EQ(d->causes[0].effect, "stock.warp");
+  EXPECT_EQ(d->causes[1].effect, "process.chatter");
+  EXPECT_EQ(d->verdict, "explained");
 }
 
 TEST(Inference, GivesNoNameToRings) {

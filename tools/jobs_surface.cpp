@@ -202,8 +202,8 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
     const heightmap::Clean clean = s.clean == "off"      ? heightmap::Clean::off
                                    : s.clean == "remove" ? heightmap::Clean::remove
                                                          : heightmap::Clean::detect;
-    request.sources.push_back({s.name, s.path, s.unit, s.sigma_m, align, s.similarity, clean, s.bow,
-                               s.seams_m});
+    request.sources.push_back(
+        {s.name, s.path, s.unit, s.sigma_m, align, s.similarity, clean, s.bow, s.seams_m});
   }
   for (const SiteImage& i : site.images)
     request.images.push_back({i.name, i.path, i.sun_azimuth_deg, i.sun_elevation_deg,

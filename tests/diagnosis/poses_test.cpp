@@ -8,8 +8,8 @@
 
 #include <cmath>
 
-#include <Eigen/Dense>
 #include <gtest/gtest.h>
+#include <Eigen/Dense>
 
 #include "core/random.hpp"
 #include "diagnosis/detail/poses.hpp"
@@ -60,8 +60,7 @@ TEST(Poses, GoodTurnsDoNotMakeShiftsEvidence) {
   // 12 is 5 sigma. Taken for one size, shifts and turns made 203 of 4000 claims.
   int claims = 0;
   constexpr int kDraws = 2'000;
-  for (std::uint64_t k = 0; k < kDraws; ++k)
-    claims += claimed(1000 + k, 0.2, 0.02).empty() ? 0 : 1;
+  for (std::uint64_t k = 0; k < kDraws; ++k) claims += claimed(1000 + k, 0.2, 0.02).empty() ? 0 : 1;
   RecordProperty("claims", claims);
   EXPECT_LE(claims, 12);
 }

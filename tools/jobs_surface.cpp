@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <cmath>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -177,6 +180,13 @@ Result<heightmap::Enlarged> read_wider(const Site& site, const WiderSurface& wid
   return out;
 }
 
+double median_of(const Grid<float>& values) {
+  std::vector<float> sorted(values.cells().begin(), values.cells().end());
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  return static_cast<double>(*middle);
+}
+
 }  // namespace
 
 Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources, double scale,
@@ -232,9 +242,13 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
     values.cells()[i] = static_cast<float>(
         model_scale.vertical(Metres{static_cast<double>(fused.sigma_m.cells()[i])}).value());
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "mm", result.outputs[1]));
-  const double sigma_colour_mm = colour_limit(values, 1e-4);
+  // Where it is larger and smaller than usual: its size alone is one colour on most sites.
+  const double sigma_median_mm = median_of(values);
+  for (float& v : values.cells())
+    v = sigma_median_mm > 0.0 ? static_cast<float>(std::log2(v / sigma_median_mm)) : 0.0F;
+  const double sigma_colour_octaves = colour_limit(values, 0.5);
   MAQUETTE_TRY_VOID(
-      camera::write_png(signed_picture(values, sigma_colour_mm, &design), result.outputs[7]));
+      camera::write_png(signed_picture(values, sigma_colour_octaves, &design), result.outputs[7]));
   for (std::size_t i = 0; i < values.cells().size(); ++i)
     values.cells()[i] = static_cast<float>(source_value(fused, i));
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "index", result.outputs[2]));
@@ -250,7 +264,8 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
       {"scale", scale},
       {"nodes", {design.z_mm.cols(), design.z_mm.rows()}},
       {"spacing_mm", site.spacing_mm},
-      {"sigma_colour_mm", sigma_colour_mm},
+      {"sigma_median_mm", sigma_median_mm},
+      {"sigma_colour_octaves", sigma_colour_octaves},
       {"synthetic_craters", fused.craters},
       {"lowest_m", range_m.min},
       {"highest_m", range_m.max},

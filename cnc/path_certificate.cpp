@@ -181,7 +181,9 @@ double PathProof::State::upper_bound(const PathPiece& piece, const Place3& a,
     contact.highest_mm =
         std::fmin(contact.highest_mm,
                   std::fmax(low - e, highest_in_reach(left - e, right + e, south - e, north + e)));
-    contact.least_depth_mm = std::fmax(0.0, R - (contact.highest_mm - (low - e)));
+    // Beside ground that rises more than a radius within reach only its facets bound the depth.
+    contact.least_depth_mm =
+        std::fmax(contact.least_depth_mm, R - (contact.highest_mm - (low - e)));
     fa = std::fmax(fa, 0.0);
     fb = std::fmax(fb, 0.0);
   }

@@ -171,9 +171,12 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     const auto model = detail::columns_of(bank, with);
     Eigen::VectorXd last;
     for (int round = 0; round < (straight_for.empty() ? 1 : 4); ++round) {
-      const auto before = round == 0 ? rested.find(keys) : rested.end();
-      const Fit f = before == rested.end() ? detail::fit(bank, model, kAll) : Fit{};
-      const Eigen::VectorXd now = before == rested.end() ? f.coefficients : before->second;
+      Fit f;
+      if (const auto before = rested.find(keys); round == 0 && before != rested.end())
+        f.coefficients = before->second;
+      else
+        f = detail::fit(bank, model, kAll);
+      const Eigen::VectorXd& now = f.coefficients;
       // At rest to a fiftieth: second order of a fiftieth of a size is a hundredth of second order.
       bool at_rest = round > 0;
       for (Eigen::Index k = bank.nuisances; at_rest && k < last.size(); ++k)
@@ -232,12 +235,13 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     straighten(with);
     return with;
   };
-  // Members without which the rest, cut anew, does as well: straightened residuals favour what they
-  // were straightened for.
+  /// Squares that a model leaves, all points alike.
   const auto left_by = [&](const std::vector<Member>& of) {
     const auto model = detail::columns_of(bank, of);
     return detail::squares(bank, model, detail::fit(bank, model, kAll).coefficients, kAll, nullptr);
   };
+  // Members without which the rest, cut anew, does as well: straightened residuals favour what they
+  // were straightened for.
   const auto pruned = [&](std::vector<Member> with) {
     const double null = score({}), null_left = left_by({});
     while (!with.empty()) {
@@ -252,14 +256,14 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       for (std::size_t k = 0; k < with.size(); ++k) {
         if (linear[k] - all > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
         const auto others = without(with, k);
+        double worth = score(others) - all - price;
+        if (!(worth < least)) continue;
         // What moves much is not what another's signature is wrong by, however well that one shows
-        // (a warp beside chatter).
-        const double missed = score(others) - all;
-        const bool much = left_by(others) - left > kMuch * (null_left - left);
-        if (missed - (much ? 0.0 : price) < least) {
-          least = missed - (much ? 0.0 : price);
-          drop = k;
-        }
+        // (a warp beside chatter): it need not earn the share of the gain.
+        if (left_by(others) - left > kMuch * (null_left - left)) worth += price;
+        if (!(worth < least)) continue;
+        least = worth;
+        drop = k;
       }
       if (drop == with.size()) break;
       with = without(with, drop);

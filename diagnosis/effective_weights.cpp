@@ -32,6 +32,24 @@ class Neighbours {
   std::unordered_map<std::uint64_t, std::size_t> index_;
 };
 
+/// Columns times coefficients (one for each of the bank's) at a cell's details of a group.
+VectorXd combined(const Points& p, const Points::Cell& cell, std::size_t g,
+                  const VectorXd& coefficients) {
+  VectorXd sum = VectorXd::Zero(cell.rows[g]);
+  Index at = 0;
+  for (const FloatRows& block : p.blocks)
+    for (Index j = 0; j < block.cols(); ++j, ++at)
+      if (coefficients(at) != 0.0)
+        sum += coefficients(at) * block.col(j).segment(cell.row[g], cell.rows[g]).cast<double>();
+  return sum;
+}
+/// What they leave of the residual there.
+VectorXd left_of(const Points& p, const Points::Cell& cell, std::size_t g,
+                 const VectorXd& coefficients) {
+  return p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>() -
+         combined(p, cell, g, coefficients);
+}
+
 }  // namespace
 
 double overstated(const Bank& bank, const std::vector<int>& model, const std::vector<int>& without,
@@ -56,22 +74,7 @@ double overstated(const Bank& bank, const std::vector<int>& model, const std::ve
   each_cell(p, [&](std::size_t, const Points::Cell& cell) {
     const auto i = static_cast<std::size_t>(&cell - p.cells.data());
     for (std::size_t g = 0; g < kGroups; ++g) {
-      VectorXd e = p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>();
-      VectorXd x = VectorXd::Zero(e.size());
-      Index at = 0;
-      for (const FloatRows& block : p.blocks) {
-        const auto b = fitted.segment(at, block.cols()), a = along.segment(at, block.cols());
-        if (a.squaredNorm() + b.squaredNorm() > 0.0) {
-          const auto rows = block.middleRows(cell.row[g], cell.rows[g]);
-          for (Index j = 0; j < block.cols(); ++j) {
-            if (a(j) == 0.0 && b(j) == 0.0) continue;
-            const VectorXd column = rows.col(j).cast<double>();
-            e -= b(j) * column;
-            x += a(j) * column;
-          }
-        }
-        at += block.cols();
-      }
+      const VectorXd e = left_of(p, cell, g, fitted), x = combined(p, cell, g, along);
       const double weight = bank.weight[g] / fit.variance[g];
       score[i] += weight * x.dot(e);
       information[i] += weight * x.squaredNorm();
@@ -99,16 +102,9 @@ Weights effective_weights(const Bank& bank, const std::vector<int>& model, const
   each_cell(p, [&](std::size_t, const Points::Cell& cell) {
     auto& score = scores[static_cast<std::size_t>(&cell - p.cells.data())];
     for (std::size_t g = 0; g < kGroups; ++g) {
-      VectorXd e = p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>();
-      Index at = 0;
-      for (const FloatRows& block : p.blocks) {
-        const VectorXd b = coefficients.segment(at, block.cols());
-        if (b.squaredNorm() > 0.0)
-          e -= block.middleRows(cell.row[g], cell.rows[g]).cast<double>() * b;
-        at += block.cols();
-      }
+      const VectorXd e = left_of(p, cell, g, coefficients);
       score[g].resize(k);
-      at = 0;
+      Index at = 0;
       for (const FloatRows& block : p.blocks) {
         score[g].segment(at, block.cols()) =
             block.middleRows(cell.row[g], cell.rows[g]).cast<double>().transpose() * e;

@@ -8,6 +8,7 @@
 #include "assets/synthetic_products.hpp"
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
+#include "core/median.hpp"
 #include "heightmap/body.hpp"
 #include "heightmap/field_io.hpp"
 #include "heightmap/fuse.hpp"
@@ -180,13 +181,6 @@ Result<heightmap::Enlarged> read_wider(const Site& site, const WiderSurface& wid
   return out;
 }
 
-double median_of(const Grid<float>& values) {
-  std::vector<float> sorted(values.cells().begin(), values.cells().end());
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  return static_cast<double>(*middle);
-}
-
 }  // namespace
 
 Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources, double scale,
@@ -243,7 +237,8 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
         model_scale.vertical(Metres{static_cast<double>(fused.sigma_m.cells()[i])}).value());
   MAQUETTE_TRY_VOID(heightmap::write_model_grid(values, design, "mm", result.outputs[1]));
   // Where it is larger and smaller than usual: its size alone is one colour on most sites.
-  const double sigma_median_mm = median_of(values);
+  std::vector<float> sigmas(values.cells().begin(), values.cells().end());
+  const double sigma_median_mm = static_cast<double>(median_of(sigmas));
   for (float& v : values.cells())
     v = sigma_median_mm > 0.0 ? static_cast<float>(std::log2(v / sigma_median_mm)) : 0.0F;
   const double sigma_colour_octaves = colour_limit(values, 0.5);

@@ -14,6 +14,8 @@
 
 #include "heightmap/detail/artefact_finders.hpp"
 
+#include "core/median.hpp"
+
 namespace maquette::heightmap::detail {
 namespace {
 
@@ -171,10 +173,7 @@ double height_of(const Grid<float>& h, const BoxArtefact& box) {
     add(box.row, c, -1, 0);
     add(box.row + box.rows - 1, c, 1, 0);
   }
-  if (steps.empty()) return box.offset_m;
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return *middle;
+  return steps.empty() ? box.offset_m : median_of(steps);
 }
 
 }  // namespace

@@ -7,9 +7,12 @@
 #include <vector>
 
 #include "core/grid.hpp"
+#include "core/median.hpp"
 #include "heightmap/artefacts.hpp"
 
 namespace maquette::heightmap::detail {
+
+inline constexpr auto kNormal = static_cast<float>(kMadToSigma);
 
 /// Height steps between neighbouring pixels beyond what the slope on both sides makes of them:
 /// d(0) - (d(-1) + d(1)) / 2. Element (r, c) stands between column c - 1 and c (row r - 1 and r);

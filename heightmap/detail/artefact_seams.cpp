@@ -25,7 +25,6 @@ constexpr double kUneven = 0.4;
 constexpr double kRough = 1.8, kRoughPart = 1.7;  // times what is usual
 constexpr std::size_t kRoughParts = 3;
 constexpr std::ptrdiff_t kShortestRough = 128;  // else a crater on it makes a line rough
-constexpr float kNormal = 1.4826F;
 
 struct Line {
   std::ptrdiff_t slant = 0, at = 0;  ///< columns over the whole length; column in the middle
@@ -95,9 +94,7 @@ double deviation_of_means(const Grid<float>& steps) {
     for (const Line& l : lines_of(steps, slant))
       size.push_back(std::abs(static_cast<float>(l.mean)));
   if (size.size() < 100) return INFINITY;
-  const auto middle = size.begin() + static_cast<std::ptrdiff_t>(size.size() / 2);
-  std::nth_element(size.begin(), middle, size.end());
-  return std::max(1e-6, static_cast<double>(kNormal * *middle));
+  return std::max(1e-6, static_cast<double>(kNormal * median_of(size)));
 }
 
 /// Steps within two pixels: those into the columns beside are as large together, the other way. A
@@ -160,13 +157,10 @@ SeamArtefact measured(const Grid<float>& h, const Steps& s, const Grid<float>& s
   seam.from = static_cast<double>(line.first) / kParts;
   seam.to = static_cast<double>(line.last) / kParts;
   if (height.empty()) return seam;
-  const auto middle = height.begin() + static_cast<std::ptrdiff_t>(height.size() / 2);
-  std::nth_element(height.begin(), middle, height.end());
-  seam.step_m = *middle;
+  seam.step_m = median_of(height);
   for (double& v : height) v = std::abs(v - seam.step_m);
-  std::nth_element(height.begin(), middle, height.end());
   // Of a median of normal values, which are alike along the seam.
-  seam.sigma_m = 1.2533 * static_cast<double>(kNormal) * *middle * s.alike /
+  seam.sigma_m = 1.2533 * static_cast<double>(kNormal) * median_of(height) * s.alike /
                  std::sqrt(static_cast<double>(height.size()));
   const double doubt = 4.0 * deviation * std::sqrt(static_cast<double>(kParts));
   seam.separable =
@@ -254,9 +248,7 @@ class RoughLines {
         if (i >= 2 && i + 1 < steps_.cols() && size_[static_cast<std::size_t>(i)][part] > 0.0)
           around.push_back(size_[static_cast<std::size_t>(i)][part]);
     if (around.size() < 10) return INFINITY;
-    const auto middle = around.begin() + static_cast<std::ptrdiff_t>(around.size() / 2);
-    std::nth_element(around.begin(), middle, around.end());
-    return *middle;
+    return median_of(around);
   }
 
   /// Mean over the parts of a line's steps over those usual there; 0 if it does not stand out.

@@ -13,13 +13,6 @@ namespace {
 constexpr std::ptrdiff_t kTile = 32;
 constexpr float kClear = 10.0F;   // deviations
 constexpr float kShared = 0.35F;  // of its height that neighbours may have of a spike
-constexpr float kNormal = 1.4826F;
-
-float median_of(std::vector<float>& v) {
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
-}
 
 /// Height less the median of the pixels at most two away; NaN where fewer than twelve are there.
 Grid<float> off_median(const Grid<float>& h) {

@@ -10,8 +10,7 @@
 namespace maquette::heightmap::detail {
 namespace {
 
-constexpr float kMost = 8.0F;  // deviations
-constexpr float kNormal = 1.4826F;
+constexpr float kMost = 8.0F;         // deviations
 constexpr std::ptrdiff_t kSide = 16;  // pixels, where means along a side are compared with white
 
 float step(float before2, float before, float here, float after) {
@@ -21,9 +20,7 @@ float step(float before2, float before, float here, float after) {
 float deviation_of(std::vector<float>& v) {
   if (v.empty()) return 0.0F;
   for (float& x : v) x = std::abs(x);
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return kNormal * *middle;
+  return kNormal * median_of(v);
 }
 
 /// Deviation of means of `side` steps along rows (or columns) over the whole, in units of one's.

@@ -149,11 +149,19 @@ struct SourceReport {
   double nmad_before_m = 0.0, nmad_after_m = 0.0;
 };
 
+/// What is left between a source, where it was laid, and the most exact of those before it.
+struct ResidualMap {
+  std::size_t source = 0;  ///< index
+  Metres spacing, x0, y0;  ///< of cells' middles; a third of the coarser pixel, or wider
+  Grid<float> residual_m;  ///< those before it less this, in the coarser one's resolution
+  double median_m = 0.0, nmad_m = 0.0;
+};
+
 /// A surface of the same sources with wider nodes, which this one enlarges. Its heights are kept as
 /// means over its nodes' cells; sources lie as they lay in it and have the roughness that was seen
 /// there; one that ends outside the enlargement is left out.
 struct Enlarged {
-  PlanetField field;
+  PlanetField field;                  ///< without nodes: heights are matched by `enlarge` later
   std::vector<SourceReport> sources;  ///< as in the request
 };
 
@@ -196,6 +204,7 @@ struct FusedSurface {
   Grid<std::uint8_t> synthetic;
   std::size_t craters = 0;  ///< synthetic ones
   std::vector<SourceReport> sources;
+  std::vector<ResidualMap> residuals;  ///< of all but the base; none of an enlargement
   std::vector<ImageReport> images;
   /// Farthest that a mean over the cell of an enlarged surface's node lies from its height, before
   /// and after it was made to.
@@ -223,6 +232,10 @@ struct FusedSurface {
 ///   HEIGHTMAP_IMAGE_NOT_FINER    an image shows no more than the elevation products
 ///   CORE_CANCELLED
 [[nodiscard]] Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run = {});
+
+/// Makes the means of a surface over the cells of wide nodes the heights of these
+/// (detail/enlargement.hpp), and says in the surface how far they were and are apart.
+void enlarge(FusedSurface& surface, const PlanetField& wide);
 
 /// The one place where the planet becomes a model. The lowest height of the
 /// field becomes `floor`, the lower-left node (0, 0).

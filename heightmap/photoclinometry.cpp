@@ -10,9 +10,9 @@
 
 #include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Core>
-#include <unsupported/Eigen/FFT>
 
 #include "core/check.hpp"
+#include "heightmap/detail/fourier.hpp"
 #include "heightmap/detail/sinc.hpp"
 
 namespace maquette::heightmap {
@@ -52,25 +52,6 @@ struct LogReflectance {
     return std::log(l * 2.0 * mu0 / (mu0 + mu) + (1.0 - l) * mu0);
   }
 };
-
-/// In place, rows then columns; n x n.
-void transform(std::vector<Complex>& a, std::ptrdiff_t n, bool forward) {
-  for (const bool by_rows : {true, false})
-    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, n, [&](std::ptrdiff_t i) {
-      thread_local Eigen::FFT<float> fft;
-      thread_local std::vector<Complex> in, out;
-      in.resize(static_cast<std::size_t>(n));
-      const std::ptrdiff_t stride = by_rows ? 1 : n, start = by_rows ? i * n : i;
-      for (std::ptrdiff_t k = 0; k < n; ++k)
-        in[static_cast<std::size_t>(k)] = a[static_cast<std::size_t>(start + k * stride)];
-      if (forward)
-        fft.fwd(out, in);
-      else
-        fft.inv(out, in);
-      for (std::ptrdiff_t k = 0; k < n; ++k)
-        a[static_cast<std::size_t>(start + k * stride)] = out[static_cast<std::size_t>(k)];
-    });
-}
 
 class Solver {
  public:
@@ -204,9 +185,9 @@ class Solver {
       for (std::ptrdiff_t c = 0; c < n; ++c)
         tile_[static_cast<std::size_t>(r * n + c)] =
             Complex(y(mirrored(r0 - halo + r, y.rows()), mirrored(c0 - halo + c, y.cols())), 0.0F);
-    transform(tile_, n, true);
+    detail::fourier(tile_, n, true);
     for (std::size_t k = 0; k < tile_.size(); ++k) tile_[k] *= filter_[k];
-    transform(tile_, n, false);
+    detail::fourier(tile_, n, false);
     for (std::ptrdiff_t r = 0; r < std::min(core_, y.rows() - r0); ++r)
       for (std::ptrdiff_t c = 0; c < std::min(core_, y.cols() - c0); ++c)
         out(r0 + r, c0 + c) = tile_[static_cast<std::size_t>((r + halo) * n + c + halo)].real();

@@ -328,6 +328,19 @@ std::array<double, 2> Coregistration::origin_of(double x_m, double y_m) const {
   return {c * x + s * y, -s * x + c * y};
 }
 
+namespace {
+
+/// Lower less upper, cell by cell.
+std::vector<double> difference_of(const SurfacePair& pair) {
+  std::vector<double> difference(pair.lower.cells().size());
+  for (std::size_t i = 0; i < difference.size(); ++i)
+    difference[i] =
+        static_cast<double>(pair.lower.cells()[i]) - static_cast<double>(pair.upper.cells()[i]);
+  return difference;
+}
+
+}  // namespace
+
 std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<float>& upper,
                                          double spacing_m, double lower_pixel_m,
                                          double upper_pixel_m, const CoregisterOptions& options) {
@@ -336,17 +349,11 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
   const double cell_m = pair.cell_m;
 
   Coregistration result;
-  {
-    std::vector<double> difference(pair.lower.cells().size());
-    for (std::size_t i = 0; i < difference.size(); ++i)
-      difference[i] =
-          static_cast<double>(pair.lower.cells()[i]) - static_cast<double>(pair.upper.cells()[i]);
-    const Spread raw = spread_of(difference);
-    if (raw.n == 0) return std::nullopt;
-    result.overlap = static_cast<double>(raw.n) / static_cast<double>(difference.size());
-    result.median_before_m = result.up_m = raw.median;
-    result.nmad_before_m = result.nmad_after_m = raw.nmad;  // and a median of zero
-  }
+  const Spread raw = spread_of(difference_of(pair));
+  if (raw.n == 0) return std::nullopt;
+  result.overlap = static_cast<double>(raw.n) / static_cast<double>(pair.lower.cells().size());
+  result.median_before_m = result.up_m = raw.median;
+  result.nmad_before_m = result.nmad_after_m = raw.nmad;  // and a median of zero
   const auto refused = [&](std::string why) {
     result.refusal = std::move(why);
     return result;
@@ -360,6 +367,10 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
 
   const double pixel_cells = coarse_m / cell_m;
   bring_to_one_resolution(pair, lower_pixel_m, upper_pixel_m);
+  // Before and after are of one resolution, or most of the gain would be the blur's.
+  const Spread before = spread_of(difference_of(pair));
+  result.median_before_m = before.median;
+  result.nmad_before_m = result.nmad_after_m = before.nmad;
   std::vector<Level> levels{{std::move(pair.lower), std::move(pair.upper), 1.0}};
   while (std::min(levels.back().lower.rows(), levels.back().lower.cols()) > 96) {
     const Level& l = levels.back();

@@ -50,8 +50,8 @@ struct Coregistration {
   std::array<std::array<double, kUnknowns>, kUnknowns> covariance{};
 
   double overlap = 0.0;  ///< share of the grid's cells in which both have a height
-  /// Median and normalised median absolute deviation of lower less upper, in the coarser
-  /// resolution.
+  /// Median and normalised median absolute deviation of lower less upper, both in the coarser
+  /// resolution (where it is refused for few pixels: as they are).
   double median_before_m = 0.0, median_after_m = 0.0;
   double nmad_before_m = 0.0, nmad_after_m = 0.0;
   /// False: relief or overlap do not say where the upper surface lies (`refusal` says why);

@@ -4,6 +4,9 @@
 //   Gale, HiRISE over MOLA             heights of the HiRISE file at known pixels, relief kept
 //   Shoemaker, LOLA 5 m over LDEM_4    the same in a polar map over a cylindrical one
 //   LDEM_4 as PDS3 and as ISIS cube    equal heights at equal places
+//   LDEM_4 moved by parts of a pixel   found on the ISIS cube of another release; residuals before
+//     onto the cube                      and after, and their map
+//   Shoemaker, clean = "remove"        what is taken away is what was found; heights elsewhere stay
 //   HiRISE cubes                       local, polar and sinusoidal spheres are Mars, lie where
 //                                        their labels say, and ISIS NULL is a void (they hold
 //                                        nothing else)
@@ -151,6 +154,139 @@ TEST_F(RealData, LdemAsPds3AndAsIsisCube) {
   std::sort(slipped.begin(), slipped.end());
   EXPECT_LT(differences[7], 20.0);
   EXPECT_GT(slipped[7], 60.0) << "or this test could not see a slip of half a pixel";
+}
+
+/// A part of LDEM_4 around 20 N 150 E whose map is moved east and north by so many pixels.
+void write_moved_ldem(const std::filesystem::path& to, double east_px, double north_px) {
+  GDALAllRegister();
+  GDALDataset* file = GDALDataset::Open((real_data() / "moon/LDEM_4.LBL").c_str());
+  constexpr int kFirstCol = 520, kFirstRow = 210, kCols = 160, kRows = 140;
+  std::vector<double> values(static_cast<std::size_t>(kCols) * kRows);
+  ASSERT_EQ(
+      file->GetRasterBand(1)->RasterIO(GF_Read, kFirstCol, kFirstRow, kCols, kRows, values.data(),
+                                       kCols, kRows, GDT_Float64, 0, 0, nullptr),
+      CE_None);
+  GDALClose(file);
+  testing_support::PlanetRaster raster;
+  raster.projection = "+proj=eqc +lat_ts=0 +lon_0=0 +R=1737400 +units=m +no_defs";
+  raster.pixel = 1737400.0 * std::numbers::pi / 720.0;
+  raster.cols = kCols;
+  raster.rows = kRows;
+  raster.west = (kFirstCol + east_px) * raster.pixel;
+  raster.north = (360.0 - kFirstRow + north_px) * raster.pixel;
+  raster.height = [&](double x, double y) {
+    const auto c = static_cast<std::size_t>((x - raster.west) / raster.pixel),
+               r = static_cast<std::size_t>((raster.north - y) / raster.pixel);
+    return 0.5 * values[r * kCols + c];
+  };
+  testing_support::write_planet_raster(raster, to);
+}
+
+TEST_F(RealData, LdemIsFoundOnAnotherRelease) {
+  const ScratchFolder scratch;
+  write_moved_ldem(scratch / "in_place.tif", 0.0, 0.0);
+  write_moved_ldem(scratch / "moved.tif", 0.8, -0.6);
+  const auto fused = [&](const char* name) {
+    return fuse(site("moon", 20.0, 150.0, 300e3, 4e3,
+                     {{"cube", real_data() / "moon/ldem_4_reduced.cub", "auto", 30.0},
+                      {"ldem", scratch / name, "auto", 10.0}}));
+  };
+  const auto in_place = fused("in_place.tif"), moved = fused("moved.tif");
+  ASSERT_THAT(in_place, Succeeds());
+  ASSERT_THAT(moved, Succeeds());
+  const SourceReport &still = in_place->sources[1], &back = moved->sources[1];
+  // Nobody moved the product: within what alignment says of itself, a hundredth of 22.7 km.
+  EXPECT_LT(std::abs(still.shift_east_m), 3.0 * std::sqrt(still.covariance[0][0]));
+  EXPECT_LT(std::abs(still.shift_north_m), 3.0 * std::sqrt(still.covariance[1][1]));
+  EXPECT_LT(std::sqrt(still.covariance[0][0]), 250.0);
+  const double pixel = 1737400.0 * std::numbers::pi / 720.0;
+  // The plane's metres along a parallel are cos(20) of the map's, at the centre.
+  EXPECT_NEAR(back.shift_east_m - still.shift_east_m,
+              -0.8 * pixel * std::cos(20.0 * std::numbers::pi / 180.0), 0.05 * pixel);
+  EXPECT_NEAR(back.shift_north_m - still.shift_north_m, 0.6 * pixel, 0.05 * pixel);
+  EXPECT_GT(back.nmad_before_m, 2.0 * back.nmad_after_m);
+  EXPECT_LT(still.nmad_before_m, 1.1 * still.nmad_after_m) << "it was in its place";
+  EXPECT_NEAR(back.nmad_after_m, still.nmad_after_m, 0.1 * still.nmad_after_m);
+  ASSERT_EQ(moved->residuals.size(), 1U);
+  const ResidualMap& map = moved->residuals[0];
+  EXPECT_EQ(map.source, 1U);
+  EXPECT_EQ(map.spacing.value(), 8000.0) << "two nodes: a third of the cube's pixel";
+  EXPECT_EQ(map.residual_m.rows(), 75);
+  EXPECT_EQ(map.x0.value(), -298e3);
+  EXPECT_NEAR(map.nmad_m, back.nmad_after_m, 0.15 * back.nmad_after_m);
+  EXPECT_NEAR(map.median_m, 0.0, 0.2 * map.nmad_m);
+  for (const char* which : {"before", "after"})
+    RecordProperty(std::string("nmad_") + which + "_m",
+                   std::to_string(which[0] == 'b' ? back.nmad_before_m : back.nmad_after_m));
+  RecordProperty("in_place_east_m", std::to_string(still.shift_east_m));
+  RecordProperty("in_place_north_m", std::to_string(still.shift_north_m));
+  RecordProperty("in_place_nmad_m", std::to_string(still.nmad_after_m));
+}
+
+TEST_F(RealData, ShoemakerCleaned) {
+  const auto lola = real_data() / "moon/shoemaker_lola_5m.tif";
+  const auto with = [&](Clean clean) {
+    FuseRequest request =
+        site("moon", -87.18351, 62.83502, 450, 1.0, {{"lola", lola, "auto", 0.5}});
+    request.sources[0].clean = clean;
+    return fuse(request);
+  };
+  const auto off = with(Clean::off), shown = with(Clean::detect), removed = with(Clean::remove);
+  ASSERT_THAT(off, Succeeds());
+  ASSERT_THAT(shown, Succeeds());
+  ASSERT_THAT(removed, Succeeds());
+  EXPECT_EQ(off->sources[0].artefacts.spikes, 0U);
+  EXPECT_EQ(removed->sources[0].artefacts.spikes, shown->sources[0].artefacts.spikes);
+  EXPECT_GT(removed->sources[0].artefacts.spikes, 0U);
+  EXPECT_LT(removed->sources[0].artefacts.spikes, 10U) << "a good product";
+  // Two pixels to the side cubic interpolation still shows a pixel: 15 nodes, its own included.
+  constexpr std::ptrdiff_t kReach = 15;
+  const Grid<float>&before = off->field.z_m, &after = removed->field.z_m;
+  std::size_t gone = 0, changed = 0;
+  for (std::ptrdiff_t r = 0; r < before.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < before.cols(); ++c) {
+      EXPECT_EQ(before(r, c), shown->field.z_m(r, c));
+      if ((removed->artefacts(r, c) & kTakenAway) != 0) {
+        ++gone;
+        EXPECT_EQ(removed->source(r, c), 255) << "made up";
+        EXPECT_GE(removed->sigma_m(r, c), off->sigma_m(r, c));
+      }
+      if (std::abs(after(r, c) - before(r, c)) < 1e-3F) continue;
+      ++changed;
+      bool near = false;
+      for (std::ptrdiff_t i = r - kReach; i <= r + kReach; ++i)
+        for (std::ptrdiff_t j = c - kReach; j <= c + kReach; ++j)
+          near = near || (before.contains(i, j) && (removed->artefacts(i, j) & kTakenAway) != 0);
+      EXPECT_TRUE(near) << r << ' ' << c;
+    }
+  RecordProperty("spikes", std::to_string(removed->sources[0].artefacts.spikes));
+  RecordProperty("nodes_taken", std::to_string(gone));
+  RecordProperty("nodes_changed", std::to_string(changed));
+  EXPECT_GT(gone, 0U);
+}
+
+TEST_F(RealData, GaleCleaned) {
+  const auto hirise = real_data() / "mars/gale_hirise_1m.tif";
+  const auto with = [&](Clean clean) {
+    FuseRequest request =
+        site("mars", -4.66681, 137.37025, 150, 1.0, {{"hirise", hirise, "auto", 0.2}});
+    request.sources[0].clean = clean;
+    return fuse(request);
+  };
+  const auto shown = with(Clean::detect), removed = with(Clean::remove);
+  ASSERT_THAT(shown, Succeeds());
+  ASSERT_THAT(removed, Succeeds());
+  // Its steps are between the parts of a mosaic and change along them: none is separable.
+  EXPECT_FALSE(shown->sources[0].artefacts.seams.empty());
+  for (const auto& seam : removed->sources[0].artefacts.seams) EXPECT_FALSE(seam.separable);
+  double square = 0.0;
+  for (std::size_t i = 0; i < shown->field.z_m.cells().size(); ++i)
+    square += std::pow(static_cast<double>(removed->field.z_m.cells()[i]) -
+                           static_cast<double>(shown->field.z_m.cells()[i]),
+                       2.0);
+  const double rms = std::sqrt(square / static_cast<double>(shown->field.z_m.cells().size()));
+  RecordProperty("changed_rms_m", std::to_string(rms));
+  EXPECT_LT(rms, 0.02 * 0.2) << "2 % of the noise: relief is not smoothed";
 }
 
 TEST_F(RealData, HiriseCubes) {

@@ -17,6 +17,7 @@
 namespace maquette::tools {
 namespace {
 
+constexpr std::size_t kMostSources = 100;  // source.tif adds 100 where detail is synthetic
 constexpr std::array<std::int64_t, 9> kWorkOffsets{54, 55, 56, 57, 58, 59, 591, 592, 593};
 
 template <class Preset>
@@ -31,6 +32,44 @@ bool has_strategy(const Site& s, std::string_view strategy) {
                      [&](const Operation& o) { return o.strategy == strategy; });
 }
 
+/// Which bodies the sources show, and whether they can be combined as asked.
+void check_bodies(const Site& s, std::vector<std::string>& found) {
+  if (s.sources.size() > kMostSources)
+    found.push_back(fmt::format("{} sources; source.tif can tell {} from each other",
+                                s.sources.size(), kMostSources));
+  const auto foreign = [&](const SiteSource& source) {
+    return source.body != "site" && source.body != s.body;
+  };
+  const auto other = std::find_if(s.sources.begin(), s.sources.end(), foreign);
+  if (s.combine == "same_body") {
+    if (other != s.sources.end())
+      found.push_back(fmt::format(
+          "source '{}' is of {}, the site of {}: different bodies are not aligned; fusion.combine "
+          "= \"composite\" puts its short waves on the site's relief",
+          other->name, other->body, s.body));
+    return;
+  }
+  if (other == s.sources.end())
+    found.push_back(
+        fmt::format("fusion.combine composite: all sources are of {}; name those of "
+                    "another body (body = ...), or take same_body, which aligns them",
+                    s.body));
+  else if (other == s.sources.begin())
+    found.push_back(
+        fmt::format("fusion.combine composite: source '{}' of {} stands first; first "
+                    "come those of {}, whose relief the site has",
+                    other->name, other->body, s.body));
+  for (auto i = other; i != s.sources.end(); ++i)
+    if (i->body != other->body)
+      found.push_back(
+          fmt::format("fusion.combine composite: source '{}' of {} stands after those "
+                      "of {}; the site's come first, all others are of one body",
+                      i->name, foreign(*i) ? i->body : s.body, other->body));
+  if (s.crater_age_gyr > 0.0)
+    found.emplace_back(
+        "fusion.crater_age_gyr: the detail of a composite has its own craters; set it to 0");
+}
+
 /// What no single key can say about itself. One message a finding.
 std::vector<std::string> contradictions(const Site& s) {
   std::vector<std::string> found;
@@ -42,6 +81,7 @@ std::vector<std::string> contradictions(const Site& s) {
     if (!(s.scales[i] < s.scales[i - 1]))
       found.emplace_back(
           "scales must descend: the whole site first (1000), then sections of it (200)");
+  check_bodies(s, found);
   for (const SiteSource& source : s.sources)
     if (source.seams_m.size() % 4 != 0)
       found.push_back(fmt::format(
@@ -153,6 +193,20 @@ SiteFile empty_site_file() {
          "waves as strong as relief is: noise is lowered, what wide pixels weaken is raised"});
   t.add({"fusion.joint", &s.joint,
          "three and more sources are aligned at once; false: each onto those before it"});
+  t.add({"fusion.combine",
+         &s.combine,
+         "same_body: all sources show one ground and are aligned; composite: long waves of the "
+         "site's sources, short ones of those of another body (docs/sources.md)",
+         -kInf,
+         kInf,
+         {"same_body", "composite"}});
+  t.add({"fusion.crossover_m", &s.crossover_m,
+         "of a composite: wavelength at which detail takes over; 0: four pixels of the relief", 0,
+         1e6});
+  t.add({"fusion.detail_latitude_deg", &s.detail_latitude_deg,
+         "of a composite: centre of the detail on its body, planetocentric", -90, 90});
+  t.add({"fusion.detail_longitude_deg", &s.detail_longitude_deg,
+         "of a composite: the same, east positive", -180, 360});
   t.add({"fusion.synthetic_seed", &s.synthetic_seed,
          "of the embedded site, used when no [[source]] is given", 0, 1e15});
 
@@ -359,6 +413,12 @@ SiteFile empty_site_file() {
                INFINITY,
                {},
                true});
+        e.add({"body",
+               &source.body,
+               "whose ground it shows: the site's, or another's in a composite",
+               -INFINITY,
+               INFINITY,
+               {"site", "moon", "mars"}});
         e.add({"unit", &source.unit, "of the heights", -INFINITY, INFINITY, {"auto", "m", "km"}});
         e.add({"sigma_m", &source.sigma_m, "standard uncertainty of one pixel", 1e-6, 1e6});
         e.add({"align",

@@ -28,6 +28,7 @@ struct SiteSource {
   std::string clean = "detect";
   bool bow = false;
   std::vector<double> seams_m{};  ///< four a seam
+  std::string body = "site";
 };
 
 struct SiteImage {
@@ -55,7 +56,10 @@ struct Site {
   std::int64_t synthetic_seed = 20260101;
   double synthetic_detail = 1.0;
   bool restore = true, joint = true;
-  double crater_age_gyr = 0.0;  ///< 0: no craters
+  std::string combine = "same_body";
+  double detail_latitude_deg = 0.0, detail_longitude_deg = 0.0;  ///< of a composite
+  double crossover_m = 0.0;                                      ///< 0: by the relief's pixel
+  double crater_age_gyr = 0.0;                                   ///< 0: no craters
 
   std::int64_t stone_count = 12;
   double stone_inner_share = 0.5;

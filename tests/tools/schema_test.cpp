@@ -35,6 +35,13 @@ class SiteFileTest : public testing::Test {
   }
 };
 
+/// Text of so many sources; kept for the tests' parameters.
+const char* sources(int many) {
+  static std::string text;
+  for (int i = 0; i < many; ++i) text += "[[source]]\nname = \"s\"\npath = \"a\"\n";
+  return text.c_str();
+}
+
 struct Mistake {
   const char* name;
   const char* text;
@@ -75,6 +82,19 @@ INSTANTIATE_TEST_SUITE_P(
         Mistake{"scales_ascend", "scales = [200.0, 1000.0]\n", {"scales", "descend"}},
         Mistake{
             "stepover_too_wide", "[mill]\nstepover_mm = 7.0\n", {"stepover_mm", "ball_diameter"}},
+        Mistake{"other_body_to_be_aligned",
+                "[[source]]\nname = \"lola\"\npath = \"a\"\n[[source]]\nname = \"dtm\"\npath = "
+                "\"b\"\nbody = \"mars\"\n",
+                {"source 'dtm' is of mars", "of moon", "fusion.combine = \"composite\""}},
+        Mistake{"composite_of_one_body",
+                "[fusion]\ncombine = \"composite\"\n[[source]]\nname = \"lola\"\npath = \"a\"\n",
+                {"all sources are of moon", "same_body"}},
+        Mistake{
+            "composite_in_wrong_order",
+            "[fusion]\ncombine = \"composite\"\ncrater_age_gyr = 3.5\n[[source]]\nname = "
+            "\"dtm\"\npath = \"a\"\nbody = \"mars\"\n[[source]]\nname = \"lola\"\npath = \"b\"\n",
+            {"'dtm' of mars stands first", "'lola' of moon stands after", "crater_age_gyr"}},
+        Mistake{"more_sources_than_the_mask_can_tell", sources(101), {"101 sources", "100"}},
         Mistake{"work_offset", "[mill]\nwork_offset = 60\n", {"mill.work_offset 60", "59, 591"}},
         Mistake{"too_many_bands",
                 "[bands]\nmax_width_mm = 20.0\n[mill]\nwork_offset_per_band = true\n",

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <memory>
 
 #include <fmt/format.h>
@@ -24,14 +23,12 @@ using detail::VoxelStatistics;
 
 enum class Verdict : std::uint8_t { kept, mixed, isolated, off_part, no_position };
 
-/// Opens the cloud at its beginning.
-using Open = std::function<Result<std::unique_ptr<CloudReader>>()>;
 /// Takes each batch with the index of its first point.
 using Take = std::function<Result<void>(const ScanStation&, PointBatch&, std::uint64_t)>;
 
 class Cleaner {
  public:
-  Cleaner(Open open, const CleanOptions& options, const RunContext& run)
+  Cleaner(OpenCloud open, const CleanOptions& options, const RunContext& run)
       : open_(std::move(open)),
         o_(options),
         run_(run),
@@ -65,14 +62,13 @@ class Cleaner {
   /// Is the point one that stays? Once the isolated ones are known.
   [[nodiscard]] bool stays(std::uint64_t point, Vec3 p_mm);
 
-  Open open_;
+  OpenCloud open_;
   const CleanOptions& o_;
   const RunContext& run_;
   CleanFigures figures_;
   std::vector<View> views_;
   std::vector<ScanStation> stations_;  // their points counted
-  std::vector<Vec3> sample_;           // every k-th point, model frame
-  std::uint64_t sample_step_ = 1;
+  detail::PointSample sample_;         // model frame
   Box3 bounds_;
   std::vector<Verdict> verdicts_;
   std::unique_ptr<VoxelCounts> counts_;  // where isolated points are sought
@@ -100,18 +96,14 @@ Cleaner::View& Cleaner::view_of(const PointBatch& batch, const ScanStation& stat
   if (batch.station >= views_.size()) views_.resize(batch.station + 1);
   View& v = views_[batch.station];
   if (v.scanner_mm) return v;
-  if (station.position_mm)
-    v.scanner_mm = station.model_from_station.inverse().point(*station.position_mm);
-  else if (station.model_from_station != RigidTransform{})
-    v.scanner_mm = Vec3{};
+  if (const auto scanner = detail::scanner_of(station))
+    v.scanner_mm = station.model_from_station.inverse().point(*scanner);
   return v;
 }
 
 Result<void> Cleaner::survey() {
-  constexpr std::size_t kSample = 2'000'000;
   MAQUETTE_TRY_VOID(each_batch(
-      0.0, 0.25,
-      [&](const ScanStation& station, PointBatch& b, std::uint64_t first) -> Result<void> {
+      0.0, 0.25, [&](const ScanStation& station, PointBatch& b, std::uint64_t) -> Result<void> {
         View& view = view_of(b, station);
         if (b.begins_station) {
           stations_.push_back(station);
@@ -132,25 +124,16 @@ Result<void> Cleaner::survey() {
           ++figures_.points;
           const Vec3 p = station.model_from_station.point(b.points_mm[i]);
           bounds_.add(p);
-          if (needs_voxels_ && (first + i) % sample_step_ == 0) sample_.push_back(p);
+          if (needs_voxels_ && o_.voxel_mm == 0.0) sample_.add(p);
           if (!view.image) continue;
           const Vec3 d = b.points_mm[i] - *view.scanner_mm;
           if (dot(d, d) > 0.0) view.image->survey(d, b.grid.empty() ? nullptr : &b.grid[i]);
         }
-        if (sample_.size() < kSample) return {};
-        std::size_t to = 0;
-        for (std::size_t i = 0; i < sample_.size(); i += 2) sample_[to++] = sample_[i];
-        sample_.resize(to);
-        sample_step_ *= 2;
         return {};
       }));
   if (figures_.points == 0) return fail(kCloudEmpty, "there are no points to clean");
   figures_.voxel_mm = o_.voxel_mm;
-  if (needs_voxels_ && o_.voxel_mm == 0.0) {
-    // In a sample of one point in k, eight points of all are 8 / k: the area does not change.
-    const double k = static_cast<double>(figures_.points) / static_cast<double>(sample_.size());
-    figures_.voxel_mm = detail::voxel_for(sample_, 8.0) / std::sqrt(k);
-  }
+  if (needs_voxels_ && o_.voxel_mm == 0.0) figures_.voxel_mm = sample_.voxel_for(8.0);
   sample_ = {};
   return {};
 }
@@ -243,30 +226,6 @@ Result<void> Cleaner::judge() {
   return {};
 }
 
-/// Keeps the elements of `all` whose index is listed.
-template <class T>
-void pick(std::vector<T>& all, const std::vector<std::uint32_t>& wanted) {
-  if (all.empty()) return;
-  std::size_t to = 0;
-  for (const std::uint32_t i : wanted) all[to++] = all[i];
-  all.resize(to);
-}
-
-void pick(PointBatch& b, const std::vector<std::uint32_t>& wanted) {
-  pick(b.points_mm, wanted);
-  pick(b.intensity, wanted);
-  pick(b.colours, wanted);
-  pick(b.normals, wanted);
-  pick(b.grid, wanted);
-  pick(b.time_s, wanted);
-  pick(b.return_index, wanted);
-  pick(b.return_count, wanted);
-  pick(b.scan_angle_rad, wanted);
-  pick(b.flags, wanted);
-  pick(b.counts, wanted);
-  pick(b.spread_mm, wanted);
-}
-
 bool Cleaner::stays(std::uint64_t point, Vec3 p) {
   if (verdicts_[point] != Verdict::kept) return false;
   if (!counts_ || !counts_->lonely(p)) return true;
@@ -332,7 +291,7 @@ Result<void> Cleaner::write_points(const detail::StationSink& out) {
           if (stays(first + i, pose.point(b.points_mm[i])))
             wanted.push_back(static_cast<std::uint32_t>(i));
         figures_.written += wanted.size();
-        pick(b, wanted);
+        detail::pick(b, wanted);
         ScanStation kept = station;
         kept.points = 0;
         if (needs_normals_) {
@@ -397,8 +356,13 @@ Result<void> check(const CleanOptions& o) {
 
 Result<CleanFigures> clean_cloud(const std::filesystem::path& from, const std::filesystem::path& to,
                                  const CleanOptions& options, const RunContext& run) {
+  return clean_cloud([&] { return open_cloud(from); }, to, options, run);
+}
+
+Result<CleanFigures> clean_cloud(const OpenCloud& from, const std::filesystem::path& to,
+                                 const CleanOptions& options, const RunContext& run) {
   MAQUETTE_TRY_VOID(check(options));
-  Cleaner cleaner([&] { return open_cloud(from); }, options, run);
+  Cleaner cleaner(from, options, run);
   MAQUETTE_TRY_VOID(cleaner.judge());
   MAQUETTE_TRY(const auto writer, create_cloud(to));
   MAQUETTE_TRY_VOID(cleaner.write(detail::into(*writer)));

@@ -84,6 +84,12 @@ struct CleanFigures {
                                                const CleanOptions& options = {},
                                                const RunContext& run = {});
 
+/// The same of what `from` opens, four or five times.
+[[nodiscard]] Result<CleanFigures> clean_cloud(const OpenCloud& from,
+                                               const std::filesystem::path& to,
+                                               const CleanOptions& options = {},
+                                               const RunContext& run = {});
+
 /// The same in memory. Thinned: normals, counts and spread_mm are filled.
 [[nodiscard]] Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options = {},
                                                const RunContext& run = {});

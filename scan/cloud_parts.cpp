@@ -83,6 +83,15 @@ std::uint32_t count_value(double v) {
   return v >= 4294967295.0 ? 4294967295U : v > 0.0 ? static_cast<std::uint32_t>(v) : 0;
 }
 
+/// Keeps the elements of `all` whose index is listed.
+template <class T>
+void pick(std::vector<T>& all, const std::vector<std::uint32_t>& wanted) {
+  if (all.empty()) return;
+  std::size_t to = 0;
+  for (const std::uint32_t i : wanted) all[to++] = all[i];
+  all.resize(to);
+}
+
 float float_value(double v) {  // beyond float's range a conversion would be undefined
   return static_cast<float>(std::isfinite(v) ? std::clamp<double>(v, -FLT_MAX, FLT_MAX) : v);
 }
@@ -178,6 +187,27 @@ Result<void> append(const RecordPlan& plan, const Row& row, std::uint64_t index,
   }
   if (with_flags) batch.flags.push_back(flags);
   return {};
+}
+
+void pick(PointBatch& b, const std::vector<std::uint32_t>& wanted) {
+  pick(b.points_mm, wanted);
+  pick(b.intensity, wanted);
+  pick(b.colours, wanted);
+  pick(b.normals, wanted);
+  pick(b.grid, wanted);
+  pick(b.time_s, wanted);
+  pick(b.return_index, wanted);
+  pick(b.return_count, wanted);
+  pick(b.scan_angle_rad, wanted);
+  pick(b.flags, wanted);
+  pick(b.counts, wanted);
+  pick(b.spread_mm, wanted);
+}
+
+std::optional<Vec3> scanner_of(const ScanStation& station) {
+  if (station.position_mm) return station.position_mm;
+  if (station.model_from_station == RigidTransform{}) return std::nullopt;
+  return station.model_from_station.translation_mm;
 }
 
 void BasicReader::start(PointBatch& batch, std::size_t station, bool begins) const {

@@ -44,6 +44,7 @@
 /// Safety  Files are taken as hostile: no count of a header decides how much memory is
 ///         taken or how long work goes on before the file's size has been compared with it.
 
+#include <functional>
 #include <memory>
 
 #include "scan/cloud.hpp"
@@ -112,6 +113,9 @@ class CloudReader {
 ///   CORE_FILE_NOT_READABLE; what is wrong with the file's header
 [[nodiscard]] Result<std::unique_ptr<CloudReader>> open_cloud(const std::filesystem::path& path,
                                                               const CloudReadOptions& options = {});
+
+/// Opens one and the same cloud at its beginning, as often as it is asked.
+using OpenCloud = std::function<Result<std::unique_ptr<CloudReader>>()>;
 
 struct CloudWriteOptions {
   std::optional<double> unit_mm;  ///< length of the file's unit, against the table above

@@ -88,10 +88,4 @@ struct Merge {
                                         const MergeOptions& options = {},
                                         const RunContext& run = {});
 
-/// Moves a scan and its stations, and multiplies its colours (65535 at most).
-void apply(const MergedPose& pose, Cloud& scan);
-
-/// All points, stations kept. A part that only some have is left out.
-[[nodiscard]] Cloud join(std::vector<Cloud> scans);
-
 }  // namespace maquette::scan

@@ -10,6 +10,8 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/files.hpp"
+#include "scan/detail/cloud_parts.hpp"
+#include "scan/detail/cloud_survey.hpp"
 #include "scan/detail/dual_mesh.hpp"
 #include "scan/detail/mesh_borders.hpp"
 #include "scan/detail/surfels.hpp"
@@ -142,32 +144,8 @@ void drop_unused(TriMesh& mesh, std::vector<Colour>& colours) {
     for (std::uint32_t& v : t) v = number[v];
 }
 
-}  // namespace
-
-Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options,
-                             const RunContext& run) {
-  CloudMesh result;
-  Box3 box;
-  for (const Vec3& p : cloud.points_mm) box.add(p);
-  if (cloud.points_mm.size() < 20)
-    return fail(kMeshCloudSparse, fmt::format("{} points make no surface", cloud.points_mm.size()));
-  result.voxel_mm =
-      options.voxel_mm == 0.0 ? detail::voxel_for(cloud.points_mm, 4.0) : options.voxel_mm;
-  VoxelGrid grid;
-  if (!(result.voxel_mm > 0.0) || !detail::make_voxel_grid(box, result.voxel_mm, grid))
-    return fail(kMeshCloudOptions, fmt::format("a voxel of {} mm does not fit a cloud of {} mm",
-                                               result.voxel_mm, norm(box.max - box.min)));
-  std::vector<Surfel> surfels = detail::make_surfels(cloud, grid);
-  std::erase_if(surfels, [](const Surfel& s) { return !(dot(s.normal, s.normal) > 0.5); });
-  if (run.stopped()) return fail(kCancelled, "meshing was cancelled");
-  run.progress(0.3);
-  KeyMap map(surfels.size());
-  for (std::size_t i = 0; i < surfels.size(); ++i)
-    map.insert(surfels[i].key, static_cast<std::uint32_t>(i));
-
-  // Cells that touch a voxel with points: its own and its 26 neighbours.
-  detail::DualGrid cells;
-  cells.grid = &grid;
+/// Cells that touch a voxel with points: its own and its 26 neighbours.
+void make_cells(const std::vector<Surfel>& surfels, detail::DualGrid& cells) {
   cells.cell_of = KeyMap(4 * surfels.size());
   for (const Surfel& s : surfels)
     for (std::int64_t dx = -1; dx <= 1; ++dx)
@@ -179,7 +157,10 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
           const auto next = static_cast<std::uint32_t>(cells.keys.size());
           if (cells.cell_of.insert(key, next) == next) cells.keys.push_back(key);
         }
-  // The function at the cells' corners.
+}
+
+/// The function at the cells' corners.
+void fill_corners(const Field& field, detail::DualGrid& cells) {
   const std::size_t count = cells.keys.size();
   std::vector<std::uint64_t> nodes;
   cells.corners.resize(count);
@@ -195,7 +176,6 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
         if (cells.corners[k][c] == next) nodes.push_back(key);
       }
   }
-  const Field field{grid, surfels, map};
   cells.values.resize(nodes.size());
   oneapi::tbb::parallel_for(std::size_t{0}, nodes.size(), [&](std::size_t i) {
     const auto v = field.at(
@@ -203,9 +183,11 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
         false);
     cells.values[i] = v.weight > 0.0 ? static_cast<float>(v.distance) : NAN;
   });
-  if (run.stopped()) return fail(kCancelled, "meshing was cancelled");
-  run.progress(0.6);
+}
 
+/// Vertices near points, numbered, with their colours.
+void place_vertices(const Field& field, bool coloured, detail::DualGrid& cells, CloudMesh& result) {
+  const std::size_t count = cells.keys.size();
   cells.surfaces.resize(count);
   oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
     const std::array<float, 8> f = cells.at_corners(k);
@@ -218,7 +200,6 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
     cells.first[k] = pieces;
     pieces += cells.surfaces[k].count;
   }
-  const bool coloured = !cloud.colours.empty();
   std::vector<Vertex> vertices(pieces);
   oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
     for (unsigned piece = 0; piece < cells.surfaces[k].count; ++piece)
@@ -232,54 +213,116 @@ Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options
     mesh.vertices_mm.push_back(vertices[i].place);
     if (coloured) result.colours.push_back(vertices[i].colour);
   }
-  vertices = {};
-  detail::join_cells(cells, mesh, result.colours);
+}
+
+/// The zero of the function that the pieces make.
+Result<void> make_surface(const VoxelGrid& grid, const std::vector<Surfel>& surfels, bool coloured,
+                          CloudMesh& result, const RunContext& run) {
+  KeyMap map(surfels.size());
+  for (std::size_t i = 0; i < surfels.size(); ++i)
+    map.insert(surfels[i].key, static_cast<std::uint32_t>(i));
+  const Field field{grid, surfels, map};
+  detail::DualGrid cells;
+  cells.grid = &grid;
+  make_cells(surfels, cells);
+  fill_corners(field, cells);
+  if (run.stopped()) return fail(kCancelled, "meshing was cancelled");
+  run.progress(0.6);
+  place_vertices(field, coloured, cells, result);
+  detail::join_cells(cells, result.mesh, result.colours);
+  return {};
+}
+
+MeshHole hole_of(const TriMesh& mesh, const std::vector<std::uint32_t>& loop) {
+  MeshHole hole;
+  hole.edges = loop.size();
+  Vec3 sum;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const Vec3 a = mesh.vertices_mm[loop[i]], b = mesh.vertices_mm[loop[(i + 1) % loop.size()]];
+    hole.length_mm += norm(b - a);
+    sum += a;
+  }
+  hole.middle_mm = (1.0 / static_cast<double>(loop.size())) * sum;
+  for (std::size_t i = 0; i < loop.size(); ++i)
+    hole.area_mm2 +=
+        0.5 * norm(cross(mesh.vertices_mm[loop[i]] - hole.middle_mm,
+                         mesh.vertices_mm[loop[(i + 1) % loop.size()]] - hole.middle_mm));
+  return hole;
+}
+
+/// A fan from the middle of a loop.
+void fill_hole(const std::vector<std::uint32_t>& loop, Vec3 middle_mm, CloudMesh& result) {
+  TriMesh& mesh = result.mesh;
+  const auto middle = static_cast<std::uint32_t>(mesh.vertices_mm.size());
+  mesh.vertices_mm.push_back(middle_mm);
+  if (!result.colours.empty()) {
+    double red = 0, green = 0, blue = 0;
+    for (const std::uint32_t i : loop) {
+      red += result.colours[i].red;
+      green += result.colours[i].green;
+      blue += result.colours[i].blue;
+    }
+    const auto share = [&](double c) {
+      return static_cast<std::uint16_t>(c / static_cast<double>(loop.size()));
+    };
+    result.colours.push_back({share(red), share(green), share(blue)});
+  }
+  for (std::size_t i = 0; i < loop.size(); ++i)
+    mesh.triangles.push_back({loop[i], loop[(i + 1) % loop.size()], middle});
+}
+
+}  // namespace
+
+Result<CloudMesh> mesh_cloud(const OpenCloud& open, const MeshCloudOptions& options,
+                             const RunContext& run) {
+  // Some 900 bytes a voxel while the surface is made.
+  constexpr double kMostVoxels = 6e6;
+  CloudMesh result;
+  VoxelGrid grid;
+  std::vector<Surfel> surfels;
+  bool coloured = false;
+  std::uint64_t points = 0;
+  {
+    MAQUETTE_TRY(const detail::CloudSurvey survey, detail::survey_cloud(open, run));
+    points = survey.sample.count();
+    coloured = survey.coloured;
+    if (points < 20)
+      return fail(kMeshCloudSparse, fmt::format("{} points make no surface", points));
+    const double each = std::fmax(4.0, static_cast<double>(points) / kMostVoxels);
+    result.voxel_mm = options.voxel_mm == 0.0 ? survey.sample.voxel_for(each) : options.voxel_mm;
+    const Box3& box = survey.bounds_mm;
+    if (!(result.voxel_mm > 0.0) || !detail::make_voxel_grid(box, result.voxel_mm, grid))
+      return fail(kMeshCloudOptions, fmt::format("a voxel of {} mm does not fit a cloud of {} mm",
+                                                 result.voxel_mm, norm(box.max - box.min)));
+    MAQUETTE_TRY(surfels, detail::gather_surfels(open, survey, grid, run));
+  }
+  std::erase_if(surfels, [](const Surfel& s) { return !(dot(s.normal, s.normal) > 0.5); });
+  if (run.stopped()) return fail(kCancelled, "meshing was cancelled");
+  run.progress(0.3);
+  MAQUETTE_TRY_VOID(make_surface(grid, surfels, coloured, result, run));
+  surfels = {};
+  TriMesh& mesh = result.mesh;
   if (mesh.triangles.empty())
     return fail(kMeshCloudSparse,
                 fmt::format("{} points in voxels of {:.3g} mm show no surface; take larger voxels",
-                            cloud.points_mm.size(), result.voxel_mm));
+                            points, result.voxel_mm));
   run.progress(0.9);
 
   detail::part_fans(mesh, result.colours);
   drop_unused(mesh, result.colours);
-  const auto loops = detail::border_loops(mesh);
-  for (const auto& loop : loops) {
-    MeshHole hole;
-    hole.edges = loop.size();
-    Vec3 sum;
-    for (std::size_t i = 0; i < loop.size(); ++i) {
-      const Vec3 a = mesh.vertices_mm[loop[i]], b = mesh.vertices_mm[loop[(i + 1) % loop.size()]];
-      hole.length_mm += norm(b - a);
-      sum += a;
-    }
-    hole.middle_mm = (1.0 / static_cast<double>(loop.size())) * sum;
-    for (std::size_t i = 0; i < loop.size(); ++i)
-      hole.area_mm2 +=
-          0.5 * norm(cross(mesh.vertices_mm[loop[i]] - hole.middle_mm,
-                           mesh.vertices_mm[loop[(i + 1) % loop.size()]] - hole.middle_mm));
-    result.holes.push_back(hole);
-    if (!options.closed) continue;
-    const auto middle = static_cast<std::uint32_t>(mesh.vertices_mm.size());
-    mesh.vertices_mm.push_back(hole.middle_mm);
-    if (coloured) {
-      double red = 0, green = 0, blue = 0;
-      for (const std::uint32_t i : loop) {
-        red += result.colours[i].red;
-        green += result.colours[i].green;
-        blue += result.colours[i].blue;
-      }
-      const auto share = [&](double c) {
-        return static_cast<std::uint16_t>(c / static_cast<double>(loop.size()));
-      };
-      result.colours.push_back({share(red), share(green), share(blue)});
-    }
-    for (std::size_t i = 0; i < loop.size(); ++i)
-      mesh.triangles.push_back({loop[i], loop[(i + 1) % loop.size()], middle});
+  for (const auto& loop : detail::border_loops(mesh)) {
+    result.holes.push_back(hole_of(mesh, loop));
+    if (options.closed) fill_hole(loop, result.holes.back().middle_mm, result);
   }
   std::stable_sort(result.holes.begin(), result.holes.end(),
                    [](const MeshHole& a, const MeshHole& b) { return a.length_mm > b.length_mm; });
   run.progress(1.0);
   return result;
+}
+
+Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options,
+                             const RunContext& run) {
+  return mesh_cloud([&] { return detail::reader_of(cloud); }, options, run);
 }
 
 Result<void> write_mesh_ply(const CloudMesh& m, const std::filesystem::path& path) {

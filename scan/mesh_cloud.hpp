@@ -23,9 +23,10 @@
 /// Accuracy On smooth surfaces of curvature 1/R within voxel^2 / R of the points' mean, and the
 /// noise
 ///          of the points falls with the root of the points per neighbourhood.
-/// Cost     20 M points on 2 m x 2 m, 9.6 M triangles: 116 s of CPU, most of it in parallel; 4.3
-/// GiB
-///          with the cloud (tests/bench/scan_merge_bench).
+/// Memory   Goes with the voxels, not with the points: 4.9 GiB for 5 M voxels, of 20 M points or of
+///          more.
+/// Cost     20 M points on 2 m x 2 m, 10.4 M triangles: 173 s of CPU beside other work on the machine,
+///          most of it in parallel (tests/bench/scan_merge_bench).
 
 #include <filesystem>
 #include <vector>
@@ -33,7 +34,7 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
-#include "scan/cloud.hpp"
+#include "scan/cloud_stream.hpp"
 
 namespace maquette::scan {
 
@@ -41,7 +42,8 @@ inline constexpr ErrorCode kMeshCloudOptions{"SCAN_MESH_OPTIONS"};
 inline constexpr ErrorCode kMeshCloudSparse{"SCAN_MESH_SPARSE"};
 
 struct MeshCloudOptions {
-  double voxel_mm = 0.0;  ///< 0: four points each where there are any
+  /// 0: four points each where there are any, more where that would be above 6 million voxels
+  double voxel_mm = 0.0;
   bool closed = false;
 };
 
@@ -60,10 +62,14 @@ struct CloudMesh {
   double voxel_mm = 0.0;
 };
 
+/// @param open  of any size: it is read twice, in batches
 /// @return the mesh, or
 ///   SCAN_MESH_OPTIONS  voxel negative or too small for the extent
 ///   SCAN_MESH_SPARSE   no triangles: too few points a voxel to tell a surface
-///   CORE_CANCELLED
+///   CORE_CANCELLED, errors of reading
+[[nodiscard]] Result<CloudMesh> mesh_cloud(const OpenCloud& open,
+                                           const MeshCloudOptions& options = {},
+                                           const RunContext& run = {});
 [[nodiscard]] Result<CloudMesh> mesh_cloud(const Cloud& cloud, const MeshCloudOptions& options = {},
                                            const RunContext& run = {});
 

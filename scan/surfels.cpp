@@ -188,4 +188,20 @@ double voxel_for(std::span<const Vec3> points, double per_voxel) {
   return voxel;
 }
 
+void PointSample::add(Vec3 p) {
+  if (count_++ % step_ != 0) return;
+  points_.push_back(p);
+  if (points_.size() < kMost) return;
+  std::size_t to = 0;
+  for (std::size_t i = 0; i < points_.size(); i += 2) points_[to++] = points_[i];
+  points_.resize(to);
+  step_ *= 2;
+}
+
+double PointSample::voxel_for(double points) const {
+  // In a sample of one point in k, n points of all are n / k: the area does not change.
+  const double k = static_cast<double>(count_) / static_cast<double>(points_.size());
+  return detail::voxel_for(points_, points) / std::sqrt(k);
+}
+
 }  // namespace maquette::scan::detail

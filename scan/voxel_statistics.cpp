@@ -6,6 +6,7 @@
 #include <vector>
 
 #include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/parallel_sort.h>
 
 #include "scan/detail/moments.hpp"
 
@@ -44,6 +45,13 @@ void VoxelStatistics::add(Vec3 p, Vec3 towards, float intensity, Colour colour) 
   const std::array<float, 4> look{static_cast<float>(colour.red), static_cast<float>(colour.green),
                                   static_cast<float>(colour.blue), intensity};
   for (std::size_t k = 0; k < 4; ++k) c.look[k] += share * (look[k] - c.look[k]);
+}
+
+void VoxelStatistics::sort() {
+  oneapi::tbb::parallel_sort(cells_.begin(), cells_.end(),
+                             [](const Cell& a, const Cell& b) { return a.key < b.key; });
+  for (std::size_t i = 0; i < cells_.size(); ++i)
+    numbers_.at(cells_[i].key) = static_cast<std::uint32_t>(i + 1);
 }
 
 void VoxelCounts::add(Vec3 p) {

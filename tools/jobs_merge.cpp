@@ -9,6 +9,7 @@
 
 #include "core/files.hpp"
 #include "scan/clean.hpp"
+#include "scan/merge_files.hpp"
 #include "scan/mesh_cloud.hpp"
 
 namespace maquette::tools {
@@ -16,65 +17,23 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 namespace {
 
-/// A cloud for each station.
-std::vector<scan::Cloud> split(scan::Cloud all) {
-  std::vector<scan::Cloud> scans;
-  if (all.stations.size() < 2) {
-    scans.push_back(std::move(all));
-    return scans;
-  }
-  std::size_t from = 0;
-  for (const scan::ScanStation& s : all.stations) {
-    const auto n = static_cast<std::size_t>(s.points);
-    if (n == 0) continue;
-    scan::Cloud& c = scans.emplace_back();
-    const auto part = [&](const auto& whole, auto& some) {
-      if (!whole.empty())
-        some.assign(whole.begin() + static_cast<std::ptrdiff_t>(from),
-                    whole.begin() + static_cast<std::ptrdiff_t>(from + n));
-    };
-    part(all.points_mm, c.points_mm);
-    part(all.intensity, c.intensity);
-    part(all.normals, c.normals);
-    part(all.colours, c.colours);
-    part(all.grid, c.grid);
-    c.stations = {s};
-    c.station_mm = s.position_mm;
-    from += n;
-  }
-  return scans;
-}
-
 json place_json(Vec3 p) {
   return {p.x, p.y, p.z};
 }
 
-}  // namespace
-
-Result<JobResult> merge_job(const MergeJob& job, const fs::path& out, const RunContext& run) {
-  std::vector<scan::Cloud> scans;
-  std::vector<std::string> names;
-  for (const fs::path& path : job.clouds) {
-    MAQUETTE_TRY(auto cloud, scan::read_cloud(path, run));
-    auto parts = split(std::move(cloud));
-    for (std::size_t i = 0; i < parts.size(); ++i) {
-      names.push_back(parts.size() == 1 ? path.filename().string()
-                                        : fmt::format("{}:{}", path.filename().string(),
-                                                      parts[i].stations.front().name.empty()
-                                                          ? fmt::format("{}", i + 1)
-                                                          : parts[i].stations.front().name));
-      scans.push_back(std::move(parts[i]));
-    }
-  }
-  MAQUETTE_TRY(const scan::Merge merge, scan::merge_scans(scans, job.options, run));
+json figures_of(const scan::MergedFiles& merged) {
+  const scan::Merge& merge = merged.merge;
   json figures{{"voxel_mm", merge.voxel_mm}, {"iterations", merge.iterations}};
-  for (std::size_t i = 0; i < scans.size(); ++i) {
+  std::uint64_t points = 0;
+  for (std::size_t i = 0; i < merged.scans.size(); ++i) {
     const scan::MergedPose& p = merge.scans[i];
     const Quaternion& q = p.correction.rotation;
+    points += merged.scans[i].points;
     json sigma = json::array();
     for (std::size_t k = 0; k < 6; ++k) sigma.push_back(std::sqrt(p.covariance[7 * k]));
-    figures["scans"].push_back({{"name", names[i]},
-                                {"points", scans[i].points_mm.size()},
+    figures["scans"].push_back({{"name", merged.scans[i].name},
+                                {"points", merged.scans[i].points},
+                                {"points_for_pose", merged.scans[i].used},
                                 {"rotation_wxyz", {q.w, q.x, q.y, q.z}},
                                 {"translation_mm", place_json(p.correction.translation_mm)},
                                 {"centre_mm", place_json(p.centre_mm)},
@@ -83,51 +42,60 @@ Result<JobResult> merge_job(const MergeJob& job, const fs::path& out, const RunC
                                 {"covariance", p.covariance},
                                 {"colour_gain", p.gain},
                                 {"overlap", p.overlap}});
-    scan::apply(p, scans[i]);
   }
-  double noise = 0.0;
-  for (const scan::MergePair& p : merge.pairs) {
-    noise = std::max(noise, p.noise_mm);
-    figures["pairs"].push_back({{"first", names[p.first]},
-                                {"second", names[p.second]},
+  figures["points"] = points;
+  for (const scan::MergePair& p : merge.pairs)
+    figures["pairs"].push_back({{"first", merged.scans[p.first].name},
+                                {"second", merged.scans[p.second].name},
                                 {"pieces", p.pieces},
                                 {"overlap", p.overlap},
                                 {"noise_mm", p.noise_mm},
                                 {"misfit_mm", p.misfit_mm},
                                 {"misfit_rad", p.misfit_rad},
                                 {"chi_squared", p.chi_squared}});
+  return figures;
+}
+
+json mesh_json(const scan::CloudMesh& mesh, bool closed) {
+  json holes = json::array();
+  double area = 0.0;
+  for (const scan::MeshHole& h : mesh.holes) {
+    area += h.area_mm2;
+    if (holes.size() < 200)
+      holes.push_back({{"edges", h.edges},
+                       {"length_mm", h.length_mm},
+                       {"area_mm2", h.area_mm2},
+                       {"middle_mm", place_json(h.middle_mm)}});
   }
-  const std::size_t count = scans.size();
-  scan::Cloud all = scan::join(std::move(scans));
+  return {{"vertices", mesh.mesh.vertices_mm.size()},
+          {"triangles", mesh.mesh.triangles.size()},
+          {"voxel_mm", mesh.voxel_mm},
+          {"closed", closed},
+          {"border_loops", mesh.holes.size()},
+          {"border_loops_area_mm2", area},
+          {"loops", holes}};
+}
+
+}  // namespace
+
+Result<JobResult> merge_job(const MergeJob& job, const fs::path& out, const RunContext& run) {
+  MAQUETTE_TRY(const scan::MergedFiles merged, scan::merge_files(job.clouds, job.options, run));
+  const scan::OpenCloud open = [&] { return scan::open_merged(merged); };
+  json figures = figures_of(merged);
+  double noise = 0.0;
+  for (const scan::MergePair& p : merged.merge.pairs) noise = std::max(noise, p.noise_mm);
   JobResult result;
   result.outputs = {out};
-  figures["points"] = all.points_mm.size();
-  result.note = fmt::format("{} scans, {} points, {:.3g} mm between scans", count,
-                            all.points_mm.size(), noise);
+  result.note = fmt::format("{} scans, {} points, {:.3g} mm between scans", merged.scans.size(),
+                            figures["points"].get<std::uint64_t>(), noise);
   if (job.mesh) {
     scan::MeshCloudOptions options;
     options.voxel_mm = job.mesh_voxel_mm;
     options.closed = job.closed;
-    MAQUETTE_TRY(const scan::CloudMesh mesh, scan::mesh_cloud(all, options, run));
+    MAQUETTE_TRY(const scan::CloudMesh mesh, scan::mesh_cloud(open, options, run));
     MAQUETTE_TRY_VOID(scan::write_mesh_ply(mesh, *job.mesh));
     result.outputs.push_back(*job.mesh);
-    json holes = json::array();
-    double area = 0.0;
-    for (const scan::MeshHole& h : mesh.holes) {
-      area += h.area_mm2;
-      if (holes.size() < 200)
-        holes.push_back({{"edges", h.edges},
-                         {"length_mm", h.length_mm},
-                         {"area_mm2", h.area_mm2},
-                         {"middle_mm", place_json(h.middle_mm)}});
-    }
-    figures["mesh"] = {{"vertices", mesh.mesh.vertices_mm.size()},
-                       {"triangles", mesh.mesh.triangles.size()},
-                       {"voxel_mm", mesh.voxel_mm},
-                       {"closed", job.closed},
-                       {"border_loops", mesh.holes.size()},
-                       {"border_loops_area_mm2", area},
-                       {"loops", holes}};
+    figures["mesh"] = mesh_json(mesh, job.closed);
     result.note += fmt::format(", {} triangles, {} border loops", mesh.mesh.triangles.size(),
                                mesh.holes.size());
   }
@@ -136,13 +104,14 @@ Result<JobResult> merge_job(const MergeJob& job, const fs::path& out, const RunC
     thin.mixed = false;
     thin.least_neighbours = 0;
     thin.voxel_mm = thin.thin_mm = job.thin_mm;
-    MAQUETTE_TRY(const scan::CleanFigures thinned, scan::clean_cloud(all, thin, run));
+    MAQUETTE_TRY(const scan::CleanFigures thinned, scan::clean_cloud(open, out, thin, run));
     figures["thinned"] = {{"voxel_mm", job.thin_mm},
                           {"points", thinned.written},
                           {"points_per_voxel", static_cast<double>(thinned.kept) /
                                                    static_cast<double>(thinned.written)}};
+  } else {
+    MAQUETTE_TRY_VOID(scan::copy_cloud(open, out, run));
   }
-  MAQUETTE_TRY_VOID(scan::write_cloud(all, out));
   fs::path statement = out;
   statement += ".merge.json";
   MAQUETTE_TRY_VOID(write_file(statement, figures.dump(1)));

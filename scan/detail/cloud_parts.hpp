@@ -11,6 +11,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/files.hpp"
 #include "core/result.hpp"
@@ -127,6 +128,13 @@ class BasicReader : public CloudReader {
   double unit_mm_;
   std::uint64_t points_read_ = 0;  ///< of the file, for messages
 };
+
+/// Keeps the points whose index is listed, ascending.
+void pick(PointBatch& batch, const std::vector<std::uint32_t>& wanted);
+
+/// Where a station's points were seen from, model frame: its position, or else the origin of its
+/// pose, if it has one.
+[[nodiscard]] std::optional<Vec3> scanner_of(const ScanStation& station);
 
 /// Reads a cloud in memory, which must outlive the reader, station by station, each in its frame.
 [[nodiscard]] std::unique_ptr<CloudReader> reader_of(const Cloud& cloud);

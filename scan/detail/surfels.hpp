@@ -90,4 +90,19 @@ struct Surfel {
 /// Edge of the voxels that hold about `points` points each where there are any.
 [[nodiscard]] double voxel_for(std::span<const Vec3> points_mm, double points);
 
+/// An even share of points that are met one by one, to choose voxels by: every k-th, two million at
+/// most.
+class PointSample {
+ public:
+  void add(Vec3 p_mm);
+  [[nodiscard]] std::uint64_t count() const { return count_; }  ///< of all that were met
+  /// As above, of all points.
+  [[nodiscard]] double voxel_for(double points) const;
+
+ private:
+  static constexpr std::size_t kMost = 2'000'000;
+  std::vector<Vec3> points_;
+  std::uint64_t count_ = 0, step_ = 1;
+};
+
 }  // namespace maquette::scan::detail

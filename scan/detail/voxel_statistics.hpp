@@ -118,8 +118,10 @@ class VoxelStatistics {
   explicit VoxelStatistics(const VoxelGrid& grid) : grid_(grid) {}
   /// @param towards  unit, to the scanner, or zero where it is not known
   void add(Vec3 p_mm, Vec3 towards, float intensity = 0.0F, Colour colour = {});
-  [[nodiscard]] std::size_t size() const { return cells_.size(); }  ///< in the order they were met
+  [[nodiscard]] std::size_t size() const { return cells_.size(); }  ///< in the order met
   [[nodiscard]] const VoxelGrid& grid() const { return grid_; }
+  /// Into the order of keys: neighbours, which normals ask, then lie near each other in memory.
+  void sort();
   /// KeyMap::npos if there is none.
   [[nodiscard]] std::uint32_t find(Vec3 p_mm) const { return index_of(grid_.key_of(p_mm)); }
   /// Its place in the grid, as VoxelGrid::key().

@@ -7,17 +7,19 @@
 //   covariance ............ squares of normalised errors of 12 merges have mean 1
 //   overlap ............... of two halves: what they share
 //   colour ................ gains of each camera, with some pixels that are wrong
-//   join .................. stations, order
+//   files ................. stations, order, gains, poses of what is written; shares for the poses
 //   every refusal ......... one case each
 
 #include "scan/merge.hpp"
 
 #include <cmath>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <Eigen/Dense>
 
+#include "scan/merge_files.hpp"
 #include "scan/scanner_sim.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -29,6 +31,7 @@ using heightmap::ModelField;
 using testing_support::FailsWith;
 using testing_support::random_pose;
 using testing_support::rough_part;
+using testing_support::ScratchFolder;
 using testing_support::seen_from;
 using testing_support::Succeeds;
 
@@ -156,31 +159,85 @@ TEST(Merge, GainsStandSomeWrongPixels) {
   EXPECT_NEAR(merge->scans[0].gain[1] / merge->scans[1].gain[1], 1.0, 0.01);
 }
 
-TEST(Merge, AppliesAndJoins) {
+TEST(MergedFiles, ReadsAllScansAsOneCloud) {
+  const ScratchFolder folder;
   Cloud a, b;
-  for (int i = 0; i < 10; ++i) {
+  for (int i = 0; i < 200; ++i) {
     a.points_mm.push_back({1.0 * i, 0, 0});
     a.colours.push_back({60'000, 100, 10});
     b.points_mm.push_back({0, 1.0 * i, 0});
-    b.colours.push_back({1, 2, 3});
+    b.colours.push_back({257, 514, 771});
     b.intensity.push_back(0.5F);
   }
-  a.station_mm = Vec3{0, 0, 100};
-  MergedPose pose;
-  pose.correction.translation_mm = {0, 0, 5};
-  pose.gain = {2.0, 0.5, 1.0};
-  apply(pose, a);
-  EXPECT_EQ(a.points_mm[3], (Vec3{3, 0, 5}));
-  EXPECT_EQ(a.colours[0], (Colour{65'535, 50, 10}));
-  EXPECT_EQ(a.station_mm, (Vec3{0, 0, 105}));
-  const Cloud all = join({a, b});
-  EXPECT_EQ(all.points_mm.size(), 20U);
-  EXPECT_EQ(all.colours.size(), 20U);
-  EXPECT_TRUE(all.intensity.empty()) << "only one has it";
-  ASSERT_EQ(all.stations.size(), 2U);
-  EXPECT_EQ(all.stations[0].points, 10U);
-  EXPECT_EQ(all.stations[0].position_mm, (Vec3{0, 0, 105}));
-  EXPECT_FALSE(all.station_mm.has_value());
+  a.stations.resize(3);
+  for (std::size_t k = 0; k < 3; ++k) {
+    a.stations[k].points = k == 1 ? 0 : 100;  // one that saw nothing
+    a.stations[k].name = fmt::format("s{}", k);
+    a.stations[k].colour_bits = 16;
+    a.stations[k].model_from_station.translation_mm = {0, 0, 100.0 + static_cast<double>(k)};
+    a.stations[k].position_mm = a.stations[k].model_from_station.translation_mm;
+  }
+  ASSERT_THAT(write_cloud(a, folder / "a.e57"), Succeeds());
+  ASSERT_THAT(write_cloud(b, folder / "b.ply"), Succeeds());
+  MergedFiles merged;
+  merged.files = {folder / "a.e57", folder / "b.ply"};
+  merged.scans = {{"a", 0, 0, 100, 0}, {"c", 0, 2, 100, 0}, {"b", 1, 0, 200, 0}};
+  merged.fields.colour = true;
+  merged.merge.scans.resize(3);
+  merged.merge.scans[1].correction = random_pose(3, kMiddle, 0.1, 5.0);
+  merged.merge.scans[1].gain = {2.0, 0.5, 1.0};
+  ASSERT_THAT(copy_cloud([&] { return open_merged(merged); }, folder / "m.e57"), Succeeds());
+  const auto all = read_cloud(folder / "m.e57");
+  ASSERT_THAT(all, Succeeds());
+  ASSERT_EQ(all->points_mm.size(), 400U);
+  EXPECT_TRUE(all->intensity.empty()) << "only one has it";
+  ASSERT_EQ(all->stations.size(), 3U) << "the empty one is no scan";
+  EXPECT_EQ(all->stations[1].name, "s2");
+  const RigidTransform& moved = merged.merge.scans[1].correction;
+  // Metres in the file: some 1e-13 mm.
+  EXPECT_LT(norm(all->points_mm[99] - a.points_mm[99]), 1e-9);
+  EXPECT_LT(norm(all->points_mm[103] - moved.point(a.points_mm[103])), 1e-9);
+  EXPECT_LT(norm(all->points_mm[207] - b.points_mm[7]), 1e-9);
+  EXPECT_LT(norm(*all->stations[1].position_mm - moved.point({0, 0, 102})), 1e-9);
+  EXPECT_EQ(all->colours[0], a.colours[0]);
+  EXPECT_EQ(all->colours[100], (Colour{65'535, 50, 10}));
+}
+
+// Poses from a share of the points are worth what that share is: the covariance says it.
+TEST(MergedFiles, TakesAnEvenShareForThePoses) {
+  const ScratchFolder folder;
+  const ModelField part = rough_part(3, 301, 301, 1.0, 2.0);
+  const RigidTransform moved = random_pose(41, kMiddle, 0.005, 3.0);
+  const Cloud one = scan_from(part, 0, 1);
+  Cloud two = seen_from(scan_from(part, 1, 2), moved);
+  two.stations.front().position_mm = two.station_mm;
+  std::vector<std::filesystem::path> files{folder / "a.ply", folder / "b.ply"};
+  ASSERT_THAT(write_cloud(one, files[0]), Succeeds());
+  ASSERT_THAT(write_cloud(two, files[1]), Succeeds());
+  const auto whole = merge_files(files);
+  ASSERT_THAT(whole, Succeeds());
+  EXPECT_EQ(whole->scans[1].used, two.points_mm.size());
+  const std::uint64_t all = one.points_mm.size() + two.points_mm.size();
+  const auto share = merge_files(files, {}, {}, all / 5);
+  ASSERT_THAT(share, Succeeds());
+  std::uint64_t used = 0;
+  for (std::size_t k = 0; k < 2; ++k) {
+    const FileScan& s = share->scans[k];
+    EXPECT_EQ(s.points, k == 0 ? one.points_mm.size() : two.points_mm.size());
+    // Halved until they fit: an eighth each, or an eighth and a quarter of 1 : 1.
+    EXPECT_GT(static_cast<double>(s.used), 0.1 * static_cast<double>(s.points));
+    EXPECT_LT(static_cast<double>(s.used), 0.3 * static_cast<double>(s.points));
+    used += s.used;
+  }
+  EXPECT_LE(used, all / 5);
+  for (const auto* m : {&*whole, &*share}) {
+    const MergedPose& p = m->merge.scans[1];
+    const RigidTransform left = p.correction * moved;
+    const double stated = std::sqrt(p.covariance[0] + p.covariance[7] + p.covariance[14]);
+    EXPECT_LT(norm(left.point(p.centre_mm) - p.centre_mm), 3.0 * stated);
+    EXPECT_LT(stated, m == &*whole ? 0.01 : 0.1);
+  }
+  EXPECT_GT(share->merge.scans[1].covariance[14], whole->merge.scans[1].covariance[14]);
 }
 
 TEST(MergeRefuses, WhatCannotBeMerged) {

@@ -5,8 +5,11 @@
 #include <cmath>
 #include <numbers>
 
+#include <Eigen/Dense>
+
 #include "core/check.hpp"
 #include "core/median.hpp"
+#include "scan/detail/patches.hpp"
 
 namespace maquette::scan {
 namespace {
@@ -14,15 +17,63 @@ namespace {
 constexpr int kSizes = 5;
 constexpr double kFalseDiscoveries = 0.01;  // over all sizes
 constexpr double kLevelOfDetection = 1.96;  // 95 %, two-sided
+constexpr double kDegree = std::numbers::pi / 180.0;
 
-struct Cell {
-  double n = 0.0, sum = 0.0, square = 0.0;
-};
+using detail::Cell;
 
 /// Two-sided probability of a standard normal beyond |z|.
 double tail(double z) {
   return std::erfc(std::abs(z) / std::numbers::sqrt2);
 }
+
+/// Scatter of single points: pooled robustly, the typical cell. A cell with many points that
+/// scatters more has its own.
+double typical_variance(const Grid<Cell>& cells) {
+  std::vector<double> variances, counts;
+  for (const Cell& c : cells.cells())
+    if (c.n >= 3.0) {
+      variances.push_back(std::fmax(0.0, (c.square - c.sum * c.sum / c.n) / (c.n - 1.0)));
+      counts.push_back(c.n);
+    }
+  if (variances.empty()) return 0.0;
+  // The median of s^2 with few degrees of freedom lies below its mean: Wilson and Hilferty.
+  const double freedom = std::fmax(2.0, median(std::move(counts)) - 1.0);
+  const double to_mean = 1.0 / std::pow(1.0 - 2.0 / (9.0 * freedom), 3.0);
+  return std::fmax(1e-12, to_mean * median(std::move(variances)));
+}
+
+/// Of a cell's mean, as if the typical scatter had been seen in 20 more points.
+double sigma_of(const Cell& c, double typical) {
+  const double own = std::fmax(0.0, c.square - c.sum * c.sum / c.n);
+  return std::sqrt((own + 20.0 * typical) / (c.n - 1.0 + 20.0) / c.n);
+}
+
+/// Benjamini and Hochberg over all cells.
+class Discoveries {
+ public:
+  void add(double z, std::ptrdiff_t row, std::ptrdiff_t col) {
+    tests_.push_back({tail(z), row, col});
+  }
+  /// Marks what is discovered. @return its share of all
+  double mark(double rate, Grid<std::uint8_t>& marked) {
+    std::sort(tests_.begin(), tests_.end(), [](const Test& a, const Test& b) {
+      return a.p != b.p ? a.p < b.p : a.row != b.row ? a.row < b.row : a.col < b.col;
+    });
+    const auto all = static_cast<double>(tests_.size());
+    std::size_t accepted = 0;
+    for (std::size_t i = 0; i < tests_.size(); ++i)
+      if (tests_[i].p <= rate * static_cast<double>(i + 1) / all) accepted = i + 1;
+    for (std::size_t i = 0; i < accepted; ++i) marked(tests_[i].row, tests_[i].col) = 1;
+    return tests_.empty() ? 0.0 : static_cast<double>(accepted) / all;
+  }
+
+ private:
+  struct Test {
+    double p;
+    std::ptrdiff_t row, col;
+  };
+  std::vector<Test> tests_;
+};
 
 /// @param shares  points of each scan per cell
 /// @param rate    of false discoveries
@@ -38,42 +89,21 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
               Grid<float>(rows, cols, NAN),
               Grid<std::uint8_t>(rows, cols, 0),
               0.0};
-  // Scatter of single points: pooled robustly, the typical cell; a cell with many points that
-  // scatters more has its own.
-  std::vector<double> variances;
-  for (const Cell& c : cells.cells())
-    if (c.n >= 3.0)
-      variances.push_back(std::fmax(0.0, (c.square - c.sum * c.sum / c.n) / (c.n - 1.0)));
-  if (variances.empty()) return map;
-  // The median of s^2 with few degrees of freedom lies below its mean: Wilson and Hilferty.
-  std::vector<double> counts;
-  for (const Cell& c : cells.cells())
-    if (c.n >= 3.0) counts.push_back(c.n);
-  const double freedom = std::fmax(2.0, median(counts) - 1.0);
-  const double to_mean = 1.0 / std::pow(1.0 - 2.0 / (9.0 * freedom), 3.0);
-  const double typical = std::fmax(1e-12, to_mean * median(variances));
-
+  const double typical = typical_variance(cells);
   std::vector<double> scores;
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
       const Cell& cell = cells(r, c);
       if (cell.n < 3.0) continue;
-      const double mean = cell.sum / cell.n;
-      const double own = std::fmax(0.0, cell.square - cell.sum * mean);
-      // As if the typical scatter had been seen in 20 more points.
-      const double variance = (own + 20.0 * typical) / (cell.n - 1.0 + 20.0);
+      const double mean = cell.sum / cell.n, sigma = sigma_of(cell, typical);
       map.mean_mm(r, c) = static_cast<float>(mean);
-      map.sigma_mm(r, c) = static_cast<float>(std::sqrt(variance / cell.n));
-      scores.push_back(mean / std::sqrt(variance / cell.n));
+      map.sigma_mm(r, c) = static_cast<float>(sigma);
+      scores.push_back(mean / sigma);
     }
-  map.inflation = std::fmax(1.0, nmad(scores));
+  if (scores.empty()) return map;
+  map.inflation = std::fmax(1.0, nmad(std::move(scores)));
 
-  // Benjamini and Hochberg over all cells, with the pose's part in each.
-  struct Test {
-    double p;
-    std::ptrdiff_t row, col;
-  };
-  std::vector<Test> tests;
+  Discoveries discoveries;
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
       if (std::isnan(map.mean_mm(r, c))) continue;
@@ -89,270 +119,166 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
       }
       const double sigma = std::hypot(static_cast<double>(map.sigma_mm(r, c)), std::sqrt(pose2));
       map.lod_mm(r, c) = static_cast<float>(kLevelOfDetection * sigma);
-      tests.push_back({tail(static_cast<double>(map.mean_mm(r, c)) / sigma), r, c});
+      discoveries.add(static_cast<double>(map.mean_mm(r, c)) / sigma, r, c);
     }
-  std::sort(tests.begin(), tests.end(), [](const Test& a, const Test& b) {
-    return a.p != b.p ? a.p < b.p : a.row != b.row ? a.row < b.row : a.col < b.col;
-  });
-  std::size_t accepted = 0;
-  for (std::size_t i = 0; i < tests.size(); ++i)
-    if (tests[i].p <= rate * static_cast<double>(i + 1) / static_cast<double>(tests.size()))
-      accepted = i + 1;
-  for (std::size_t i = 0; i < accepted; ++i) map.significant(tests[i].row, tests[i].col) = 1;
-  map.significant_share = static_cast<double>(accepted) / static_cast<double>(tests.size());
+  map.significant_share = discoveries.mark(rate, map.significant);
   return map;
 }
 
-struct Patch {
-  std::vector<std::pair<std::ptrdiff_t, std::ptrdiff_t>> cells;
+/// Where the part lies as a whole: a plane.
+struct Background {
+  bool there = false;
+  Vec3 middle_mm;
+  double level_mm = 0.0, slope_x = 0.0, slope_y = 0.0;
+  double sigma_level_mm = 0.0;  ///< of noise, without the pose
+  [[nodiscard]] double at(double x, double y) const {
+    return level_mm + slope_x * (x - middle_mm.x) + slope_y * (y - middle_mm.y);
+  }
 };
 
-/// Cells that touch, corners included, of one sign.
-std::vector<Patch> patches_of(const CellMap& map) {
-  const std::ptrdiff_t rows = map.mean_mm.rows(), cols = map.mean_mm.cols();
-  Grid<std::uint8_t> seen(rows, cols, 0);
-  std::vector<Patch> patches;
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      if (map.significant(r, c) == 0 || seen(r, c) != 0) continue;
-      const bool up = map.mean_mm(r, c) > 0.0F;
-      Patch patch;
-      patch.cells.emplace_back(r, c);
-      seen(r, c) = 1;
-      for (std::size_t i = 0; i < patch.cells.size(); ++i)
-        for (std::ptrdiff_t a = -1; a <= 1; ++a)
-          for (std::ptrdiff_t b = -1; b <= 1; ++b) {
-            const std::ptrdiff_t y = patch.cells[i].first + a, x = patch.cells[i].second + b;
-            if (!map.mean_mm.contains(y, x) || seen(y, x) != 0 || map.significant(y, x) == 0 ||
-                (map.mean_mm(y, x) > 0.0F) != up)
-              continue;
-            seen(y, x) = 1;
-            patch.cells.emplace_back(y, x);
-          }
-      patches.push_back(std::move(patch));
-    }
-  return patches;
+/// Does more than half of the part lie significantly to one side?
+bool lies_off(const CellMap& map) {
+  std::size_t seen = 0, above = 0, below = 0;
+  for (std::size_t i = 0; i < map.mean_mm.cells().size(); ++i) {
+    const float mean = map.mean_mm.cells()[i];
+    if (std::isnan(mean)) continue;
+    ++seen;
+    if (map.significant.cells()[i] != 0) ++(mean > 0.0F ? above : below);
+  }
+  return 2 * std::max(above, below) > seen;
 }
 
-/// Weighted mean with the standard deviation that the cells state.
-struct Mean {
-  double sum = 0.0, weight = 0.0;
-  void add(double value, double sigma) {
-    sum += value / (sigma * sigma);
-    weight += 1.0 / (sigma * sigma);
-  }
-  [[nodiscard]] double value() const { return sum / weight; }
-  [[nodiscard]] double sigma() const { return 1.0 / std::sqrt(weight); }
-};
-
-/// A window of the map round a patch, where its extent is found anew: a cell belongs to it if the
-/// mean over its neighbours is nearer to the patch's height than to its surroundings. Cells that
-/// were not significant by chance come in so, and those that were by chance go.
-class Window {
- public:
-  static constexpr std::ptrdiff_t kAround = 6;
-  Window(const CellMap& map, const Patch& patch) : map_(&map) {
-    std::ptrdiff_t r0 = map.mean_mm.rows(), r1 = 0, c0 = map.mean_mm.cols(), c1 = 0;
-    for (const auto& [r, c] : patch.cells) {
-      r0 = std::min(r0, r), r1 = std::max(r1, r);
-      c0 = std::min(c0, c), c1 = std::max(c1, c);
+/// The plane through most of the cells: Tukey's biweight, from their median.
+Background background_of(const CellMap& map) {
+  struct Sample {
+    double x, y, mean, sigma;
+  };
+  std::vector<Sample> samples;
+  std::vector<double> means;
+  Background b;
+  for (std::ptrdiff_t r = 0; r < map.mean_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < map.mean_mm.cols(); ++c) {
+      if (std::isnan(map.mean_mm(r, c))) continue;
+      samples.push_back({map.x0_mm + map.cell_mm * (static_cast<double>(c) + 0.5),
+                         map.y0_mm + map.cell_mm * (static_cast<double>(r) + 0.5),
+                         static_cast<double>(map.mean_mm(r, c)),
+                         static_cast<double>(map.sigma_mm(r, c))});
+      means.push_back(samples.back().mean);
+      b.middle_mm += Vec3{samples.back().x, samples.back().y, 0.0};
     }
-    top_ = std::max<std::ptrdiff_t>(0, r0 - kAround);
-    left_ = std::max<std::ptrdiff_t>(0, c0 - kAround);
-    in_ = Grid<std::uint8_t>(std::min(map.mean_mm.rows() - 1, r1 + kAround) - top_ + 1,
-                             std::min(map.mean_mm.cols() - 1, c1 + kAround) - left_ + 1, 0);
-    for (const auto& [r, c] : patch.cells) in_(r - top_, c - left_) = 1;
-    measure();
-    for (int i = 0; i < 4; ++i) {
-      refine();
-      measure();
+  b.there = true;
+  b.middle_mm = (1.0 / static_cast<double>(samples.size())) * b.middle_mm;
+  b.level_mm = median(std::move(means));
+  constexpr int kRounds = 30;
+  constexpr double kTukey = 4.685;
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<double> scores;
+    for (const Sample& s : samples) scores.push_back((s.mean - b.at(s.x, s.y)) / s.sigma);
+    const double limit = kTukey * std::fmax(1.0, nmad(scores));
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d right = Eigen::Vector3d::Zero();
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const double u = scores[i] / limit;
+      if (!(std::abs(u) < 1.0)) continue;
+      const Sample& s = samples[i];
+      const double weight = std::pow((1.0 - u * u) / s.sigma, 2);
+      const Eigen::Vector3d row{1.0, s.x - b.middle_mm.x, s.y - b.middle_mm.y};
+      normal += weight * row * row.transpose();
+      right += weight * s.mean * row;
     }
+    const Eigen::Vector3d plane = normal.ldlt().solve(right);
+    const double moved = std::abs(plane(0) - b.level_mm);
+    b.level_mm = plane(0), b.slope_x = plane(1), b.slope_y = plane(2);
+    b.sigma_level_mm = limit / kTukey / std::sqrt(normal(0, 0));
+    if (moved < 1e-3 * b.sigma_level_mm) break;
   }
-
-  [[nodiscard]] std::ptrdiff_t rows() const { return in_.rows(); }
-  [[nodiscard]] std::ptrdiff_t cols() const { return in_.cols(); }
-  [[nodiscard]] bool seen(std::ptrdiff_t i, std::ptrdiff_t j) const {
-    return in_.contains(i, j) && !std::isnan(map_->mean_mm(top_ + i, left_ + j));
-  }
-  [[nodiscard]] double mean(std::ptrdiff_t i, std::ptrdiff_t j) const {
-    return static_cast<double>(map_->mean_mm(top_ + i, left_ + j));
-  }
-  [[nodiscard]] double sigma(std::ptrdiff_t i, std::ptrdiff_t j) const {
-    return static_cast<double>(map_->sigma_mm(top_ + i, left_ + j));
-  }
-  [[nodiscard]] bool in(std::ptrdiff_t i, std::ptrdiff_t j) const {
-    return in_.contains(i, j) && in_(i, j) != 0;
-  }
-  /// Is a cell of the patch within so many steps, diagonals included?
-  [[nodiscard]] bool near(std::ptrdiff_t i, std::ptrdiff_t j, int most) const {
-    return steps_(i, j) <= most;
-  }
-  [[nodiscard]] Patch patch() const {
-    Patch p;
-    for (std::ptrdiff_t i = 0; i < rows(); ++i)
-      for (std::ptrdiff_t j = 0; j < cols(); ++j)
-        if (in(i, j)) p.cells.emplace_back(top_ + i, left_ + j);
-    return p;
-  }
-  [[nodiscard]] Vec3 middle(std::ptrdiff_t i, std::ptrdiff_t j) const {
-    return {map_->x0_mm + map_->cell_mm * (static_cast<double>(left_ + j) + 0.5),
-            map_->y0_mm + map_->cell_mm * (static_cast<double>(top_ + i) + 0.5), 0.0};
-  }
-  Mean around, inside, all;  ///< surroundings, cells with all neighbours in the patch, the patch
-  double base = 0.0, sigma_base = 0.0, height = 0.0, sigma_height = 0.0;
-
- private:
-  /// Two passes: exact for steps of a king.
-  void count_steps() {
-    steps_ = Grid<int>(rows(), cols(), 1'000'000);
-    const auto pass = [&](std::ptrdiff_t i, std::ptrdiff_t j, std::ptrdiff_t way) {
-      int least = in(i, j) ? 0 : steps_(i, j);
-      for (const auto& [a, b] :
-           {std::pair<std::ptrdiff_t, std::ptrdiff_t>{-way, -1}, {-way, 0}, {-way, 1}, {0, -way}})
-        if (steps_.contains(i + a, j + b)) least = std::min(least, steps_(i + a, j + b) + 1);
-      steps_(i, j) = least;
-    };
-    for (std::ptrdiff_t i = 0; i < rows(); ++i)
-      for (std::ptrdiff_t j = 0; j < cols(); ++j) pass(i, j, 1);
-    for (std::ptrdiff_t i = rows(); i-- > 0;)
-      for (std::ptrdiff_t j = cols(); j-- > 0;) pass(i, j, -1);
-  }
-
-  void measure() {
-    count_steps();
-    around = inside = all = {};
-    double first = 0.0, second = 0.0;
-    for (std::ptrdiff_t i = 0; i < rows(); ++i)
-      for (std::ptrdiff_t j = 0; j < cols(); ++j) {
-        if (!seen(i, j)) continue;
-        if (!in(i, j)) {
-          if (near(i, j, kAround) && !near(i, j, 2)) around.add(mean(i, j), sigma(i, j));
-          continue;
-        }
-        all.add(mean(i, j), sigma(i, j));
-        if (in(i - 1, j) && in(i + 1, j) && in(i, j - 1) && in(i, j + 1))
-          inside.add(mean(i, j), sigma(i, j));
-      }
-    base = around.weight > 0.0 ? around.value() : 0.0;
-    sigma_base = around.weight > 0.0 ? around.sigma() : 0.0;
-    if (inside.weight > 0.0) {
-      height = inside.value() - base;
-      sigma_height = std::hypot(inside.sigma(), sigma_base);
-      return;
-    }
-    if (!(all.weight > 0.0)) return;
-    // No cell is surely full: weighted by itself, and as uncertain as that differs from the mean.
-    for (std::ptrdiff_t i = 0; i < rows(); ++i)
-      for (std::ptrdiff_t j = 0; j < cols(); ++j)
-        if (seen(i, j) && in(i, j)) {
-          const double step = mean(i, j) - base;
-          first += step;
-          second += step * step - sigma(i, j) * sigma(i, j);
-        }
-    const double plain = all.value() - base;
-    height = std::abs(second) > std::abs(first * plain) ? second / first : plain;
-    sigma_height = std::hypot(all.sigma(), sigma_base, 0.5 * (height - plain));
-  }
-
-  void refine() {
-    Grid<std::uint8_t> next(rows(), cols(), 0);
-    for (std::ptrdiff_t i = 0; i < rows(); ++i)
-      for (std::ptrdiff_t j = 0; j < cols(); ++j) {
-        if (!near(i, j, 2)) continue;
-        Mean here;
-        // A cell that is certain by itself needs no neighbours.
-        const bool alone = seen(i, j) && std::abs(height) > 6.0 * sigma(i, j);
-        const std::ptrdiff_t reach = alone ? 0 : 1;
-        for (std::ptrdiff_t a = -reach; a <= reach; ++a)
-          for (std::ptrdiff_t b = -reach; b <= reach; ++b)
-            if (seen(i + a, j + b)) here.add(mean(i + a, j + b), sigma(i + a, j + b));
-        if (here.weight > 0.0 && (here.value() - base) * height > 0.5 * height * height)
-          next(i, j) = 1;
-      }
-    if (std::any_of(next.cells().begin(), next.cells().end(), [](auto v) { return v != 0; }))
-      in_ = std::move(next);
-  }
-
-  const CellMap* map_;
-  std::ptrdiff_t top_ = 0, left_ = 0;
-  Grid<std::uint8_t> in_;
-  Grid<int> steps_;
-};
-
-/// Its window grows with the patch until that is whole. A patch beside a large step that grew over
-/// most of the part would be all that is not the step, and its height the step's with the wrong
-/// sign: such a one stays as it was met.
-Window whole_patch(const CellMap& map, Patch patch) {
-  const auto cells = map.mean_mm.cells();
-  const auto seen = static_cast<std::size_t>(
-      std::count_if(cells.begin(), cells.end(), [](float v) { return !std::isnan(v); }));
-  Window w(map, patch);
-  if (2 * patch.cells.size() > seen) return w;
-  const Window met = w;
-  for (int i = 0; i < 60; ++i) {
-    Patch now = w.patch();
-    if (now.cells == patch.cells) break;
-    if (2 * now.cells.size() > seen) return met;
-    patch = std::move(now);
-    w = Window(map, patch);
-  }
-  return w;
+  return b;
 }
 
-Finding describe(const CellMap& map, const Patch& patch) {
-  const Window w = whole_patch(map, patch);
-  const double side = map.cell_mm, area = side * side;
+/// The part's own level as a finding.
+Finding whole_part(const Background& b, const CellMap& map) {
   Finding f;
-  f.cell_mm = side;
-  f.height_mm = w.height;
-  f.sigma_height_mm = w.sigma_height;
+  f.whole_part = true;
+  f.centre_mm = b.middle_mm;
+  f.cell_mm = map.cell_mm;
+  f.height_mm = f.along_z_mm = b.level_mm;
+  // The pose's part as the cell in the middle has it.
+  double pose2 = 0.0, nearest = INFINITY;
   f.min_mm = {INFINITY, INFINITY, 0.0};
   f.max_mm = {-INFINITY, -INFINITY, 0.0};
-  Vec3 first;
-  double variance = 0.0, used = 0.0;
-  const auto each = [&](const auto& visit) {
-    for (std::ptrdiff_t i = 0; i < w.rows(); ++i)
-      for (std::ptrdiff_t j = 0; j < w.cols(); ++j)
-        if (w.seen(i, j) && w.near(i, j, 1)) visit(i, j, (w.mean(i, j) - w.base) * area);
-  };
-  each([&](std::ptrdiff_t i, std::ptrdiff_t j, double volume) {
-    f.volume_mm3 += volume;
-    variance += w.sigma(i, j) * w.sigma(i, j) * area * area;
-    used += area;
-    first += volume * w.middle(i, j);
-    if (!w.in(i, j)) return;
-    const Vec3 at = w.middle(i, j);
-    f.min_mm = {std::fmin(f.min_mm.x, at.x - 0.5 * side), std::fmin(f.min_mm.y, at.y - 0.5 * side),
-                0.0};
-    f.max_mm = {std::fmax(f.max_mm.x, at.x + 0.5 * side), std::fmax(f.max_mm.y, at.y + 0.5 * side),
-                0.0};
-  });
-  f.sigma_volume_mm3 = std::hypot(std::sqrt(variance), used * w.sigma_base);
-  if (f.volume_mm3 == 0.0 || f.height_mm == 0.0) return f;
-  f.certainty = std::abs(f.volume_mm3) / f.sigma_volume_mm3;
-  f.centre_mm = (1.0 / f.volume_mm3) * first;
-  f.area_mm2 = std::fmax(0.0, f.volume_mm3 / f.height_mm);
+  for (std::ptrdiff_t r = 0; r < map.mean_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < map.mean_mm.cols(); ++c) {
+      if (std::isnan(map.mean_mm(r, c))) continue;
+      const double x = map.x0_mm + map.cell_mm * static_cast<double>(c),
+                   y = map.y0_mm + map.cell_mm * static_cast<double>(r);
+      f.area_mm2 += map.cell_mm * map.cell_mm;
+      f.min_mm = {std::fmin(f.min_mm.x, x), std::fmin(f.min_mm.y, y), 0.0};
+      f.max_mm = {std::fmax(f.max_mm.x, x + map.cell_mm), std::fmax(f.max_mm.y, y + map.cell_mm),
+                  0.0};
+      const double off = std::hypot(x - b.middle_mm.x, y - b.middle_mm.y);
+      if (!(off < nearest)) continue;
+      nearest = off;
+      const double all = static_cast<double>(map.lod_mm(r, c)) / kLevelOfDetection,
+                   noise = static_cast<double>(map.sigma_mm(r, c));
+      pose2 = std::fmax(0.0, all * all - noise * noise);
+    }
+  f.sigma_height_mm = std::hypot(b.sigma_level_mm, std::sqrt(pose2));
+  f.length_mm = std::fmax(f.max_mm.x - f.min_mm.x, f.max_mm.y - f.min_mm.y);
+  f.width_mm = std::fmin(f.max_mm.x - f.min_mm.x, f.max_mm.y - f.min_mm.y);
   f.diameter_mm = 2.0 * std::sqrt(f.area_mm2 / std::numbers::pi);
-  f.sigma_diameter_mm =
-      0.5 * f.diameter_mm *
-      std::hypot(f.sigma_volume_mm3 / f.volume_mm3, f.sigma_height_mm / f.height_mm);
-  // A rectangle of sides a and b has second moments a^2 / 12 and b^2 / 12. Of the cells of the
-  // patch alone: far rims would weigh noise by the square of their distance.
-  double xx = 0.0, xy = 0.0, yy = 0.0, n = 0.0;
-  Vec3 sum;
-  each([&](std::ptrdiff_t i, std::ptrdiff_t j, double) {
-    if (w.in(i, j)) sum += w.middle(i, j), n += 1.0;
-  });
-  const Vec3 middle = (1.0 / n) * sum;
-  each([&](std::ptrdiff_t i, std::ptrdiff_t j, double) {
-    if (!w.in(i, j)) return;
-    const Vec3 off = w.middle(i, j) - middle;
-    xx += off.x * off.x / n, xy += off.x * off.y / n, yy += off.y * off.y / n;
-  });
-  const double half = 0.5 * (xx + yy), root = std::hypot(0.5 * (xx - yy), xy);
-  f.length_mm = std::sqrt(12.0 * std::fmax(0.0, half + root) + area);
-  f.width_mm = std::sqrt(12.0 * std::fmax(0.0, half - root) + area);
+  f.volume_mm3 = f.area_mm2 * f.height_mm;
+  f.sigma_volume_mm3 = f.area_mm2 * f.sigma_height_mm;
+  f.certainty = std::abs(f.height_mm) / f.sigma_height_mm;
   return f;
+}
+
+/// What patches are sought in: the map as it is, or against the part as a whole.
+detail::Layer layer_of(const CellMap& map, const Grid<Cell>& cells, const Background& background,
+                       double rate) {
+  const std::ptrdiff_t rows = cells.rows(), cols = cells.cols();
+  detail::Layer layer{map, cells, Grid<float>(rows, cols, 0.0F), Grid<float>(rows, cols, NAN),
+                      map.significant};
+  const double typical = typical_variance(cells);
+  Discoveries discoveries;
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      if (cells(r, c).n < 1.0) continue;
+      const double sigma = map.inflation * sigma_of(cells(r, c), typical);
+      layer.sigma_mm(r, c) = static_cast<float>(sigma);
+      if (!background.there) continue;
+      const double level = background.at(map.x0_mm + map.cell_mm * (static_cast<double>(c) + 0.5),
+                                         map.y0_mm + map.cell_mm * (static_cast<double>(r) + 0.5));
+      layer.background_mm(r, c) = static_cast<float>(level);
+      // Where the part lies is no longer in question, so the pose's error is none of a step.
+      if (!std::isnan(map.mean_mm(r, c)))
+        discoveries.add((static_cast<double>(map.mean_mm(r, c)) - level) / sigma, r, c);
+    }
+  if (background.there) {
+    layer.marked = Grid<std::uint8_t>(rows, cols, 0);
+    discoveries.mark(rate, layer.marked);
+  }
+  return layer;
+}
+
+/// Two by two cells are one of the next size.
+Grid<Cell> coarser(const Grid<Cell>& cells) {
+  Grid<Cell> coarse((cells.rows() + 1) / 2, (cells.cols() + 1) / 2);
+  for (std::ptrdiff_t r = 0; r < cells.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < cells.cols(); ++c) {
+      Cell& to = coarse(r / 2, c / 2);
+      to.n += cells(r, c).n;
+      to.sum += cells(r, c).sum;
+      to.square += cells(r, c).square;
+      to.level += cells(r, c).level;
+    }
+  return coarse;
+}
+
+Grid<float> coarser(const Grid<float>& share) {
+  Grid<float> sum((share.rows() + 1) / 2, (share.cols() + 1) / 2, 0.0F);
+  for (std::ptrdiff_t r = 0; r < share.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < share.cols(); ++c) sum(r / 2, c / 2) += share(r, c);
+  return sum;
 }
 
 bool overlap(const Finding& a, const Finding& b) {
@@ -363,9 +289,12 @@ bool overlap(const Finding& a, const Finding& b) {
 }  // namespace
 
 Significance significance(std::span<const Vec3> points, std::span<const float> deviation,
-                          std::span<const ScanPose> scans, double finest_mm) {
+                          std::span<const ScanPose> scans, double finest_mm,
+                          std::span<const float> slope_deg) {
   MAQUETTE_CHECK(points.size() == deviation.size(), "{} points, {} deviations", points.size(),
                  deviation.size());
+  MAQUETTE_CHECK(slope_deg.empty() || slope_deg.size() == points.size(), "{} points, {} slopes",
+                 points.size(), slope_deg.size());
   std::size_t of_scans = 0;
   for (const ScanPose& s : scans) of_scans += s.points;
   MAQUETTE_CHECK(scans.empty() || of_scans == points.size(), "{} points, {} in the scans",
@@ -402,38 +331,38 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
     c.n += 1.0;
     c.sum += d;
     c.square += d * d;
+    c.level += slope_deg.empty() ? 1.0 : std::cos(kDegree * static_cast<double>(slope_deg[i]));
   }
-  std::vector<Finding> all;
   int sizes = 0;
   for (auto side = std::min(cells.rows(), cells.cols()); sizes < kSizes && side >= 8; ++sizes)
     side = (side + 1) / 2;
+  const double rate = kFalseDiscoveries / std::fmax(1.0, sizes);
+  std::vector<Grid<Cell>> layers;
+  bool off = false;
   for (int size = 0; size < sizes; ++size) {
-    result.maps.push_back(map_of(cells, cell, box.min.x, box.min.y, scans, shares,
-                                 kFalseDiscoveries / static_cast<double>(sizes)));
-    for (const Patch& patch : patches_of(result.maps.back()))
-      all.push_back(describe(result.maps.back(), patch));
-    Grid<Cell> coarse((cells.rows() + 1) / 2, (cells.cols() + 1) / 2);
-    for (std::ptrdiff_t r = 0; r < cells.rows(); ++r)
-      for (std::ptrdiff_t c = 0; c < cells.cols(); ++c) {
-        Cell& to = coarse(r / 2, c / 2);
-        to.n += cells(r, c).n;
-        to.sum += cells(r, c).sum;
-        to.square += cells(r, c).square;
-      }
-    for (Grid<float>& share : shares) {
-      Grid<float> sum(coarse.rows(), coarse.cols(), 0.0F);
-      for (std::ptrdiff_t r = 0; r < cells.rows(); ++r)
-        for (std::ptrdiff_t c = 0; c < cells.cols(); ++c) sum(r / 2, c / 2) += share(r, c);
-      share = std::move(sum);
-    }
-    cells = std::move(coarse);
+    layers.push_back(size == 0 ? std::move(cells) : coarser(layers.back()));
+    if (size > 0)
+      for (Grid<float>& share : shares) share = coarser(share);
+    result.maps.push_back(map_of(layers.back(), cell, box.min.x, box.min.y, scans, shares, rate));
+    off = off || lies_off(result.maps.back());
     cell *= 2.0;
   }
+  Background background;
+  if (off) {
+    background = background_of(result.maps.front());
+    result.findings.push_back(
+        whole_part(background, result.maps[std::min<std::size_t>(1, result.maps.size() - 1)]));
+  }
+  std::vector<Finding> all;
+  for (std::size_t k = 0; k < layers.size(); ++k)
+    for (Finding& f : detail::find_patches(layer_of(result.maps[k], layers[k], background, rate)))
+      all.push_back(std::move(f));
   std::stable_sort(all.begin(), all.end(),
                    [](const Finding& a, const Finding& b) { return a.certainty > b.certainty; });
   for (const Finding& f : all)
-    if (f.certainty > 3.0 && std::none_of(result.findings.begin(), result.findings.end(),
-                                          [&](const Finding& g) { return overlap(f, g); }))
+    if (f.certainty > 3.0 &&
+        std::none_of(result.findings.begin(), result.findings.end(),
+                     [&](const Finding& g) { return !g.whole_part && overlap(f, g); }))
       result.findings.push_back(f);
   return result;
 }

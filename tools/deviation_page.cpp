@@ -144,14 +144,28 @@ void add_findings(Document& doc, const json& s) {
   if (s["findings"].empty()) {
     doc.emplace_back(Paragraph{"Nothing: no patch stands out of noise and registration."});
   } else {
-    doc.emplace_back(
-        Paragraph{"Heights are steps against the surroundings; \u00b1 is one standard deviation. "
-                  "Most certain first."});
-    add_table(doc, s["findings"],
+    json patches = json::array();
+    for (const json& f : s["findings"]) {
+      if (!f["whole_part"].get<bool>()) {
+        patches.push_back(f);
+        continue;
+      }
+      doc.emplace_back(Paragraph{fmt::format(
+          "The part as a whole lies {} mm off (\u00b1 {} mm, its middle, along the normal). What "
+          "follows is against that level.",
+          figure(f["height_mm"], 4), figure(f["sigma_height_mm"], 2))});
+    }
+    if (!patches.empty())
+      doc.emplace_back(Paragraph{
+          "Heights are steps against the surroundings, along the normal, and what they are "
+          "if the place was moved along z; \u00b1 is one standard deviation. Most certain "
+          "first."});
+    add_table(doc, patches,
               {{"x_mm", "x, mm"},
                {"y_mm", "y, mm"},
                {"height_mm", "height, mm"},
                {"sigma_height_mm", "\u00b1"},
+               {"along_z_mm", "along z, mm"},
                {"diameter_mm", "diameter, mm"},
                {"sigma_diameter_mm", "\u00b1"},
                {"length_mm", "length, mm"},

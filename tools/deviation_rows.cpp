@@ -70,6 +70,8 @@ json findings_json(const scan::Significance& s) {
                     {"y_mm", f.centre_mm.y},
                     {"height_mm", f.height_mm},
                     {"sigma_height_mm", f.sigma_height_mm},
+                    {"along_z_mm", f.along_z_mm},
+                    {"whole_part", f.whole_part},
                     {"diameter_mm", f.diameter_mm},
                     {"sigma_diameter_mm", f.sigma_diameter_mm},
                     {"length_mm", f.length_mm},

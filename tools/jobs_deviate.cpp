@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -132,11 +133,13 @@ Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nomina
                  scan::deviate(all.cloud, in_model, nominal.design, reach, run));
   }
   const auto& points = all.cloud.points_mm;
-  c.by_design = scan::significance(points, c.deviation.per_point_mm, all.scans);
+  const std::span<const float> slopes =
+      all.slope_deg.size() == points.size() ? all.slope_deg : std::span<const float>{};
+  c.by_design = scan::significance(points, c.deviation.per_point_mm, all.scans, 0.0, slopes);
   if (nominal.expected) {
     MAQUETTE_TRY(const auto from_expected,
                  scan::deviate(all.cloud, in_model, *nominal.expected, reach, run));
-    c.by_expected = scan::significance(points, from_expected.per_point_mm, all.scans);
+    c.by_expected = scan::significance(points, from_expected.per_point_mm, all.scans, 0.0, slopes);
     c.expected = expected_json(from_expected.statistics, nominal, input);
   }
   c.objects = objects_on(all, nominal, c);

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file patches.hpp
+/// Patches of a map of cells: which cells belong together, how high and how wide they are.
+///
+/// Extent   A cell belongs to a patch if the mean over it and its neighbours is nearer to the
+/// patch's
+///          height than to its surroundings; found anew until it stays.
+/// Height   Mean of the cells that lie at least three steps inside, where there are nine of them:
+/// what
+///          a beam or a range's error carries over the edge lies outside of these. Of smaller
+///          patches the mean of cells whose four neighbours belong to it, or, if it is surer, the
+///          points' second moment over their first, sum (d^2 - s^2) / sum d: of a patch of one
+///          height h among points at zero that is h, however its cells mix both (s: noise of one
+///          point, from the surroundings). Base: cells three to six steps outside, without those of
+///          other patches.
+/// Volume   Sum over the patch and one step around it; cells of its edge, where points of both
+/// heights
+///          mix, scatter as their own points say, all others as noise says.
+
+#include <cstdint>
+#include <vector>
+
+#include "core/grid.hpp"
+#include "scan/significance.hpp"
+
+namespace maquette::scan::detail {
+
+/// What the points of a cell add up to; deviations in mm.
+struct Cell {
+  double n = 0.0, sum = 0.0, square = 0.0;
+  double level = 0.0;  ///< cosines of the design's slope
+};
+
+/// Cells of one size in which patches are sought. All grids have one shape.
+struct Layer {
+  const CellMap& map;
+  const Grid<Cell>& cells;
+  Grid<float> background_mm;  ///< level of the part as a whole at each cell
+  Grid<float> sigma_mm;       ///< of a cell's mean; NaN: no points
+  Grid<std::uint8_t> marked;  ///< 1: more than noise, against the background
+};
+
+[[nodiscard]] std::vector<Finding> find_patches(const Layer& layer);
+
+}  // namespace maquette::scan::detail

@@ -20,6 +20,30 @@ bool positive(double v) {
   return std::isfinite(v) && v > 0.0;
 }
 
+/// What may stay above the stated scallop, and whose scallop that is.
+Result<void> check_excess(const MillOptions& o) {
+  const double excess = o.excess_limit.value(), stated = o.stated_stepover.value();
+  if (!std::isnan(stated)) {
+    if (std::isnan(excess))
+      return fail(kMillOptionOutOfRange,
+                  "stated_stepover is what excess_limit counts from; give an excess_limit too");
+    if (!(stated >= o.stepover.value() && stated <= o.ball_diameter.value()))
+      return fail(kMillOptionOutOfRange,
+                  fmt::format("stated_stepover is {} mm; it must be from the stepover, {} mm, to "
+                              "the ball's diameter, {} mm",
+                              stated, o.stepover.value(), o.ball_diameter.value()));
+  }
+  if (std::isnan(excess)) return {};
+  if (!(excess >= o.tolerance.value() && excess <= 1.0))
+    return fail(kMillOptionOutOfRange,
+                fmt::format("excess_limit is {} mm; it must be from the tolerance, {} mm, to 1 mm",
+                            excess, o.tolerance.value()));
+  if (!raster_frame({}, o.direction).along_an_axis())
+    return fail(kMillOptionOutOfRange,
+                "excess_limit holds for passes along an axis; take 0 or 90 degrees");
+  return {};
+}
+
 Result<void> check_ranges(const MillOptions& o) {
   const double diameter = o.ball_diameter.value();
   if (!positive(diameter))
@@ -64,16 +88,7 @@ Result<void> check_ranges(const MillOptions& o) {
         kMillOptionOutOfRange,
         fmt::format("overrun is {} mm; it must be from 0 to 0.6 of the ball's radius, {} mm",
                     o.overrun.value(), 0.3 * diameter));
-  const double excess = o.excess_limit.value();
-  if (std::isnan(excess)) return {};
-  if (!(excess >= o.tolerance.value() && excess <= 1.0))
-    return fail(kMillOptionOutOfRange,
-                fmt::format("excess_limit is {} mm; it must be from the tolerance, {} mm, to 1 mm",
-                            excess, o.tolerance.value()));
-  if (!raster_frame({}, o.direction).along_an_axis())
-    return fail(kMillOptionOutOfRange,
-                "excess_limit holds for passes along an axis; take 0 or 90 degrees");
-  return {};
+  return check_excess(o);
 }
 
 Result<void> check_heights(const ModelField& field, const char* what) {

@@ -62,6 +62,9 @@ struct MillOptions {
   /// beside creases and in pits between passes by cuts across to them (side_cuts.hpp), each a stop.
   /// NaN: none. For passes along an axis.
   Millimetres excess_limit{NAN};
+  /// The passes whose scallop the limit counts from; NaN: the stepover. Passes that lie closer than
+  /// that leave less beside creases, and need the fewer cuts across.
+  Millimetres stated_stepover{NAN};
   Millimetres tolerance{0.01};  ///< of the written path, all causes together: share_tolerance
   bool arcs = true;             ///< G2 and G3 in G18 and G19, for passes along an axis
   FeedRate feed{3000.0};
@@ -135,6 +138,11 @@ struct MillReport {
   ScallopMap scallop;                ///< predicted, against scallop_limit
   double lowest_tip_mm = 0.0, highest_tip_mm = 0.0;
 };
+
+/// With its default.
+[[nodiscard]] inline Millimetres stated_stepover(const MillOptions& o) {
+  return std::isnan(o.stated_stepover.value()) ? o.stepover : o.stated_stepover;
+}
 
 /// Ranges of all options but those of the program, see mill_passes; voids of the design.
 [[nodiscard]] Result<void> check_mill(const heightmap::ModelField& design,

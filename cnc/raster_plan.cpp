@@ -99,7 +99,7 @@ RasterPlanner::RasterPlanner(const ModelField& design, const MillOptions& o, dou
       allowed_mm_(centre_distance_of_ridge_mm(tool_, o.scallop_limit.value())),
       air_worth_mm_(air_worth_mm) {
   if (!std::isnan(o.excess_limit.value()))
-    finder_.emplace(design, tool_, frame_, o.stepover.value(), o.excess_limit.value(),
+    finder_.emplace(design, tool_, frame_, stated_stepover(o).value(), o.excess_limit.value(),
                     SideCutFinder::Excess{kCloserShare * o.tolerance.value(), shares_.excess_mm});
 }
 

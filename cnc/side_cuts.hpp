@@ -94,9 +94,10 @@ class SideCutFinder {
   struct Excess {
     double closer_mm = 0.0, across_mm = 0.0;
   };
+  /// @param stated_stepover_mm  of the passes whose scallop is stated; rows may lie closer
   /// The design outlives this. @pre frame.along_an_axis()
   SideCutFinder(const heightmap::ModelField& design, BallNose tool, const RasterFrame& frame,
-                double stepover_mm, double limit_mm, Excess written);
+                double stated_stepover_mm, double limit_mm, Excess written);
   ~SideCutFinder();
 
   /// Adds what two neighbouring rows need for what lies between them, beside what they have
@@ -128,7 +129,7 @@ class SideCutFinder {
   const heightmap::ModelField& design_;
   double R_;
   RasterFrame frame_;
-  double step_mm_, stepover_mm_, limit_mm_;
+  double step_mm_, stated_stepover_mm_, limit_mm_;
   Excess written_;
   double ex_, ey_, x0_, y0_;  // along the rows, and where they begin
   int per_spacing_;

@@ -65,7 +65,9 @@ struct MillJob {
   bool zigzag = true, climb = true, arcs = true, constant_scallop = false;
   Millimetres scallop_limit{0.011}, lead_radius{1.0};
   Millimetres excess_limit{NAN};  ///< raster: above the stated scallop; NaN: none
-  Millimetres overrun{NAN};       ///< raster: beyond the outline; NaN: as the ground there wants it
+  /// raster: the passes whose scallop is stated, NaN: the stepover; needs an excess limit
+  Millimetres stated_stepover{NAN};
+  Millimetres overrun{NAN};  ///< raster: beyond the outline; NaN: as the ground there wants it
 
   // rough
   double cell_mm = 1.0, ramp_deg = 3.0;

@@ -62,7 +62,7 @@ std::string figure_table(const json& figures,
                          const std::vector<std::pair<const char*, const char*>>& rows) {
   std::string html = "<table>";
   for (const auto& [key, label] : rows)
-    if (figures.contains(key))
+    if (figures.contains(key) && !figures[key].is_null())
       html += fmt::format("<tr><td>{}</td><td class='n'>{}</td></tr>", label, number(figures[key]));
   return html + "</table>\n";
 }
@@ -248,6 +248,12 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
                           {"max_excess_mm", "highest excess where the ball reaches, mm"},
                           {"max_excess_anywhere_mm", "highest excess anywhere, mm"},
                           {"rms_excess_mm", "RMS excess, mm"},
+                          {"max_excess_over_scallop_mm",
+                           "highest above the stated scallop where the ball has room, mm"},
+                          {"max_tight_over_scallop_mm", "the same wherever the ball touches, mm"},
+                          {"max_over_closing_mm",
+                           "highest above that and the best any path of the ball leaves, mm"},
+                          {"over_closing_area_mm2", "area where that is more than 10 um, mm2"},
                           {"rapid_collisions", "rapid moves that touch material"}});
     html +=
         picture(here / "excess.png", "material left (red) and gouged (blue) after milling", 400);

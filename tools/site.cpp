@@ -93,6 +93,15 @@ std::vector<std::string> contradictions(const Site& s) {
   if (s.stepover_mm >= s.ball_diameter_mm)
     found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
                                 s.stepover_mm, s.ball_diameter_mm));
+  if (s.stated_stepover_mm > 0.0 && s.excess_limit_mm == 0.0)
+    found.push_back(
+        "mill.stated_stepover_mm is what mill.excess_limit_mm counts from; give both or neither");
+  if (s.stated_stepover_mm > 0.0 &&
+      (s.stated_stepover_mm < s.stepover_mm || s.stated_stepover_mm >= s.ball_diameter_mm))
+    found.push_back(
+        fmt::format("mill.stated_stepover_mm {} must be from mill.stepover_mm {} to below "
+                    "cutter.ball_diameter_mm {}",
+                    s.stated_stepover_mm, s.stepover_mm, s.ball_diameter_mm));
   const bool adjusted = !s.compensate.empty() || !s.corrections.empty();
   if (adjusted && s.relative)
     found.emplace_back(
@@ -275,6 +284,10 @@ SiteFile empty_site_file() {
          "what passes may leave above the scallop of the slope; cuts across to pits, each a stop; "
          "0: none",
          0, 1});
+  t.add({"mill.stated_stepover_mm", &s.stated_stepover_mm,
+         "passes whose scallop the excess limit counts from, if mill.stepover_mm is closer than "
+         "that: fewer cuts across; 0: mill.stepover_mm",
+         0, 50});
   t.add({"mill.feed_mm_per_min", &s.feed_mm_per_min,
          "along the path; 0: from stock.material and machine.name, which it must not exceed", 0,
          100000});

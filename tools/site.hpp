@@ -90,7 +90,7 @@ struct Site {
   double tolerance_mm = 0.01;
   double direction_deg = 0.0;
   bool zigzag = true, climb = true, arcs = true, constant_scallop = false;
-  double scallop_limit_mm = 0.011, excess_limit_mm = 0.0;
+  double scallop_limit_mm = 0.011, excess_limit_mm = 0.0, stated_stepover_mm = 0.0;
   double feed_mm_per_min = 0.0;
   double plunge_feed_mm_per_min = 0.0;
   double spindle_rpm = 0.0;

@@ -187,6 +187,8 @@ TEST_F(CommandLine, PlanetRasterAsADesign) {
 TEST_F(CommandLine, OptionsOutOfRange) {
   const auto d = design().string();
   expect_refused(run("mill " + d + " --stepover-mm 0 --out x.ngc"), HasSubstr("stepover"));
+  expect_refused(run("mill " + d + " --stated-stepover-mm 0.5 --out x.ngc"),
+                 HasSubstr("excess_limit"));
   expect_refused(run("mill " + d + " --diameter-mm -6 --out x.ngc"), HasSubstr("diameter"));
   expect_refused(run("mill " + d + " --post fanucc --out x.ngc"), HasSubstr("fanucc"));
   expect_refused(run("mill " + d + " --machine nonesuch --out x.ngc"), HasSubstr("nonesuch"));

@@ -27,9 +27,9 @@ struct Options {
   MillJob job = default_job("raster");  // defaults of all strategies
   double tolerance_mm = job.tolerance.value(), feed = job.feed.value(),
          plunge = job.plunge_feed.value(), clearance_mm = job.clearance.value(),
-         scallop_limit_mm = job.scallop_limit.value(), excess_limit_mm = NAN, overrun_mm = NAN,
-         lead_mm = job.lead_radius.value(), stock_top_mm = NAN,
-         base_mm = job.base_thickness.value();
+         scallop_limit_mm = job.scallop_limit.value(), excess_limit_mm = NAN,
+         stated_stepover_mm = NAN, overrun_mm = NAN, lead_mm = job.lead_radius.value(),
+         stock_top_mm = NAN, base_mm = job.base_thickness.value();
 };
 
 std::vector<std::string> names() {
@@ -92,6 +92,7 @@ Result<MillJob> common_job(const Options& o, std::string_view strategy) {
   job.arcs = !o.no_arcs;
   job.scallop_limit = Millimetres{o.scallop_limit_mm};
   job.excess_limit = Millimetres{o.excess_limit_mm};
+  job.stated_stepover = Millimetres{o.stated_stepover_mm};
   job.overrun = Millimetres{o.overrun_mm};
   job.lead_radius = Millimetres{o.lead_mm};
   job.feed = FeedRate{o.feed};
@@ -191,6 +192,8 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
       "G-code with a proof: a program that would cut deeper than its tolerance keeps the name "
       "<out>.rejected.\n"
       "Example: maquette mill design.tif --out part.ngc --stepover-mm 0.5\n"
+      "Example: maquette mill design.tif --out part.ngc --stepover-mm 0.4 --stated-stepover-mm 0.5 "
+      "--excess-limit-mm 0.01\n"
       "Example: maquette mill design.tif --strategy rough --diameter-mm 12 --out rough.ngc\n"
       "Example: maquette mill design.tif --strategy seats --stones stones.json --out seats.ngc\n"
       "Example: maquette mill design.tif --operations operations.toml --out part.ngc");
@@ -234,6 +237,10 @@ Command add_mill(CLI::App& root, const CommonOptions&) {
   app->add_option("--excess-limit-mm", o->excess_limit_mm,
                   "above the scallop stated for the slope and what the ball cannot take away: cuts "
                   "across to pits and creases between passes, each a stop");
+  app->add_option(
+      "--stated-stepover-mm", o->stated_stepover_mm,
+      "the passes whose scallop that limit counts from; closer ones (--stepover-mm 0.4) "
+      "need fewer cuts across (default: as --stepover-mm)");
   app->add_option(
       "--overrun-mm", o->overrun_mm,
       "raster: how far passes go beyond the outline, where ground that falls outwards is "

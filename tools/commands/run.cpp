@@ -45,6 +45,7 @@ MillJob mill_of(const Site& site, std::string_view strategy) {
   job.constant_scallop = site.constant_scallop;
   job.scallop_limit = Millimetres{site.scallop_limit_mm};
   if (site.excess_limit_mm > 0.0) job.excess_limit = Millimetres{site.excess_limit_mm};
+  if (site.stated_stepover_mm > 0.0) job.stated_stepover = Millimetres{site.stated_stepover_mm};
   job.feed = FeedRate{site.feed_mm_per_min};
   job.plunge_feed = FeedRate{site.plunge_feed_mm_per_min};
   job.spindle_rpm = site.spindle_rpm;
@@ -70,6 +71,13 @@ MillJob mill_of(const Site& site, std::string_view strategy) {
     if (strategy == "raster" || strategy == "geodesic") job.stepover_mm = site.stepover_mm;
   }
   return job;
+}
+
+/// The passes whose scallop verify compares with; NaN: nothing leaves ridges.
+Millimetres stated_stepover(const MillJob* finish) {
+  if (finish == nullptr) return Millimetres{NAN};
+  const bool as_cut = std::isnan(finish->stated_stepover.value()) || finish->strategy != "raster";
+  return as_cut ? Millimetres{finish->stepover_mm} : finish->stated_stepover;
 }
 
 Result<std::vector<MillJob>> mill_jobs(const Site& site, const std::string& file) {
@@ -271,7 +279,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   cut.stones = stones;
   cut.mesh = mesh;
   cut.options.cell = Millimetres{site.verify_cell_mm};
-  cut.options.stepover = Millimetres{finish == nullptr ? NAN : finish->stepover_mm};
+  cut.options.stepover = stated_stepover(finish);
   cut.max_gouge = Millimetres{site.max_gouge_mm};
   cut.adjust = adjust;
   std::vector<fs::path> verify_inputs{design, stones, mesh};
@@ -284,8 +292,8 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     return Extended{site.extended, design, all_parts(finish_programs, split)};
   };
   stages.push_back(single("verify", verify_inputs,
-                          {"cutter.", "rough.", "verify.", "mill.stepover", "mill.corrections",
-                           "machine.", "stock.", "operation"},
+                          {"cutter.", "rough.", "verify.", "mill.stepover", "mill.stated",
+                           "mill.corrections", "machine.", "stock.", "operation"},
                           [=](const RunContext& run) {
                             VerifyJob job = cut;
                             job.programs.clear();

@@ -44,6 +44,7 @@ cnc::MillOptions mill_options(const MillJob& job, const Piece& piece) {
   o.constant_scallop = job.constant_scallop;
   o.scallop_limit = job.scallop_limit;
   o.excess_limit = job.excess_limit;
+  o.stated_stepover = job.stated_stepover;
   o.lead_radius = job.lead_radius;
   o.feed = job.feed;
   o.plunge_feed = job.plunge_feed;
@@ -107,7 +108,8 @@ Result<JobResult> raster_job(const MillJob& job, const fs::path& out, const RunC
 Result<JobResult> semi_finish_job(const MillJob& job, const fs::path& out, const RunContext& run) {
   const double radius = job.tool.cutter.radius_mm;
   MAQUETTE_TRY(const Piece piece, piece_of(job, 2.0 * (radius + job.allowance_mm)));
-  const cnc::MillOptions options = mill_options(job, piece);
+  cnc::MillOptions options = mill_options(job, piece);
+  options.excess_limit = options.stated_stepover = Millimetres{NAN};  // of the finish
   MAQUETTE_TRY_VOID(cnc::check_mill(piece.design, options));
   const cnc::ToleranceShares shares = cnc::share_tolerance(job.tolerance);
   MAQUETTE_TRY(

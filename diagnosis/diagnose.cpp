@@ -48,6 +48,10 @@ constexpr double kTellApart_mm = 0.0015;
 constexpr double kClose = 500.0;
 /// Causes that are tried in the place of a chosen one, the closest to first order.
 constexpr std::size_t kRivals = 3;
+/// Of a lag and lost motion made one after the other of the sizes that were fitted last, until they
+/// change by no more than a fiftieth; sizes below the last are none.
+constexpr int kSizeRounds = 6;
+constexpr double kSameSize = 0.02, kLeastSize_mm = 0.01;
 /// Of choosing, cutting anew and pruning.
 constexpr int kRounds = 4;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
@@ -105,6 +109,14 @@ bool alike(const std::vector<Member>& a, const std::vector<Member>& b) {
          std::all_of(a.begin(), a.end(), [&](const Member& x) { return detail::has(b, x.effect); });
 }
 
+/// Is a lag (or lost motion) among them?
+bool follows_any(const std::vector<Member>& members, bool lag) {
+  return std::any_of(members.begin(), members.end(), [&](const Member& k) {
+    const auto& what = k.form.columns[0].follows;
+    return what && what->lag == lag;
+  });
+}
+
 /// What is in no point of the observations that lie in `odd` squares.
 std::vector<Observation> outside(const std::vector<Observation>& all, const detail::Squares& odd) {
   std::vector<Observation> kept;
@@ -158,6 +170,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   Keys straight_for;
   std::map<Keys, Eigen::VectorXd> rested;
   detail::Signatures signatures;
+  detail::LagAndSlack lag_and_slack(scene);
   const auto straighten = [&](const std::vector<Member>& with) {
     Keys keys, cut;
     for (const Member& k : with)
@@ -184,8 +197,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
                   0.02 * std::abs(last(k)) + 0.2 * std::sqrt(std::fmax(0.0, f.covariance(k, k)));
       if (at_rest) break;
       last = now;
-      auto straight =
-          detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm, signatures);
+      auto straight = detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm,
+                                            signatures, lag_and_slack);
       for (std::size_t i = 0; i < given.size(); ++i)
         m.observations[i].residual_mm = straight[i] = given[i] - straight[i];
       detail::exchange_residuals(bank, straight);
@@ -272,6 +285,52 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     return with;
   };
 
+  // Of a lag and lost motion in one machine sizes are what their forms are made of: what the two do
+  // together hangs on both, and on which is nearer to the tool.
+  const auto in_one_machine = [&](const std::vector<Member>& start) {
+    if (!follows_any(start, true) || !follows_any(start, false)) return start;
+    const auto take_order = [&](bool lag_first) {
+      lag_and_slack.lag_first = lag_first;
+      straight_for.clear();
+      rested.clear();
+    };
+    auto best = start;
+    double least = INFINITY;
+    bool order = lag_and_slack.lag_first;
+    for (const bool lag_first : {true, false}) {
+      take_order(lag_first);
+      auto now = start;
+      for (int round = 0; round < kSizeRounds; ++round) {
+        if (const double s = score(now); s < least) {
+          least = s;
+          best = now;
+          order = lag_first;
+        }
+        const auto model = detail::columns_of(bank, now);
+        const Fit f = detail::fit(bank, model, kAll);
+        bool moved = false;
+        for (Member& k : now) {
+          const auto what = k.form.columns[0].follows;
+          if (!what) continue;
+          const auto at =
+              std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) -
+              model.begin();
+          const double c = f.coefficients(at);
+          const double size = what->lag ? what->size_mm * std::sqrt(std::fmax(0.0, c)) : 2.0 * c;
+          if (!(size > kLeastSize_mm) || std::abs(std::log(size / what->size_mm)) < kSameSize)
+            continue;
+          moved = true;
+          k.form = k.form.of_size(size);
+          detail::add_columns(bank, m.observations, k.form.columns);
+        }
+        if (!moved) break;
+      }
+    }
+    take_order(order);
+    straighten(best);
+    return best;
+  };
+
   // What details are worth, from what the nuisances leave and again from what the chosen leave.
   const auto weigh = [&](const std::vector<Member>& with) {
     const auto model = detail::columns_of(bank, with);
@@ -285,7 +344,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     d.ranking = std::move(alone);
     if (chosen.empty() && members.empty()) break;
     straighten(chosen);
-    chosen = pruned(detail::polished(search, bank, std::move(chosen), straighten));
+    chosen = detail::polished(search, bank, std::move(chosen), straighten);
+    chosen = pruned(round == 0 ? in_one_machine(chosen) : std::move(chosen));
     if (auto other = exchanged(chosen); !alike(other, chosen)) chosen = pruned(std::move(other));
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
@@ -293,6 +353,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     if (settled || run.stopped()) break;
   }
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  members = in_one_machine(members);
   run.progress(0.7);
   auto confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected, straighten);
 
@@ -401,6 +462,9 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       c.effect = member.effect->name;
       c.law = member.form.law;
       c.fixed = member.form.fixed;
+      if (const auto& what = member.form.columns[0].follows;
+          what && !what->lag && follows_any(members, true))
+        c.fixed.emplace_back(detail::kSlackBehindLag, lag_and_slack.lag_first ? 1.0 : 0.0);
       c.separate_by = member.effect->separate_by;
       c.p_value = std::fmax(confirmed[k].p_value, 1e-300);
       c.share = std::clamp(

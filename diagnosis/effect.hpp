@@ -10,6 +10,7 @@
 /// forms, refined around the best.
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,14 @@ struct Parameter {
   double plausible = 1.0;   ///< largest absolute value a workshop would believe
 };
 
+/// Causes that answer to the whole motion do not add up: a drive that lags rounds off where lost
+/// motion turns over.
+struct Follows {
+  bool lag = false;      ///< else lost motion
+  int axis = 0;          ///< of lost motion
+  double size_mm = 0.0;  ///< lag or width
+};
+
 /// mm of residual for one unit of a coefficient.
 struct Column {
   std::string key;  ///< columns of one key are the same column
@@ -31,6 +40,7 @@ struct Column {
   /// Of causes that act through the cut: what one unit of the coefficient does to a pass, so that
   /// several together can be cut anew (recut_mm) where `value` is to first order. Empty: others.
   std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
+  std::optional<Follows> follows{};
 };
 
 struct Form {
@@ -43,6 +53,8 @@ struct Form {
   std::size_t signed_columns = 1;
   /// Neighbours of this form, closer than the grid's; empty: nothing to refine.
   std::function<std::vector<Form>()> finer{};
+  /// The form of a cause that follows the motion, of another size (Follows::size_mm).
+  std::function<Form(double size_mm)> of_size{};
 };
 
 enum class Needs { nothing, path, station };

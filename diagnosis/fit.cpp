@@ -75,28 +75,30 @@ VectorXd solve(const MatrixXd& a, const VectorXd& b, MatrixXd* covariance) {
   return d.asDiagonal() * ldlt.solve(d.asDiagonal() * b);
 }
 
-/// Information on the nuisances, its inverse and the logarithm of its determinant.
+/// Information on the nuisances and the logarithm of its determinant.
 struct Information {
-  MatrixXd inverse;
+  VectorXd d;
+  Eigen::LLT<MatrixXd> llt;
   double log_det = 0.0;
 
-  explicit Information(const MatrixXd& a) {
-    // Of nuisances that these data do not show nothing is taken.
-    const VectorXd d =
-        (a.diagonal().array() > 0.0).select(a.diagonal().cwiseSqrt().cwiseInverse(), 1.0);
+  explicit Information(const MatrixXd& a)
+      // Of nuisances that these data do not show nothing is taken.
+      : d((a.diagonal().array() > 0.0).select(a.diagonal().cwiseSqrt().cwiseInverse(), 1.0)) {
     MatrixXd scaled = d.asDiagonal() * a * d.asDiagonal();
     scaled.diagonal().array() += 1e-10;
-    const Eigen::LLT<MatrixXd> llt(scaled);
+    llt.compute(scaled);
     for (Index i = 0; i < a.rows(); ++i)
       log_det += 2.0 * (std::log(llt.matrixLLT()(i, i)) - std::log(d(i)));
-    inverse = d.asDiagonal() * llt.solve(MatrixXd::Identity(a.rows(), a.cols())) * d.asDiagonal();
   }
-  /// Degrees of freedom that nuisances take of data with such sums and variance.
-  [[nodiscard]] double taken(const MatrixXd& gram, double variance) const {
-    return inverse.cwiseProduct(gram.topLeftCorner(inverse.rows(), inverse.cols())).sum() /
-           variance;
+  [[nodiscard]] MatrixXd inverse() const {
+    return d.asDiagonal() * llt.solve(MatrixXd::Identity(d.size(), d.size())) * d.asDiagonal();
   }
 };
+/// Degrees of freedom that nuisances of such an inverse information take of data with such sums and
+/// variance.
+double taken(const MatrixXd& inverse, const MatrixXd& gram, double variance) {
+  return inverse.cwiseProduct(gram.topLeftCorner(inverse.rows(), inverse.cols())).sum() / variance;
+}
 
 /// Unevenness without a cause is rarely more than hundredths: its standard deviation is taken to be
 /// half-normal, mm. Without this a process of tenths over half the part holds a warp at no price.
@@ -109,15 +111,16 @@ double unusual(double ratio, double variance) {
 struct TopFit {
   double variance = 1.0, objective = INFINITY;
 };
+/// @param rounds  0: good to a few tenths of the objective, at a third of the cost
 TopFit fit_top(const Small::Top& top, std::size_t t, double ratio, const VectorXd& b,
-               const MatrixXd& rest) {
+               const MatrixXd& rest, int rounds) {
   const double squares = rss(top.gram[t], b);
   const auto own = top.gram[t].topLeftCorner(rest.rows(), rest.cols());
   TopFit f;
   f.variance = std::fmax(kLeastVariance, squares / top.count);
-  for (int round = 0; round < 2; ++round) {
-    const Information i(rest + own / f.variance);
-    const double free = std::fmax(1.0, top.count - i.taken(top.gram[t], f.variance));
+  for (int round = 0; round < rounds; ++round) {
+    const MatrixXd inverse = Information(rest + own / f.variance).inverse();
+    const double free = std::fmax(1.0, top.count - taken(inverse, top.gram[t], f.variance));
     f.variance = std::fmax(kLeastVariance, squares / free);
   }
   f.objective = top.log_det[t] + top.count * std::log(f.variance) + squares / f.variance +
@@ -128,6 +131,8 @@ TopFit fit_top(const Small::Top& top, std::size_t t, double ratio, const VectorX
 /// Beyond this no nuisances make up for a worse likelihood: variances of processes differ by less
 /// than 1e4, and a set-up has six.
 constexpr double kHopeless = 50.0;
+/// What a rough fit of a process may be wrong by.
+constexpr double kRough = 2.0;
 
 /// One turn of "coefficients given the noise, noise given the coefficients and what nuisances have
 /// taken" (restricted likelihood: Patterson & Thompson, Biometrika 58 (1971),
@@ -151,10 +156,10 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
 
   MatrixXd known = a.topLeftCorner(n, n);
   {
-    const Information before(known);
+    const MatrixXd before = Information(known).inverse();
     for (std::size_t g = 0; g < kGroups; ++g) {
       if (!(s.count[g] > 0.0)) continue;
-      const double left = std::fmax(1.0, s.count[g] - before.taken(s.gram[g], f.variance[g]));
+      const double left = std::fmax(1.0, s.count[g] - taken(before, s.gram[g], f.variance[g]));
       const double variance = std::fmax(kLeastVariance, rss(s.gram[g], f.coefficients) / left);
       known += s.gram[g].topLeftCorner(n, n) * (1.0 / variance - 1.0 / f.variance[g]);
       f.variance[g] = variance;
@@ -171,10 +176,16 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
                  top.count * std::log(std::fmax(kLeastVariance,
                                                 rss(top.gram[t], f.coefficients) / top.count));
     const double limit = *std::min_element(plain.begin(), plain.end()) + kHopeless;
+    std::vector<double> rough(plain.size(), INFINITY);
+    if (free)
+      for (std::size_t t = 0; t < plain.size(); ++t)
+        if (plain[t] <= limit)
+          rough[t] = fit_top(top, t, s.ratio[t], f.coefficients, known, 0).objective;
+    const double close = free ? *std::min_element(rough.begin(), rough.end()) + kRough : INFINITY;
     TopFit best;
-    for (std::size_t t = 0; t < plain.size(); ++t) {
-      if (!(plain[t] <= limit)) continue;
-      const TopFit here = fit_top(top, t, s.ratio[t], f.coefficients, known);
+    for (std::size_t t = free ? 0 : held; t < (free ? plain.size() : held + 1); ++t) {
+      if (!(rough[t] <= close)) continue;
+      const TopFit here = fit_top(top, t, s.ratio[t], f.coefficients, known, 2);
       if (!(here.objective < best.objective)) continue;
       best = here;
       f.theta[u] = static_cast<int>(t);
@@ -193,6 +204,40 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
                      s.top[u].count * std::log(f.top_variance[u]) +
                      rss(gram_of(u), f.coefficients) / f.top_variance[u] +
                      unusual(s.ratio[static_cast<std::size_t>(f.theta[u])], f.top_variance[u]);
+}
+
+/// Starts that are looked at more closely.
+constexpr std::size_t kStarts = 6;
+/// Two turns without what nuisances take, theta held: enough to tell hopeless starts.
+void roughly(const Small& s, Fit& f) {
+  const Index p = s.gram[0].rows() - 1;
+  const auto gram_of = [&](std::size_t u) -> const MatrixXd& {
+    return s.top[u].gram[static_cast<std::size_t>(f.theta[u])];
+  };
+  for (int round = 0; round < 2; ++round) {
+    MatrixXd a = MatrixXd::Zero(p, p);
+    VectorXd b = VectorXd::Zero(p);
+    const auto add = [&](const MatrixXd& gram, double variance) {
+      a += gram.topLeftCorner(p, p) / variance;
+      b += gram.col(p).head(p) / variance;
+    };
+    for (std::size_t g = 0; g < kGroups; ++g) add(s.gram[g], f.variance[g]);
+    for (std::size_t u = 0; u < kTops; ++u)
+      if (s.top[u].count > 0.0) add(gram_of(u), f.top_variance[u]);
+    f.coefficients = solve(a, b, nullptr);
+    f.objective = 0.0;
+    const auto take = [&](const MatrixXd& gram, double count, double& variance) {
+      variance = std::fmax(kLeastVariance, rss(gram, f.coefficients) / count);
+      f.objective += count * std::log(variance);
+    };
+    for (std::size_t g = 0; g < kGroups; ++g)
+      if (s.count[g] > 0.0) take(s.gram[g], s.count[g], f.variance[g]);
+    for (std::size_t u = 0; u < kTops; ++u) {
+      if (!(s.top[u].count > 0.0)) continue;
+      take(gram_of(u), s.top[u].count, f.top_variance[u]);
+      f.objective += s.top[u].log_det[static_cast<std::size_t>(f.theta[u])];
+    }
+  }
 }
 
 }  // namespace
@@ -218,20 +263,23 @@ Fit fit(const Bank& bank, const std::vector<int>& model, const std::vector<int>&
   for (std::size_t u = 0; u < kTops; ++u)
     start.top_variance[u] =
         std::fmax(kLeastVariance, s.top[u].gram[0](p, p) / std::fmax(1.0, s.top[u].count));
-  // There are several optima: a drift is a cause, or a long process. One start for each kind and
-  // length of process, the best two followed to rest.
+  // There are several optima: a drift is a cause, or a long process. One start for each process
+  // (with one ratio alone a longer curve once had less gain than the shorter that it holds), the
+  // best two followed to rest.
   MatrixXd a;
   std::vector<Fit> starts;
   for (std::size_t t = 0; t < bank.theta.size(); ++t) {
-    const Theta& theta = bank.theta[t];
-    if (theta.ratio != 0.0 && theta.ratio != kStartRatio && bank.theta.size() > 8) continue;
     Fit f = start;
     f.theta[0] = static_cast<int>(t);
-    for (int round = 0; round < 3; ++round) improve(s, f, false, a);
+    roughly(s, f);
     starts.push_back(std::move(f));
   }
-  std::sort(starts.begin(), starts.end(),
-            [](const Fit& x, const Fit& y) { return x.objective < y.objective; });
+  const auto better = [](const Fit& x, const Fit& y) { return x.objective < y.objective; };
+  std::sort(starts.begin(), starts.end(), better);
+  starts.resize(std::min(kStarts, starts.size()));
+  for (Fit& f : starts)
+    for (int round = 0; round < 3; ++round) improve(s, f, false, a);
+  std::sort(starts.begin(), starts.end(), better);
   Fit best;
   for (std::size_t k = 0; k < std::min<std::size_t>(2, starts.size()); ++k) {
     Fit& f = starts[k];

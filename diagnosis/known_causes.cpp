@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "diagnosis/case_input.hpp"
+#include "diagnosis/detail/lag_and_slack.hpp"
 #include "diagnosis/effect.hpp"
 #include "diagnosis/extended_model.hpp"
 
@@ -41,6 +42,10 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
       if (best == nullptr || distance(f, k) < distance(*best, k)) best = &f;
     }
     if (best == nullptr) return std::nullopt;
+    // Causes that follow the motion are made of any size.
+    for (const auto& [name, size_mm] : k.fixed)
+      if (best->of_size && !best->fixed.empty() && name == best->fixed[0].first && size_mm > 0.0)
+        return best->of_size(size_mm);
     if (!best->finer || k.fixed.empty()) return *best;
     forms = best->finer();
   }
@@ -52,6 +57,8 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
 Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, const Scene& of,
                                        const std::vector<Vec3>& centres) {
   std::vector<KnownTerm> terms;
+  std::vector<detail::FollowedTerm> followed;
+  detail::LagAndSlack both(of);
   for (const KnownCause& k : causes) {
     const Effect* effect = find_effect(k.effect);
     if (effect == nullptr)
@@ -101,10 +108,20 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
                                              effect->needs == Needs::path && !scene.has_path
                                                  ? "; it needs the program (gcode)"
                                                  : ""));
-    for (std::size_t c = 0; c < std::min(form->columns.size(), k.parameters.size()); ++c)
-      terms.push_back({k.parameters[c].second / form->columns[c].parameter.per_column,
-                       form->columns[c].value, effect->acts_on == "scanner", form->columns[c].cut});
+    for (const auto& [name, v] : k.fixed)
+      if (name == detail::kSlackBehindLag) both.lag_first = v != 0.0;
+    for (std::size_t c = 0; c < std::min(form->columns.size(), k.parameters.size()); ++c) {
+      const double coefficient = k.parameters[c].second / form->columns[c].parameter.per_column;
+      if (const auto& what = form->columns[c].follows) followed.push_back({*what, coefficient});
+      terms.push_back({coefficient, form->columns[c].value, effect->acts_on == "scanner",
+                       form->columns[c].cut});
+    }
   }
+  for (auto& change : both.changes(followed))
+    terms.push_back({1.0, [](const Observation&) { return 0.0; }, false,
+                     [change = std::move(change)](const Observation&, const CutState& s, Vec3) {
+                       return change(s);
+                     }});
   return terms;
 }
 

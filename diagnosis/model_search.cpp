@@ -210,11 +210,15 @@ BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Ca
   if (order.size() > 2 * kFitted) {
     std::vector<std::array<double, 2>> gain;
     for (const Form& f : candidate.forms) gain.push_back(screen.gain(bank, f));
+    const auto worth = [&](std::size_t k, std::size_t noise) {
+      const double columns = static_cast<double>(candidate.forms[k].columns.size());
+      return gain[k][noise] - (priced ? kPricePerColumn * columns : 0.0);
+    };
     std::vector<std::size_t> kept;
     for (std::size_t noise = 0; noise < 2; ++noise) {
       const auto middle = order.begin() + static_cast<std::ptrdiff_t>(kFitted);
       std::partial_sort(order.begin(), middle, order.end(), [&](std::size_t x, std::size_t y) {
-        return gain[x][noise] > gain[y][noise];
+        return worth(x, noise) > worth(y, noise);
       });
       for (std::size_t k = 0; k < kFitted; ++k)
         if (std::find(kept.begin(), kept.end(), order[k]) == kept.end()) kept.push_back(order[k]);

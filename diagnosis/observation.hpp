@@ -154,6 +154,10 @@ struct Scene {
   std::function<Trail(double width_mm)> slack;
   /// Of a first-order lag, mm of way: how far the tip is off the path, mm. Empty without a program.
   std::function<Trail(double lag_mm)> lag;
+  /// Of a lag and lost motion of one axis in the same machine: on which side of the slack the axis
+  /// stands, less where it stands with the slack alone. @param lag_first  the slack is behind the
+  /// drive that lags (a table that the screw turns late), else before it (a scale on the motor)
+  std::function<Trail(int axis, double width_mm, double lag_mm, bool lag_first)> slack_with_lag;
   /// Candidates of steps along x, y, z: shares of the program's time.
   std::array<std::vector<double>, 3> steps;
   std::vector<bool> has_station;  ///< by set-up

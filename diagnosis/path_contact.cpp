@@ -145,6 +145,59 @@ Trail CutPath::lag(double e) const {
   };
 }
 
+/// Slack behind the lag: of the lagged motion; before it: the sides of the command, lagged. As the
+/// lag, compared at the same place.
+Trail CutPath::slack_with_lag(int axis, double width, double e, bool lag_first) const {
+  const auto& all = moves_->command;
+  const std::size_t n = all.size();
+  const auto of = [axis](Vec3 v) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; };
+  std::vector<float> alone(n, 0.0F), both(n, 0.0F);
+  std::vector<double> place(n, 0.0);  // along the way
+  double side = 0.0, now = 0.0, before = 0.0, lagged = n > 0 ? of(all[0]) : 0.0, at = 0.0;
+  std::size_t next = 0;  // the first place whose `both` is not yet reached
+  for (std::size_t i = 1; i < n; ++i) {
+    const double length = norm(all[i] - all[i - 1]), start = at;
+    place[i] = start + length;
+    const auto steps = std::max(1, static_cast<int>(std::fmin(1e6, std::ceil(8.0 * length / e))));
+    const double h = length / steps, rise = (of(all[i]) - of(all[i - 1])) / steps;
+    const double kept = std::exp(-h / e), u = length > 0.0 ? rise / h : 0.0;
+    for (int k = 0; k < steps; ++k) {
+      const double c = of(all[i - 1]) + k * rise, was = side;
+      side = taken(side, rise, width);
+      before = now;
+      if (lag_first) {
+        const double p = c + rise - e * u + kept * (lagged - c + e * u);
+        now = taken(now, p - lagged, width);
+        lagged = p;
+      } else {
+        const double middle = 0.5 * (was + side);
+        now = middle + kept * (now - middle);
+      }
+      const double from = at;
+      at = start + (k + 1) * h;
+      for (; next <= i && place[next] + e <= at; ++next)
+        both[next] = static_cast<float>(before + (h > 0.0 ? (place[next] + e - from) / h : 1.0) *
+                                                     (now - before));
+    }
+    alone[i] = static_cast<float>(side);
+  }
+  for (; next < n; ++next) both[next] = static_cast<float>(now);
+  return [=, alone = std::move(alone), both = std::move(both), moves = moves_](const CutState& s) {
+    const Move& move = moves->moves[s.move];
+    const double share = static_cast<double>(s.move_share), way = of(move.to) - of(move.from),
+                 length = norm(move.to - move.from);
+    const double b0 = static_cast<double>(both[move.end - 1]),
+                 b1 = static_cast<double>(both[move.end]);
+    const double here = taken(static_cast<double>(alone[move.end - 1]), share * way, width);
+    const double going = std::abs(here) < 1.0 ? 2.0 * way / width : 0.0;
+    const auto vec = [axis](double v) {
+      return Vec3{axis == 0 ? v : 0.0, axis == 1 ? v : 0.0, axis == 2 ? v : 0.0};
+    };
+    return Drift{vec(b0 + share * (b1 - b0) - here),
+                 vec(length > 0.0 ? (b1 - b0 - going) / length : 0.0)};
+  };
+}
+
 void CutPath::Moves::bin() {
   swaths.clear();
   for (const Move& m : moves) swaths.push_back(swath(m.from, m.to));

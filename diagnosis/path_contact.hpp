@@ -50,6 +50,9 @@ class CutPath {
   [[nodiscard]] Trail slack(double width_mm) const;
   /// Scene::lag of these programs: p' = (c - p) / e in arc length, compared at the same place.
   [[nodiscard]] Trail lag(double lag_mm) const;
+  /// Scene::slack_with_lag of these programs.
+  [[nodiscard]] Trail slack_with_lag(int axis, double width_mm, double lag_mm,
+                                     bool lag_first) const;
   [[nodiscard]] double duration_min() const;
   [[nodiscard]] double cut_mm() const;  ///< length of the cutting moves
   /// Shares of the time at which a new tool, program or band begins; the first is left out.

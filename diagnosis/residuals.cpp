@@ -10,7 +10,7 @@ namespace maquette::diagnosis::detail {
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
                                   const Eigen::VectorXd& coefficients, double ball_radius_mm,
-                                  Signatures& known) {
+                                  Signatures& known, LagAndSlack& both) {
   struct Term {
     const Column& column;
     double coefficient;
@@ -30,6 +30,10 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     }
     terms.push_back({c, coefficients(static_cast<Eigen::Index>(k)), &signature});
   }
+  std::vector<FollowedTerm> followed;
+  for (const Term& t : terms)
+    if (t.column.follows) followed.push_back({*t.column.follows, t.coefficient});
+  const auto pairs = both.changes(followed);
   std::vector<double> beyond(all.size(), 0.0);
   if (terms.empty()) return beyond;
   oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
@@ -37,6 +41,7 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     beyond[i] = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
       CutChange together;
       for (const Term& t : terms) together += t.coefficient * t.column.cut(o, s, n);
+      for (const auto& pair : pairs) together += pair(s);
       return together;
     });
     for (const Term& t : terms) beyond[i] -= t.coefficient * static_cast<double>((*t.signature)[i]);

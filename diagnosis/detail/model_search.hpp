@@ -33,8 +33,8 @@ struct Candidate {
 [[nodiscard]] std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members);
 
 /// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
-inline constexpr double kPricePerColumn = 10.0;
-inline constexpr double kPricePerCause = 10.0;
+inline constexpr double kPricePerColumn = 6.0;
+inline constexpr double kPricePerCause = 14.0;
 /// And, once all are found, as a share of what all gain together: what a large cause leaves because
 /// its signature is not exact is not to be named after a small one.
 inline constexpr double kPriceOfGain = 0.01;

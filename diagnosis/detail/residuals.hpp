@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "diagnosis/detail/lag_and_slack.hpp"
 #include "diagnosis/detail/model_search.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -19,7 +20,8 @@ using Signatures = std::unordered_map<std::string, std::vector<float>>;
                                                 const std::vector<Member>& members,
                                                 const Bank& bank,
                                                 const Eigen::VectorXd& coefficients,
-                                                double ball_radius_mm, Signatures& known);
+                                                double ball_radius_mm, Signatures& known,
+                                                LagAndSlack& both);
 /// Residuals of a fitted model, its nuisances levelled on all sets (squares.hpp), mm.
 [[nodiscard]] std::vector<double> residuals_of(const std::vector<Observation>& all,
                                                const std::vector<Member>& members, const Bank& bank,

@@ -27,6 +27,8 @@ struct Make {
                })},
            {{"followed_width_mm", width_mm}},
            1};
+    f.columns[0].follows = {false, axis, width_mm};
+    f.of_size = [make = *this](double size_mm) { return make(size_mm, 1.0); };
     f.finer = finer_by_ratio(*this, width_mm, step, 3, 1.03);
     return f;
   }

@@ -22,6 +22,8 @@ struct Make {
                        })},
            {{"followed_lag_mm", lag_mm}},
            1};
+    f.columns[0].follows = {true, 0, lag_mm};
+    f.of_size = [make = *this](double size_mm) { return make(size_mm, 1.0); };
     f.finer = finer_by_ratio(*this, lag_mm, step, 3, 1.03);
     return f;
   }

@@ -172,6 +172,57 @@ TEST(CutPath, LostMotionFlattensAValley) {
     EXPECT_NEAR(moved(x) - shift, lowest(x, true) - lowest(x, false), 0.008) << "x = " << x;
 }
 
+TEST(CutPath, ALagRoundsOffWhereLostMotionTurnsOver) {
+  // Through z = x^2 / 40 and back up, by samples of 1 um: which side of the slack z stands on, and
+  // that lagged; or the sides of the lagged height. Compared where the command is, e later.
+  const ScratchFolder scratch;
+  constexpr double kWidth_mm = 0.1, kLag_mm = 1.5, kStep_mm = 0.001;
+  const auto z = [](double x) { return x * x / 40.0; };
+  std::string text = "G21 F1000\nG0 X-12 Y0 Z3.6\n";
+  for (int i = -48; i <= 48; ++i)
+    text += fmt::format("G1 X{:.3f} Z{:.9f}\n", 0.25 * i, z(0.25 * i));
+  const CutPath path = path_of(scratch, text + "M30\n", 3.0);
+  const Trail alone = path.slack(kWidth_mm);
+  for (const bool lag_first : {false, true}) {
+    std::vector<double> x_at, way, side, both;
+    double lagged = z(-12.0), of_lagged = 0.0, now = 0.0, at = 0.0, later = 0.0;
+    for (double x = -12.0; x < 12.0; x += kStep_mm) {
+      const double rise = z(x + kStep_mm) - z(x), step = std::hypot(kStep_mm, rise);
+      at += step;
+      now = std::clamp(now + 2.0 * rise / kWidth_mm, -1.0, 1.0);
+      const double before = lagged;
+      lagged += step / kLag_mm * (z(x + kStep_mm) - lagged);
+      of_lagged = std::clamp(of_lagged + 2.0 * (lagged - before) / kWidth_mm, -1.0, 1.0);
+      later += step / kLag_mm * (now - later);
+      x_at.push_back(x + kStep_mm);
+      way.push_back(at);
+      side.push_back(now);
+      both.push_back(lag_first ? of_lagged : later);
+    }
+    const Trail change = path.slack_with_lag(2, kWidth_mm, kLag_mm, lag_first);
+    double most = 0.0;
+    for (double x = -8.0; x < 8.0; x += 0.0937) {
+      const auto contact = path.at(x, 0.0);
+      ASSERT_TRUE(contact);
+      const auto here = std::upper_bound(x_at.begin(), x_at.end(), contact->tip.x) - x_at.begin();
+      const auto there =
+          std::upper_bound(way.begin(), way.end(), way[static_cast<std::size_t>(here)] + kLag_mm) -
+          way.begin();
+      const double is =
+          both[static_cast<std::size_t>(there)] - side[static_cast<std::size_t>(here)];
+      most = std::fmax(most, std::abs(is));
+      // Between places of the program, 0.25 mm apart, the lagged side is taken for a line; the
+      // side itself turns over within 2 mm.
+      EXPECT_NEAR(change(*contact).at.z, is, 0.03) << "x = " << x << ", lag first " << lag_first;
+    }
+    // A lagged parabola is the same parabola, e later and lower: it turns at the same place.
+    if (lag_first)
+      EXPECT_LT(most, 0.02);
+    else
+      EXPECT_GT(most, 0.2) << "there is something to see";
+  }
+}
+
 TEST(CutPath, LagsInwardsInABend) {
   const ScratchFolder scratch;
   const CutPath path = path_of(

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// What a lag and lost motion do together, beyond the sum of what each does alone.
+
+#include <map>
+#include <memory>
+#include <tuple>
+#include <vector>
+
+#include "diagnosis/effect.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// Among the fixed values of a lost motion beside a lag: 1 where it is behind the drive that lags.
+inline constexpr const char* kSlackBehindLag = "behind_the_lag";
+
+/// A column of such a cause with its coefficient.
+struct FollowedTerm {
+  Follows what;
+  double coefficient = 0.0;
+};
+
+/// Of one scene; trails are kept, for they cost a walk along the program each.
+class LagAndSlack {
+ public:
+  explicit LagAndSlack(const Scene& scene) : make_(scene.slack_with_lag) {}
+  /// Is the slack behind the drive that lags?
+  bool lag_first = true;
+  /// One for each pair of a lag and a lost motion among `terms`: what it changes of a pass.
+  [[nodiscard]] std::vector<std::function<CutChange(const CutState&)>> changes(
+      const std::vector<FollowedTerm>& terms);
+
+ private:
+  std::function<Trail(int, double, double, bool)> make_;
+  std::map<std::tuple<int, double, int, bool>, std::shared_ptr<const Trail>> trails_;
+};
+
+}  // namespace maquette::diagnosis::detail

@@ -10,6 +10,7 @@
 //   what the ball cannot touch . the same above the closing of the design, by verify's own search
 //   is needed .................. the same without it stands well above
 //   still proven ............... gouge at most half the tolerance
+//   a furrow at an angle ....... its floor is the circle that touches both walls: closed form
 //   a furrow by hand ........... what stays without, and how many cuts it takes
 //   nothing to do .............. planes and domes: no cut, not a byte changed
 //   arrange .................... order; stretches that touch are one
@@ -20,11 +21,14 @@
 
 #include "cnc/side_cuts.hpp"
 
+#include <cmath>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <oneapi/tbb/global_control.h>
 
 #include "cnc/mill.hpp"
+#include "cnc/scallop.hpp"
 #include "cnc/verify.hpp"
 #include "core/files.hpp"
 #include "support/matchers.hpp"
@@ -134,6 +138,51 @@ TEST(SideCuts, AFurrowBesideARowIsReachedFromIt) {
   // Each clears at most 0.35 mm either way; all start at the row beside the furrow.
   EXPECT_GE(with.report.side_cuts, 22U);
   EXPECT_LE(with.report.side_cuts, 160U);
+}
+
+// A furrow at 8 degrees to the rows, walls of a slope of 1/4. What no ball can take there is known
+// in closed form: below the circle that touches both walls. Rows cross the furrow every 3.6 mm;
+// halfway between two of them the ball stands 0.25 times 0.25 mm higher than in the furrow.
+TEST(SideCuts, AFurrowAtAnAngleIsCutDownToTheBallThatRestsInIt) {
+  constexpr double kSlope = 0.25, kR = 3.0;
+  const double turn = degrees(8.0).value(), steep = std::sqrt(1.0 + kSlope * kSlope);
+  const auto beside = [&](double x, double y) {
+    return std::abs((y - 6.0) * std::cos(turn) - (x - 6.0) * std::sin(turn));
+  };
+  ModelField design = flat_field(121, 121, 0.1, 0.0F);
+  for (std::ptrdiff_t r = 0; r < design.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < design.z_mm.cols(); ++c)
+      design.z_mm(r, c) = static_cast<float>(kSlope * beside(design.x_mm(c), design.y_mm(r)));
+  const double stated = stated_scallop_mm({kR}, 0.5, kSlope);
+  // Highest above the best that the ball can leave and the scallop of 0.5 mm, away from the
+  // outline.
+  const auto highest = [&](const MillOptions& o) {
+    const ScratchFolder folder;
+    const std::filesystem::path program = folder / "part.ngc";
+    EXPECT_THAT(mill(design, o, program), Succeeds());
+    const auto v = verify(std::span(&program, 1), design);
+    EXPECT_THAT(v, Succeeds());
+    if (!v) return double{NAN};
+    double most = -INFINITY;
+    const ModelField& cut = v->as_milled;
+    for (std::ptrdiff_t r = 0; r < cut.z_mm.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < cut.z_mm.cols(); ++c) {
+        const double x = cut.x_mm(c), y = cut.y_mm(r), t = beside(x, y);
+        if (std::min(std::min(x, 12.0 - x), std::min(y, 12.0 - y)) < kR + 0.1) continue;
+        const double best =
+            t < kR * kSlope / steep ? kR * steep - std::sqrt(kR * kR - t * t) : kSlope * t;
+        most = std::max(most, static_cast<double>(cut.z_mm(r, c)) - best - stated);
+      }
+    return most;
+  };
+  MillOptions o;
+  EXPECT_NEAR(highest(o), 0.0625, 0.0100);  // give or take the path's tolerance
+  o.excess_limit = Millimetres{0.010};
+  // Between the points looked at 0.0029 mm, as above.
+  EXPECT_LE(highest(o), 0.0129);
+  o.stepover = Millimetres{0.4};
+  o.stated_stepover = Millimetres{0.5};
+  EXPECT_LE(highest(o), 0.0129);
 }
 
 TEST(SideCuts, PlanesAndDomesNeedNone) {

@@ -75,6 +75,8 @@ MillJob with_values(MillJob job, const Operation& o) {
     job.constant_scallop = true;
     job.scallop_limit = Millimetres{o.scallop_limit_mm};
   }
+  if (!std::isnan(o.excess_limit_mm)) job.excess_limit = Millimetres{o.excess_limit_mm};
+  if (!std::isnan(o.stated_stepover_mm)) job.stated_stepover = Millimetres{o.stated_stepover_mm};
   if (!std::isnan(o.tolerance_mm)) job.tolerance = Millimetres{o.tolerance_mm};
   set(job.least_slope_deg, o.least_slope_deg);
   set(job.ball_before_diameter_mm, o.ball_before_mm);
@@ -114,6 +116,12 @@ Schema operation_schema(Operation& o, std::vector<std::string> strategies) {
   t.add({"allowance_mm", &o.allowance_mm, "that rough and semi-finish leave", 0, 50});
   t.add({"direction_deg", &o.direction_deg, "of the passes, counter-clockwise from +x", -180, 180});
   t.add({"scallop_limit_mm", &o.scallop_limit_mm, "constant scallop of at most this", 1e-4, 10});
+  t.add({"excess_limit_mm", &o.excess_limit_mm,
+         "raster: what may stay above the stated scallop; cuts across to pits, each a stop", 1e-3,
+         1});
+  t.add({"stated_stepover_mm", &o.stated_stepover_mm,
+         "raster: passes whose scallop that limit counts from; stepover_mm unless given", 0.01,
+         200});
   t.add({"tolerance_mm", &o.tolerance_mm, "of the written path, all causes together", 1e-4, 1});
   t.add({"least_slope_deg", &o.least_slope_deg, "waterline: where it is steeper", 0, 90});
   t.add({"ball_before_mm", &o.ball_before_mm,
@@ -158,6 +166,10 @@ Result<std::vector<MillJob>> jobs_of(std::span<const Operation> operations,
     };
     if (auto cutter = set_cutter(job, o, table); !cutter)
       return wrong(cutter.error().code, cutter.error().message);
+    if (o.strategy != "raster" &&
+        !(std::isnan(o.excess_limit_mm) && std::isnan(o.stated_stepover_mm)))
+      return wrong(kConfigInvalid,
+                   "excess_limit_mm and stated_stepover_mm are of raster passes; leave them out");
     if (job.name.find_first_not_of(
             "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-") != std::string::npos)
       return wrong(kConfigInvalid, "a name is part of a file's name: letters, digits and '-'");

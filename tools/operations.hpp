@@ -28,6 +28,7 @@ struct Operation {
   double diameter_mm = NAN, corner_radius_mm = NAN;
   double stepover_mm = NAN, step_down_mm = NAN, allowance_mm = NAN;
   double direction_deg = NAN, scallop_limit_mm = NAN, tolerance_mm = NAN;
+  double excess_limit_mm = NAN, stated_stepover_mm = NAN;
   double least_slope_deg = NAN, ball_before_mm = NAN, ramp_deg = NAN, cell_mm = NAN;
   double gap_mm = NAN, bed_mm = NAN, mark_depth_mm = NAN;
   double feed_mm_per_min = NAN, plunge_feed_mm_per_min = NAN, spindle_rpm = NAN;

@@ -350,6 +350,11 @@ TEST_F(CommandLine, OperationsSayWhatIsWrong) {
                        HasSubstr("its own number")));
   expect_refused(with(raster + "corner_radius_mm = 1.0\n"), HasSubstr("milled with a ball"));
   expect_refused(with(raster + "stepover_mm = -1.0\n"), HasSubstr("operations.toml:3"));
+  expect_refused(with(raster + "excess_limit_mm = 0.02\nstated_stepover_mm = 0.4\n"),
+                 AllOf(HasSubstr("stated_stepover is 0.4 mm"), HasSubstr("0.5 mm")));
+  expect_refused(with(raster + "stated_stepover_mm = 0.6\n"), HasSubstr("excess_limit too"));
+  expect_refused(with("[[operation]]\nstrategy = \"rough\"\nexcess_limit_mm = 0.02\n"),
+                 AllOf(HasSubstr("operation 1 (rough)"), HasSubstr("of raster passes")));
   expect_refused(with(raster, "--strategy rough"), HasSubstr("--strategy does not go"));
   expect_refused(with(raster, "--diameter-mm 4"), HasSubstr("--diameter-mm does not go"));
   const auto tools =

@@ -212,6 +212,7 @@ struct FusedSurface {
   /// Largest sum of shifts around three sources, in pixels of the coarsest: of pairs alone, and of
   /// what pairs still ask for after the joint adjustment; 0 without it.
   double loop_before_px = 0.0, loop_after_px = 0.0;
+  double loop_sigma_px = 0.0;  ///< of the latter: noise of its pairs (detail/joint_adjustment.hpp)
 };
 
 /// @pre 2 half_width / spacing is whole, |latitude| <= 90, 1 to 254 sources

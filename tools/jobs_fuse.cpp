@@ -290,6 +290,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
   if (fused.loop_before_px > 0.0) {
     figures["loop_before_px"] = fused.loop_before_px;
     figures["loop_after_px"] = fused.loop_after_px;
+    figures["loop_sigma_px"] = fused.loop_sigma_px;
   }
   for (const auto& s : fused.sources) figures["sources"].push_back(figures_of(s));
   for (const auto& i : fused.images) figures["images"].push_back(figures_of(i));

@@ -172,6 +172,7 @@ Result<void> align_jointly(const FuseRequest& request, std::vector<ReadSource>& 
   if (!joint) return {};
   surface.loop_before_px = joint->loop_before_px;
   surface.loop_after_px = joint->loop_after_px;
+  surface.loop_sigma_px = joint->loop_sigma_px;
   for (std::size_t i = 0; i < read.size(); ++i) {
     const JointPose& pose = joint->poses[i];
     if (!pose.found || (i == 0 && pose.steps_m.empty())) continue;

@@ -16,6 +16,7 @@
 #include <array>
 #include <cmath>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -53,6 +54,15 @@ TEST(Fusion, IsNextToTheBestPossibleAndSeamless) {
   EXPECT_NEAR(ours.power[0] / ours.true_power[0], 0.9, 0.06);
   for (const std::size_t octave : {1U, 2U, 3U})
     EXPECT_NEAR(ours.power[octave] / ours.true_power[octave], 1.0, 0.05) << octave;
+  for (const std::size_t octave : {0U, 1U, 2U}) {
+    RecordProperty(
+        fmt::format("waves of octave {} over truth", octave),
+        fmt::format("{:.4f} of {} trials above noise", ours.waves[octave] / ours.true_waves[octave],
+                    ours.true_waves[octave]));
+  }
+  for (std::size_t place = 0; place < kPlaces; ++place)
+    RecordProperty(fmt::format("within one sigma, place {}", place),
+                   fmt::format("{:.4f}", table.coverage.one[place] / table.coverage.nodes[place]));
   double one = 0.0, two = 0.0, n = 0.0;
   const Coverage& coverage = table.coverage;
   for (const Place p : {kInside, kInsideBorder, kOutsideBorder, kOutside}) {

@@ -147,6 +147,9 @@ struct Score {
   /// Of profiles along the border, up to a coarse pixel inside: power by octave (2 to 4, ... nodes)
   /// where the fine source's noise is below the relief.
   std::array<double, 4> power{}, true_power{};
+  /// The same of waves of any direction, on a square inside: a profile's octave has waves that
+  /// cross it, too, which are shorter.
+  std::array<double, 4> waves{}, true_waves{};
 
   [[nodiscard]] double rmse(Place p) const { return std::sqrt(square[p] / nodes[p]); }
   [[nodiscard]] double rmse_at_border() const {
@@ -180,6 +183,47 @@ std::array<double, 4> octave_powers(const Value& value) {
   return out;
 }
 
+/// Power of waves by octave of their length, of 32 x 32 nodes inside, with Hann's window.
+template <class Value>
+std::array<double, 4> wave_powers(const Value& value) {
+  constexpr std::ptrdiff_t n = 32, r0 = 48, c0 = 26;
+  Grid<Complex> g(n, n);
+  const auto window = [](std::ptrdiff_t i) {
+    return std::pow(std::sin(std::numbers::pi * (static_cast<double>(i) + 0.5) / n), 2.0);
+  };
+  for (std::ptrdiff_t r = 0; r < n; ++r)
+    for (std::ptrdiff_t c = 0; c < n; ++c) g(r, c) = value(r0 + r, c0 + c) * window(r) * window(c);
+  fft2(g, false);
+  std::array<double, 4> out{};
+  for (std::ptrdiff_t r = 0; r < n; ++r)
+    for (std::ptrdiff_t c = 0; c < n; ++c) {
+      const double f =
+          std::hypot(fusion_trial_detail::frequency(r, n), fusion_trial_detail::frequency(c, n));
+      const double octave = -1.0 - std::log2(std::max(1e-9, f));
+      if (octave >= 0.0 && octave < 3.0)
+        out[static_cast<std::size_t>(octave)] += std::norm(g(r, c));
+    }
+  return out;
+}
+
+/// Relief over the fine source's noise, by octave of waves, as drawn.
+inline std::array<double, 4> signal_over_noise(const Trial& t) {
+  std::array<double, 4> relief{}, noise{};
+  constexpr std::ptrdiff_t n = Trial::kNodes;
+  for (std::ptrdiff_t r = 0; r < n; ++r)
+    for (std::ptrdiff_t c = 0; c < n; ++c) {
+      const double f =
+          std::hypot(fusion_trial_detail::frequency(r, n), fusion_trial_detail::frequency(c, n));
+      const double octave = -1.0 - std::log2(std::max(1e-9, f));
+      if (octave < 0.0 || octave >= 4.0) continue;
+      relief[static_cast<std::size_t>(octave)] += t.spectrum(r, c);
+      noise[static_cast<std::size_t>(octave)] +=
+          t.what.fine_sigma_m * t.what.fine_sigma_m / static_cast<double>(n * n);
+    }
+  for (std::size_t k = 0; k < relief.size(); ++k) relief[k] /= noise[k];
+  return relief;
+}
+
 template <class Heights>
 void add_to(Score& score, const Trial& t, const Heights& z) {
   const auto error = [&](std::ptrdiff_t r, std::ptrdiff_t c) {
@@ -198,6 +242,15 @@ void add_to(Score& score, const Trial& t, const Heights& z) {
       step += (error(i, t.border(i)) - error(i, t.border(i) - 1)) / static_cast<double>(p);
     score.step_square += step * step;
     score.step_noise_square += t.what.coarse_sigma_m * t.what.coarse_sigma_m;
+  }
+  const auto over_noise = signal_over_noise(t);
+  const auto waves = wave_powers([&](auto r, auto c) { return static_cast<double>(z(r, c)); });
+  const auto true_waves = wave_powers([&](auto r, auto c) { return t.truth(r, c); });
+  for (std::size_t k = 0; k < waves.size(); ++k) {
+    if (over_noise[k] < 1.0) continue;
+    // Each trial alike, however rough its relief is.
+    score.waves[k] += waves[k] / std::max(1e-30, true_waves[k]);
+    score.true_waves[k] += 1.0;
   }
   const std::array<double, 4> noise = octave_powers([&](std::ptrdiff_t r) {
     return t.what.fine_sigma_m * random_normal(77, static_cast<std::uint64_t>(r));

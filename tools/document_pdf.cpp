@@ -20,7 +20,7 @@ namespace {
 
 // Points of 1/72 inch.
 constexpr double kWidth = 595.28, kHeight = 841.89, kMargin = 48.0, kFoot = 56.0;
-constexpr double kText = 8.5, kLine = 11.5, kSmallest = 5.5;
+constexpr double kText = 8.5, kLine = 11.5, kSmallest = 7.0;
 constexpr double kColumn = kWidth - 2.0 * kMargin;
 
 class Sheet {
@@ -29,7 +29,6 @@ class Sheet {
 
   void operator()(const Heading& h) {
     const double size = h.level <= 1 ? 16.0 : h.level == 2 ? 12.0 : 10.0;
-    room(4.0 * size + 3.0 * kLine);  // not alone at the foot of a page
     y_ += 0.9 * size;
     font(size, true);
     put(kMargin, h.text);
@@ -55,70 +54,20 @@ class Sheet {
   }
 
   void operator()(const Table& t) {
-    const std::size_t columns = !t.head.empty()  ? t.head.size()
-                                : t.rows.empty() ? 0
-                                                 : t.rows.front().size();
-    if (columns == 0) return;
-    // As wide as its widest cell; where that is too much, smaller letters, then broken lines.
-    double size = kText;
-    std::vector<double> widths;
-    const auto measure = [&] {
-      widths.assign(columns, 0.0);
-      font(size, true);
-      for (std::size_t k = 0; k < t.head.size(); ++k) widths[k] = width(t.head[k]);
-      font(size, false);
-      for (const auto& row : t.rows)
-        for (std::size_t k = 0; k < std::min(columns, row.size()); ++k)
-          widths[k] = std::fmax(widths[k], width(row[k].text));
-      for (double& w : widths) w += size;
-      return std::accumulate(widths.begin(), widths.end(), 0.0);
-    };
-    while (measure() > kColumn && size > kSmallest) size -= 0.5;
-    while (std::accumulate(widths.begin(), widths.end(), 0.0) > kColumn)
-      *std::max_element(widths.begin(), widths.end()) *= 0.95;
-    const double line = size / kText * kLine;
-    const auto print_row = [&](const std::vector<Table::Cell>& row, bool bold) {
-      font(size, bold);
-      std::vector<std::vector<std::string>> cells;
-      std::size_t lines = 1;
-      for (std::size_t k = 0; k < std::min(columns, row.size()); ++k) {
-        cells.push_back(wrapped(row[k].text, widths[k] - 0.5 * size));
-        lines = std::max(lines, cells.back().size());
-      }
-      const double high = static_cast<double>(lines) * line;
-      if (y_ + high > kHeight - kFoot) {
-        next_page();
-        if (!bold && !t.head.empty()) return false;  // the head first
-        font(size, bold);
-      }
-      double x = kMargin;
-      const double top = y_;
-      for (std::size_t k = 0; k < cells.size(); ++k) {
-        y_ = top;
-        for (const std::string& text : cells[k]) {
-          put(row[k].number ? x + widths[k] - 0.5 * size - width(text) : x, text);
-          y_ += line;
+    for (const TableLayout& part : layouts_of(t)) {
+      const double line = part.size / kText * kLine;
+      y_ += 0.4 * kLine;
+      room(high_of_start(part));
+      if (!part.head.empty()) print_row(part, part.head, true);
+      for (const auto& row : part.rows) {
+        if (y_ + high_of(row) * line > kHeight - kFoot) {
+          next_page();
+          if (!part.head.empty()) print_row(part, part.head, true);
         }
-        x += widths[k];
+        print_row(part, row, false);
       }
-      y_ = top + high;
-      cairo_set_source_rgb(c_, 0.8, 0.8, 0.8);
-      cairo_set_line_width(c_, 0.3);
-      cairo_move_to(c_, kMargin, y_ - 0.75 * line);
-      cairo_line_to(c_, x, y_ - 0.75 * line);
-      cairo_stroke(c_);
-      return true;
-    };
-    std::vector<Table::Cell> head;
-    for (const std::string& text : t.head) head.push_back({text, false});
-    y_ += 0.4 * kLine;
-    if (!head.empty()) print_row(head, true);
-    for (const auto& row : t.rows)
-      if (!print_row(row, false)) {
-        print_row(head, true);
-        print_row(row, false);
-      }
-    y_ += 0.6 * kLine;
+      y_ += 0.6 * kLine;
+    }
   }
 
   /// Two side by side.
@@ -224,6 +173,28 @@ class Sheet {
 
   void operator()(const Interactive&) {}
 
+  /// A heading is not alone at the foot of a page, nor is what leads to a table or a picture.
+  void keep_together(const Document& document, std::size_t first) {
+    double high = 0.0;
+    for (std::size_t i = first; i < document.size(); ++i) {
+      if (std::holds_alternative<Heading>(document[i])) {
+        high += 4.0 * kLine;
+      } else if (const auto* p = std::get_if<Paragraph>(&document[i]); p != nullptr) {
+        font(kText, false);
+        high +=
+            kLine * static_cast<double>(std::min<std::size_t>(6, wrapped(p->text, kColumn).size()));
+      } else {
+        if (const auto* t = std::get_if<Table>(&document[i]); t != nullptr) {
+          if (const auto parts = layouts_of(*t); !parts.empty()) high += high_of_start(parts[0]);
+        } else {
+          high += 3.0 * kLine;
+        }
+        break;
+      }
+    }
+    room(std::fmin(high, 0.5 * kHeight));
+  }
+
   void sign() {
     room(7.0 * kLine);
     y_ += 4.0 * kLine;
@@ -243,6 +214,134 @@ class Sheet {
   }
 
  private:
+  using Lines = std::vector<std::vector<std::string>>;  // of each cell of a row
+  /// Some columns of a table, broken to their widths.
+  struct TableLayout {
+    double size = kText;
+    std::vector<double> widths;
+    std::vector<bool> numbers;  ///< of the rows' cells
+    Lines head;
+    std::vector<Lines> rows;
+  };
+
+  static double high_of(const Lines& row) {
+    std::size_t lines = 1;
+    for (const auto& cell : row) lines = std::max(lines, cell.size());
+    return static_cast<double>(lines);
+  }
+  /// The head and two rows.
+  static double high_of_start(const TableLayout& t) {
+    double lines = t.head.empty() ? 0.0 : high_of(t.head);
+    for (std::size_t i = 0; i < std::min<std::size_t>(2, t.rows.size()); ++i)
+      lines += high_of(t.rows[i]);
+    return lines * t.size / kText * kLine;
+  }
+
+  /// How wide each column is at most (whole cells) and at least (whole words), at one size of
+  /// letters.
+  struct Widths {
+    std::vector<double> most, least;
+    static double sum(const std::vector<double>& w) {
+      return std::accumulate(w.begin(), w.end(), 0.0);
+    }
+  };
+  Widths widths_of(const Table& t, std::size_t columns, double size) {
+    constexpr double kLongestWord = 0.3 * kColumn;  // longer ones are broken
+    Widths w{std::vector<double>(columns, 0.0), std::vector<double>(columns, 0.0)};
+    const auto add = [&](std::size_t k, const std::string& text) {
+      w.most[k] = std::fmax(w.most[k], width(text));
+      for (std::size_t i = 0; i < text.size();) {
+        const std::size_t end = std::min(text.find(' ', i), text.size());
+        w.least[k] = std::fmax(w.least[k], std::fmin(kLongestWord, width(text.substr(i, end - i))));
+        i = end + 1;
+      }
+    };
+    font(size, true);
+    for (std::size_t k = 0; k < std::min(columns, t.head.size()); ++k) add(k, t.head[k]);
+    font(size, false);
+    for (const auto& row : t.rows)
+      for (std::size_t k = 0; k < std::min(columns, row.size()); ++k) add(k, row[k].text);
+    for (std::size_t k = 0; k < columns; ++k) w.most[k] += size, w.least[k] += size;
+    return w;
+  }
+
+  /// As wide as its widest cells; where that is too much, smaller letters, then broken lines, then
+  /// several tables that begin with the same column.
+  std::vector<TableLayout> layouts_of(const Table& t) {
+    const std::size_t columns = !t.head.empty()  ? t.head.size()
+                                : t.rows.empty() ? 0
+                                                 : t.rows.front().size();
+    std::vector<TableLayout> parts;
+    if (columns == 0) return parts;
+    double size = kText;
+    Widths w = widths_of(t, columns, size);
+    while (Widths::sum(w.most) > kColumn && size > kSmallest)
+      w = widths_of(t, columns, size -= 0.5);
+    for (std::size_t next = 0; next < columns;) {
+      std::vector<std::size_t> chosen;
+      double least = 0.0;
+      if (next > 0) chosen.push_back(0), least = w.least[0];
+      const std::size_t begun = next;
+      while (next < columns && (next == begun || least + w.least[next] <= kColumn)) {
+        chosen.push_back(next);
+        least += w.least[next++];
+      }
+      parts.push_back(layout(t, w, chosen, size));
+    }
+    return parts;
+  }
+
+  TableLayout layout(const Table& t, const Widths& w, const std::vector<std::size_t>& chosen,
+                     double size) {
+    TableLayout part;
+    part.size = size;
+    double least = 0.0, most = 0.0;
+    for (const std::size_t k : chosen) least += w.least[k], most += w.most[k];
+    // What is left beyond whole words goes to the columns in proportion to what they ask for.
+    const double share =
+        most > kColumn && most > least ? std::fmax(0.0, kColumn - least) / (most - least) : 1.0;
+    for (const std::size_t k : chosen)
+      part.widths.push_back(w.least[k] + share * (w.most[k] - w.least[k]));
+    font(size, true);
+    for (std::size_t i = 0; i < chosen.size() && !t.head.empty(); ++i)
+      part.head.push_back(wrapped(t.head[chosen[i]], part.widths[i] - 0.5 * size));
+    font(size, false);
+    part.numbers.assign(chosen.size(), false);
+    for (const auto& row : t.rows) {
+      Lines& to = part.rows.emplace_back();
+      for (std::size_t i = 0; i < chosen.size(); ++i) {
+        if (chosen[i] >= row.size()) {
+          to.push_back({""});
+          continue;
+        }
+        to.push_back(wrapped(row[chosen[i]].text, part.widths[i] - 0.5 * size));
+        part.numbers[i] = part.numbers[i] || row[chosen[i]].number;
+      }
+    }
+    return part;
+  }
+
+  void print_row(const TableLayout& part, const Lines& row, bool head) {
+    const double line = part.size / kText * kLine;
+    font(part.size, head);
+    double x = kMargin;
+    const double top = y_;
+    for (std::size_t k = 0; k < row.size(); ++k) {
+      y_ = top;
+      for (const std::string& text : row[k]) {
+        put(part.numbers[k] ? x + part.widths[k] - 0.5 * part.size - width(text) : x, text);
+        y_ += line;
+      }
+      x += part.widths[k];
+    }
+    y_ = top + high_of(row) * line;
+    cairo_set_source_rgb(c_, 0.8, 0.8, 0.8);
+    cairo_set_line_width(c_, 0.3);
+    cairo_move_to(c_, kMargin, y_ - 0.75 * line);
+    cairo_line_to(c_, x, y_ - 0.75 * line);
+    cairo_stroke(c_);
+  }
+
   void begin() {
     ++page_;
     y_ = kMargin + kText;
@@ -276,20 +375,39 @@ class Sheet {
     cairo_move_to(c_, x, y_);
     cairo_show_text(c_, text.c_str());
   }
-  /// At blanks; a word that is too long stays whole.
+  /// At blanks; a word that is too long is broken.
   [[nodiscard]] std::vector<std::string> wrapped(const std::string& text, double wide) const {
     std::vector<std::string> lines{""};
     for (std::size_t i = 0; i < text.size();) {
       const std::size_t end = std::min(text.find(' ', i), text.size());
-      const std::string word = text.substr(i, end - i);
+      std::string word = text.substr(i, end - i);
       const std::string longer = lines.back().empty() ? word : lines.back() + " " + word;
-      if (!lines.back().empty() && width(longer) > wide)
-        lines.push_back(word);
-      else
+      if (lines.back().empty() || width(longer) <= wide)
         lines.back() = longer;
+      else
+        lines.push_back(word);
+      while (width(lines.back()) > wide + 1e-6 && lines.back() != first_of(lines.back(), wide)) {
+        const std::string part = first_of(lines.back(), wide);
+        word = lines.back().substr(part.size());
+        lines.back() = part;
+        lines.push_back(word);
+      }
       i = end + 1;
     }
     return lines;
+  }
+  /// As many characters of a word as fit, one at least.
+  [[nodiscard]] std::string first_of(const std::string& word, double wide) const {
+    std::string part;
+    for (std::size_t i = 0; i < word.size();) {
+      std::size_t end = i + 1;
+      while (end < word.size() && (static_cast<unsigned char>(word[end]) & 0xc0U) == 0x80U) ++end;
+      const std::string longer = word.substr(0, end);
+      if (!part.empty() && width(longer) > wide) break;
+      part = longer;
+      i = end;
+    }
+    return part;
   }
   void scale(double limit, const std::string& unit, double wide) {
     font(0.9 * kText, false);
@@ -327,6 +445,9 @@ Result<void> write_pdf(const Document& document, const std::string& title,
     Sheet sheet(cairo, title);
     sheet(Heading{1, title});
     for (std::size_t i = 0; i < document.size(); ++i) {
+      if (std::holds_alternative<Heading>(document[i]) ||
+          std::holds_alternative<Paragraph>(document[i]))
+        sheet.keep_together(document, i);
       const auto* first = std::get_if<Picture>(&document[i]);
       const auto* second =
           i + 1 < document.size() ? std::get_if<Picture>(&document[i + 1]) : nullptr;

@@ -5,13 +5,18 @@
 //   both say the same ... each text of the blocks is in the page, escaped, and (pdftotext, where it
 //   is
 //                         installed) in the PDF; long tables go over pages with their head
+//   tables .............. wherever they begin on a page, heading, lead, head and two rows are on
+//                         one; wide ones become several, no letter under 7 points, none beyond the
+//                         margin
 //   same bytes .......... twice
 //   path under .......... a program by hand: order, direction and feed; links above are no passes
 
 #include "tools/document.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 
 #include <fmt/format.h>
@@ -75,6 +80,68 @@ TEST(Document, PageAndPdfSayTheSame) {
   for (std::size_t at = 0; (at = text.find("a long heading", at)) != std::string::npos; ++at)
     ++heads;
   EXPECT_GE(heads, 2U) << "one on each page";
+}
+
+/// The pages' text, or their words with boxes.
+std::string pages_of(const Document& doc, const std::string& option) {
+  const ScratchFolder scratch;
+  const std::string folder = scratch.path().string();
+  EXPECT_THAT(write_pdf(doc, "Title", scratch / "a.pdf"), Succeeds());
+  EXPECT_EQ(std::system(
+                ("pdftotext " + option + " '" + folder + "/a.pdf' '" + folder + "/a.txt'").c_str()),
+            0);
+  return *read_file(scratch / "a.txt");
+}
+
+TEST(Document, AHeadIsWithItsRows) {
+  if (std::system("command -v pdftotext >/dev/null 2>&1") != 0) GTEST_SKIP() << "no pdftotext";
+  for (std::size_t lines = 40; lines < 64; ++lines) {
+    Document doc;
+    for (std::size_t i = 0; i < lines; ++i) doc.emplace_back(Paragraph{"filler"});
+    doc.emplace_back(Heading{2, "heading"});
+    doc.emplace_back(Paragraph{"leading"});
+    doc.emplace_back(Table{{"topmost"}, {{{"rowA", false}}, {{"rowB", false}}, {{"rowC", false}}}});
+    const std::string text = pages_of(doc, "-layout");
+    const auto page = [&](const char* word) {
+      const std::size_t at = text.find(word);
+      EXPECT_NE(at, std::string::npos) << word;
+      return std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\f');
+    };
+    for (const char* word : {"leading", "topmost", "rowA", "rowB"})
+      ASSERT_EQ(page(word), page("heading")) << word << " after " << lines << " paragraphs";
+  }
+}
+
+TEST(Document, WideTablesAreBrokenNotShrunk) {
+  if (std::system("command -v pdftotext >/dev/null 2>&1") != 0) GTEST_SKIP() << "no pdftotext";
+  Table table;
+  table.rows.resize(3);
+  for (int k = 0; k < 30; ++k) {
+    table.head.push_back(fmt::format("head{}", k));
+    for (int r = 0; r < 3; ++r)
+      table.rows[static_cast<std::size_t>(r)].push_back(
+          {k == 0 ? fmt::format("key{}", r) : fmt::format("{}.{:06}", r, k), k > 0});
+  }
+  table.rows[1][1].text = std::string(150, 'w');  // no blank to break at
+  const std::string words = pages_of({table}, "-bbox");
+  double smallest = 100.0, right = 0.0;
+  std::size_t keys = 0, count = 0;
+  for (std::size_t at = 0; (at = words.find("<word ", at)) != std::string::npos; ++at) {
+    double x0 = 0, y0 = 0, x1 = 0, y1 = 0;
+    ASSERT_EQ(
+        std::sscanf(words.c_str() + at, "<word xMin=\"%lf\" yMin=\"%lf\" xMax=\"%lf\" yMax=\"%lf\"",
+                    &x0, &y0, &x1, &y1),
+        4);
+    smallest = std::fmin(smallest, y1 - y0);
+    right = std::fmax(right, x1);
+    keys += words.compare(words.find('>', at) + 1, 4, "key2") == 0 ? 1U : 0U;
+    ++count;
+  }
+  EXPECT_GT(count, 120U);
+  EXPECT_GT(keys, 1U) << "each part begins with the first column";
+  EXPECT_GE(smallest, 7.0) << "points";
+  EXPECT_LE(right, 595.28 - 47.0) << "within the margin";
+  for (int k = 1; k < 30; ++k) EXPECT_THAT(words, HasSubstr(fmt::format("2.{:06}", k)));
 }
 
 TEST(PathUnder, SaysWhichPassMadeAPlace) {

@@ -168,6 +168,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   // same. Members that were straightened before begin where they came to rest.
   using Keys = std::vector<std::string>;
   Keys straight_for;
+  bool rows_moved = false;
   std::map<Keys, Eigen::VectorXd> rested;
   detail::Signatures signatures;
   detail::LagAndSlack lag_and_slack(scene);
@@ -176,8 +177,10 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
     for (const Member& k : with)
       for (const Column& c : k.form.columns) {
         keys.push_back(c.key);
-        if (c.cut) cut.push_back(c.key);
+        if (c.cut || c.moves_whole) cut.push_back(c.key);
       }
+    // Where poses moved rows, too, all that poses answer to counts.
+    if (rows_moved && !with.empty()) cut = keys;
     if (cut.empty() && straight_for.empty()) return;
     if (cut == straight_for && !cut.empty()) return;
     straight_for = std::move(cut);
@@ -199,9 +202,10 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       last = now;
       auto straight = detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm,
                                             signatures, lag_and_slack);
+      rows_moved = straight.rows_moved;
       for (std::size_t i = 0; i < given.size(); ++i)
-        m.observations[i].residual_mm = straight[i] = given[i] - straight[i];
-      detail::exchange_residuals(bank, straight);
+        m.observations[i].residual_mm = straight.mm[i] = given[i] - straight.mm[i];
+      detail::exchange_residuals(bank, straight.mm);
     }
     rested[keys] = last;
   };

@@ -21,8 +21,8 @@ std::vector<std::function<CutChange(const CutState&)>> LagAndSlack::changes(
       const int step = static_cast<int>(std::lround(std::log(lag_mm) / std::log(kLagStep)));
       auto& trail = trails_[{slack.what.axis, slack.what.size_mm, step, lag_first}];
       if (!trail)
-        trail = std::make_shared<const Trail>(make_(slack.what.axis, slack.what.size_mm,
-                                                    std::pow(kLagStep, step), lag_first));
+        trail = std::make_shared<const Trail>(
+            make_(slack.what.axis, slack.what.size_mm, std::pow(kLagStep, step), lag_first));
       all.emplace_back([trail, half = slack.coefficient](const CutState& s) {
         const Drift side = (*trail)(s);
         return CutChange{-half * side.at, 0.0, -half * side.per_mm};

@@ -17,6 +17,13 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
                                    std::function<double(const Observation&)> value) {
   return {std::move(key), std::move(parameter), std::move(value)};
 }
+/// The same of what moves the whole surface by a vector: along . d.
+[[nodiscard]] inline Column whole_column(std::string key, Parameter parameter,
+                                         std::function<double(const Observation&)> value) {
+  Column c = column(std::move(key), std::move(parameter), std::move(value));
+  c.moves_whole = true;
+  return c;
+}
 /// What an even film of 1 mm moves: along the slope's normal, whatever the ridges do.
 [[nodiscard]] inline double film(const Observation& o) {
   return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;

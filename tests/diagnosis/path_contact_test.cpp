@@ -7,6 +7,7 @@
 //   play ................ sign of the last motion of each axis, by hand
 //   flat of a valley .... lost motion of one pass by dense samples
 //   lag ................. circle: half the square of the lag over the radius, inwards
+//   lag and lost motion . by samples of 1 um
 //   sections ............ tool changes start new ones
 
 #include "diagnosis/path_contact.hpp"

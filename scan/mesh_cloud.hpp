@@ -20,19 +20,12 @@
 ///          voxels stay holes. All border loops are listed with length and the gap's area.
 /// Closed   Each border loop is filled by a fan from its middle: no hole remains, but what a fan
 ///          covers was not seen; the outer border of an open part is closed likewise.
-/// Accuracy On smooth surfaces of curvature 1/R within voxel^2 / R of the points' mean, and the
-/// noise
-///          of the points falls with the root of the points per neighbourhood.
+/// Accuracy On smooth surfaces of curvature 1/R within voxel^2 / R of the points' mean, and
+///          their noise falls with the root of the points per neighbourhood.
 /// Memory   Goes with the voxels, not with the points: 4.9 GiB for 5 M voxels, of 20 M points or of
 ///          more.
-<<<<<<< HEAD
 /// Cost     20 M points on 2 m x 2 m, 10.4 M triangles: 173 s of CPU on a loaded machine, most of
 ///          it in parallel (tests/bench/scan_merge_bench).
-=======
-/// Cost     20 M points on 2 m x 2 m, 10.4 M triangles: 173 s of CPU beside other work on the
-/// machine,
-///          most of it in parallel (tests/bench/scan_merge_bench).
->>>>>>> e408a42 (diagnosis: rows of the cut are looked for where poses and growth have moved them)
 
 #include <filesystem>
 #include <vector>

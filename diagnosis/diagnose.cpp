@@ -201,7 +201,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       if (at_rest) break;
       last = now;
       auto straight = detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm,
-                                            signatures, lag_and_slack);
+                                            signatures, lag_and_slack, !scene.causes_taken_off);
       rows_moved = straight.rows_moved;
       for (std::size_t i = 0; i < given.size(); ++i)
         m.observations[i].residual_mm = straight.mm[i] = given[i] - straight.mm[i];

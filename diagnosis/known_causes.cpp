@@ -145,6 +145,7 @@ Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
   std::vector<Vec3> centres;
   for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
   MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres));
+  m.scene.causes_taken_off = !known.empty();
   for (Observation& o : m.observations) o.residual_mm -= moved_mm(o, terms, m.scene.ball_radius_mm);
   return {};
 }

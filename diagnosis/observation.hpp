@@ -160,6 +160,9 @@ struct Scene {
   std::function<Trail(int axis, double width_mm, double lag_mm, bool lag_first)> slack_with_lag;
   /// Candidates of steps along x, y, z: shares of the program's time.
   std::array<std::vector<double>, 3> steps;
+  /// Residuals are less what causes move that are in the model already. They have moved no places,
+  /// so that poses do not say where rows of the cut lie.
+  bool causes_taken_off = false;
   std::vector<bool> has_station;  ///< by set-up
   std::vector<Vec3> stations;
   [[nodiscard]] Vec3 centre() const { return 0.5 * (box.min + box.max); }

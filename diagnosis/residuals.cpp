@@ -34,7 +34,7 @@ Vec3 moved(const Observation& o, const std::vector<Moving>& by) {
 
 Beyond beyond_linear(const std::vector<Observation>& all, const std::vector<Member>& members,
                      const Bank& bank, const Eigen::VectorXd& coefficients, double ball_radius_mm,
-                     Signatures& known, LagAndSlack& both) {
+                     Signatures& known, LagAndSlack& both, bool rows_may_move) {
   struct Term {
     const Column& column;
     double coefficient;
@@ -46,7 +46,7 @@ Beyond beyond_linear(const std::vector<Observation>& all, const std::vector<Memb
   for (std::size_t k = 0; k < model.size(); ++k) {
     const Column& c = bank.columns[static_cast<std::size_t>(model[k])];
     const double coefficient = coefficients(static_cast<Eigen::Index>(k));
-    if (c.moves_whole && coefficient != 0.0) moving.push_back({c, coefficient});
+    if (rows_may_move && c.moves_whole && coefficient != 0.0) moving.push_back({c, coefficient});
     if (!c.cut) continue;
     std::vector<float>& signature = known[c.key];
     if (signature.empty()) {

@@ -19,7 +19,8 @@ void add_scanner_incidence_bias(std::vector<Effect>& all) {
   e.needs = Needs::station;
   e.forms = [](const Scene&) {
     const auto law = [](const char* key, const char* name, int kind) {
-      return Form{name, {column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
+      return Form{name,
+                  {whole_column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
                     if (!o.has_station) return 0.0;
                     const double c = std::fmax(0.15, -dot(o.beam, o.slope_normal));
                     const double f = kind == 0   ? 1.0 / (c * c) - 1.0

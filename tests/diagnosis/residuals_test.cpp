@@ -62,7 +62,7 @@ TEST(BeyondLinear, RowsMoveWithThePart) {
   detail::Signatures signatures;
   detail::LagAndSlack none(m.scene);
   const auto beyond = detail::beyond_linear(m.observations, {{&swelling, form}}, bank, coefficients,
-                                            kRadius_mm, signatures, none);
+                                            kRadius_mm, signatures, none, true);
   EXPECT_TRUE(beyond.rows_moved);
   double linear = 0.0, whole = 0.0;
   for (std::size_t i = 0; i < m.observations.size(); ++i) {

@@ -200,8 +200,9 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
                   0.02 * std::abs(last(k)) + 0.2 * std::sqrt(std::fmax(0.0, f.covariance(k, k)));
       if (at_rest) break;
       last = now;
-      auto straight = detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm,
-                                            signatures, lag_and_slack, !scene.causes_taken_off);
+      auto straight =
+          detail::beyond_linear(m.observations, with, bank, now, scene.ball_radius_mm, signatures,
+                                lag_and_slack, scene.has_path && !scene.causes_taken_off);
       rows_moved = straight.rows_moved;
       for (std::size_t i = 0; i < given.size(); ++i)
         m.observations[i].residual_mm = straight.mm[i] = given[i] - straight.mm[i];
@@ -319,8 +320,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
           const auto at =
               std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) -
               model.begin();
-          const double c = f.coefficients(at);
-          const double size = what->lag ? what->size_mm * std::sqrt(std::fmax(0.0, c)) : 2.0 * c;
+          const double size = detail::size_mm({*what, f.coefficients(at)});
           if (!(size > kLeastSize_mm) || std::abs(std::log(size / what->size_mm)) < kSameSize)
             continue;
           moved = true;

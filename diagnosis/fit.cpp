@@ -134,26 +134,33 @@ constexpr double kHopeless = 50.0;
 /// What a rough fit of a process may be wrong by.
 constexpr double kRough = 2.0;
 
-/// One turn of "coefficients given the noise, noise given the coefficients and what nuisances have
-/// taken" (restricted likelihood: Patterson & Thompson, Biometrika 58 (1971),
-/// doi:10.1093/biomet/58.3.545; fixed point: Harville, JASA 72 (1977), eq. 5.1,
-/// doi:10.1080/01621459.1977.10480998). @param free  theta is chosen anew, else held
-void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
-  const Index p = s.gram[0].rows() - 1, n = s.nuisances;
+/// Of the process that a fit has.
+const MatrixXd& top_gram(const Small& s, const Fit& f, std::size_t u) {
+  return s.top[u].gram[static_cast<std::size_t>(f.theta[u])];
+}
+
+/// Coefficients given the noise. @param a  the normal equations' matrix
+void solve_given_noise(const Small& s, Fit& f, MatrixXd& a) {
+  const Index p = s.gram[0].rows() - 1;
   a = MatrixXd::Zero(p, p);
   VectorXd b = VectorXd::Zero(p);
   const auto add = [&](const MatrixXd& gram, double variance) {
     a += gram.topLeftCorner(p, p) / variance;
     b += gram.col(p).head(p) / variance;
   };
-  const auto gram_of = [&](std::size_t u) -> const MatrixXd& {
-    return s.top[u].gram[static_cast<std::size_t>(f.theta[u])];
-  };
   for (std::size_t g = 0; g < kGroups; ++g) add(s.gram[g], f.variance[g]);
   for (std::size_t u = 0; u < kTops; ++u)
-    if (s.top[u].count > 0.0) add(gram_of(u), f.top_variance[u]);
+    if (s.top[u].count > 0.0) add(top_gram(s, f, u), f.top_variance[u]);
   f.coefficients = solve(a, b, nullptr);
+}
 
+/// One turn of "coefficients given the noise, noise given the coefficients and what nuisances have
+/// taken" (restricted likelihood: Patterson & Thompson, Biometrika 58 (1971),
+/// doi:10.1093/biomet/58.3.545; fixed point: Harville, JASA 72 (1977), eq. 5.1,
+/// doi:10.1080/01621459.1977.10480998). @param free  theta is chosen anew, else held
+void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
+  const Index n = s.nuisances;
+  solve_given_noise(s, f, a);
   MatrixXd known = a.topLeftCorner(n, n);
   {
     const MatrixXd before = Information(known).inverse();
@@ -168,7 +175,7 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
   for (std::size_t u = 0; u < kTops; ++u) {
     const Small::Top& top = s.top[u];
     if (!(top.count > 0.0)) continue;
-    known -= gram_of(u).topLeftCorner(n, n) / f.top_variance[u];
+    known -= top_gram(s, f, u).topLeftCorner(n, n) / f.top_variance[u];
     const auto held = static_cast<std::size_t>(f.theta[u]);
     std::vector<double> plain(top.gram.size(), INFINITY);
     for (std::size_t t = free ? 0 : held; t < (free ? top.gram.size() : held + 1); ++t)
@@ -191,7 +198,7 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
       f.theta[u] = static_cast<int>(t);
     }
     f.top_variance[u] = best.variance;
-    known += gram_of(u).topLeftCorner(n, n) / best.variance;
+    known += top_gram(s, f, u).topLeftCorner(n, n) / best.variance;
   }
   f.objective = Information(known).log_det;
   for (std::size_t g = 0; g < kGroups; ++g)
@@ -202,7 +209,7 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
     if (s.top[u].count > 0.0)
       f.objective += s.top[u].log_det[static_cast<std::size_t>(f.theta[u])] +
                      s.top[u].count * std::log(f.top_variance[u]) +
-                     rss(gram_of(u), f.coefficients) / f.top_variance[u] +
+                     rss(top_gram(s, f, u), f.coefficients) / f.top_variance[u] +
                      unusual(s.ratio[static_cast<std::size_t>(f.theta[u])], f.top_variance[u]);
 }
 
@@ -210,21 +217,9 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
 constexpr std::size_t kStarts = 6;
 /// Two turns without what nuisances take, theta held: enough to tell hopeless starts.
 void roughly(const Small& s, Fit& f) {
-  const Index p = s.gram[0].rows() - 1;
-  const auto gram_of = [&](std::size_t u) -> const MatrixXd& {
-    return s.top[u].gram[static_cast<std::size_t>(f.theta[u])];
-  };
+  MatrixXd a;
   for (int round = 0; round < 2; ++round) {
-    MatrixXd a = MatrixXd::Zero(p, p);
-    VectorXd b = VectorXd::Zero(p);
-    const auto add = [&](const MatrixXd& gram, double variance) {
-      a += gram.topLeftCorner(p, p) / variance;
-      b += gram.col(p).head(p) / variance;
-    };
-    for (std::size_t g = 0; g < kGroups; ++g) add(s.gram[g], f.variance[g]);
-    for (std::size_t u = 0; u < kTops; ++u)
-      if (s.top[u].count > 0.0) add(gram_of(u), f.top_variance[u]);
-    f.coefficients = solve(a, b, nullptr);
+    solve_given_noise(s, f, a);
     f.objective = 0.0;
     const auto take = [&](const MatrixXd& gram, double count, double& variance) {
       variance = std::fmax(kLeastVariance, rss(gram, f.coefficients) / count);
@@ -234,7 +229,7 @@ void roughly(const Small& s, Fit& f) {
       if (s.count[g] > 0.0) take(s.gram[g], s.count[g], f.variance[g]);
     for (std::size_t u = 0; u < kTops; ++u) {
       if (!(s.top[u].count > 0.0)) continue;
-      take(gram_of(u), s.top[u].count, f.top_variance[u]);
+      take(top_gram(s, f, u), s.top[u].count, f.top_variance[u]);
       f.objective += s.top[u].log_det[static_cast<std::size_t>(f.theta[u])];
     }
   }

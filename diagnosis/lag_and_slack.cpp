@@ -16,9 +16,7 @@ std::vector<std::function<CutChange(const CutState&)>> LagAndSlack::changes(
   for (const FollowedTerm& lag : terms)
     for (const FollowedTerm& slack : terms) {
       if (!lag.what.lag || slack.what.lag || !(lag.coefficient > 0.0)) continue;
-      // The column's coefficient is the square of the lag over that of its form.
-      const double lag_mm = lag.what.size_mm * std::sqrt(lag.coefficient);
-      const int step = static_cast<int>(std::lround(std::log(lag_mm) / std::log(kLagStep)));
+      const int step = static_cast<int>(std::lround(std::log(size_mm(lag)) / std::log(kLagStep)));
       auto& trail = trails_[{slack.what.axis, slack.what.size_mm, step, lag_first}];
       if (!trail)
         trail = std::make_shared<const Trail>(

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "cnc/gcode_reader.hpp"
+#include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -150,7 +151,7 @@ Trail CutPath::lag(double e) const {
 Trail CutPath::slack_with_lag(int axis, double width, double e, bool lag_first) const {
   const auto& all = moves_->command;
   const std::size_t n = all.size();
-  const auto of = [axis](Vec3 v) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; };
+  const auto of = [axis](Vec3 v) { return detail::component(v, axis); };
   std::vector<float> alone(n, 0.0F), both(n, 0.0F);
   std::vector<double> place(n, 0.0);  // along the way
   double side = 0.0, now = 0.0, before = 0.0, lagged = n > 0 ? of(all[0]) : 0.0, at = 0.0;
@@ -190,11 +191,8 @@ Trail CutPath::slack_with_lag(int axis, double width, double e, bool lag_first) 
                  b1 = static_cast<double>(both[move.end]);
     const double here = taken(static_cast<double>(alone[move.end - 1]), share * way, width);
     const double going = std::abs(here) < 1.0 ? 2.0 * way / width : 0.0;
-    const auto vec = [axis](double v) {
-      return Vec3{axis == 0 ? v : 0.0, axis == 1 ? v : 0.0, axis == 2 ? v : 0.0};
-    };
-    return Drift{vec(b0 + share * (b1 - b0) - here),
-                 vec(length > 0.0 ? (b1 - b0 - going) / length : 0.0)};
+    return Drift{detail::along_axis(axis, b0 + share * (b1 - b0) - here),
+                 detail::along_axis(axis, length > 0.0 ? (b1 - b0 - going) / length : 0.0)};
   };
 }
 

@@ -17,7 +17,7 @@ using Eigen::VectorXd;
 std::vector<Theta> thetas(double cell) {
   std::vector<Theta> all{{}};
   const auto add = [&](bool gauss, double length) {
-    for (const double ratio : {0.7, 3.0, kStartRatio, 50.0, 200.0, 1000.0})
+    for (const double ratio : {0.7, 3.0, 12.0, 50.0, 200.0, 1000.0})
       all.push_back({gauss, length * cell, ratio});
   };
   for (const double length : {0.6, 1.2, 2.5, 5.0, 10.0, 20.0}) add(false, length);

@@ -3,6 +3,7 @@
 
 // What a lag and lost motion do together, beyond the sum of what each does alone.
 
+#include <cmath>
 #include <map>
 #include <memory>
 #include <tuple>
@@ -20,6 +21,13 @@ struct FollowedTerm {
   Follows what;
   double coefficient = 0.0;
 };
+
+/// The lag or width that a coefficient stands for: that of a lag is the square over its form's,
+/// that of lost motion half the width. 0: none.
+[[nodiscard]] inline double size_mm(const FollowedTerm& t) {
+  const double c = std::fmax(0.0, t.coefficient);
+  return t.what.lag ? t.what.size_mm * std::sqrt(c) : 2.0 * c;
+}
 
 /// Of one scene; trails are kept, for they cost a walk along the program each.
 class LagAndSlack {

@@ -51,7 +51,6 @@ struct Theta {
   double length_mm = 0.0;
   double ratio = 0.0;  ///< variance over that of the white part of a mean cell; 0: white
 };
-inline constexpr double kStartRatio = 12.0;  ///< one of the grid's; where searches for theta start
 [[nodiscard]] std::vector<Theta> thetas(double cell_mm);
 
 /// What neighbouring cells tell of each other (points.hpp).

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "heightmap/height_field.hpp"
 
+#include <algorithm>
+
 namespace maquette::heightmap {
 
 HeightRange height_range(const Grid<float>& z) {
@@ -23,8 +25,8 @@ double height_at(const ModelField& field, double x_mm, double y_mm) {
   const auto last_col = static_cast<double>(field.z_mm.cols() - 1);
   const auto last_row = static_cast<double>(field.z_mm.rows() - 1);
   if (!(u >= 0.0 && v >= 0.0 && u <= last_col && v <= last_row)) return NAN;
-  const auto c = static_cast<std::ptrdiff_t>(std::fmin(u, last_col - 1.0));
-  const auto r = static_cast<std::ptrdiff_t>(std::fmin(v, last_row - 1.0));
+  const auto c = static_cast<std::ptrdiff_t>(std::min(u, last_col - 1.0));
+  const auto r = static_cast<std::ptrdiff_t>(std::min(v, last_row - 1.0));
   const double du = u - static_cast<double>(c);
   const double dv = v - static_cast<double>(r);
   const double z00 = field.z_mm(r, c);

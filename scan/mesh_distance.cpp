@@ -246,7 +246,7 @@ std::vector<std::uint32_t> near_each_other(std::span<const Vec3> points) {
   std::vector<std::uint64_t> now(points.size()), next(points.size());
   oneapi::tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
     const Vec3 c = (1.0 / cell) * (points[i] - box.min);
-    const auto step = [](double a) { return static_cast<std::uint64_t>(std::fmax(0.0, a)); };
+    const auto step = [](double a) { return static_cast<std::uint64_t>(a > 0.0 ? a : 0.0); };
     const std::uint64_t key =
         spread_bits(step(c.x)) | spread_bits(step(c.y)) << 1 | spread_bits(step(c.z)) << 2;
     now[i] = key << 32 | i;

@@ -84,26 +84,36 @@ double quantile(std::span<const float> ascending, double q) {
 double absolute_quantile(std::span<const float> ascending, double centre, double q) {
   const double at = q * static_cast<double>(ascending.size() - 1);
   const auto wanted = static_cast<std::size_t>(at);
-  // From the centre outward, the nearer of the two ends first: ascending |d - centre|.
-  auto right = static_cast<std::size_t>(
+  const auto middle = static_cast<std::size_t>(
       std::lower_bound(ascending.begin(), ascending.end(), centre,
                        [](float v, double c) { return static_cast<double>(v) < c; }) -
       ascending.begin());
-  std::size_t left = right;  // values [left, right) are taken
-  double value = 0.0, next = NAN;
-  for (std::size_t taken = 0; taken < std::min(wanted + 2, ascending.size()); ++taken) {
-    const double below = left > 0 ? centre - static_cast<double>(ascending[left - 1]) : INFINITY;
-    const double above =
-        right < ascending.size() ? static_cast<double>(ascending[right]) - centre : INFINITY;
-    const double nearer = std::fmin(below, above);
-    if (below <= above)
-      --left;
-    else
-      ++right;
-    (taken <= wanted ? value : next) = nearer;
-  }
-  if (std::isnan(next)) return value;
-  return value + (at - static_cast<double>(wanted)) * (next - value);
+  // Distances grow from the middle to the left and to the right: two ascending lists, whose joint
+  // order is found by halving how many of the first n come from the left.
+  const std::size_t lefts = middle, rights = ascending.size() - middle;
+  const auto left = [&](std::size_t i) {
+    return centre - static_cast<double>(ascending[middle - 1 - i]);
+  };
+  const auto right = [&](std::size_t i) {
+    return static_cast<double>(ascending[middle + i]) - centre;
+  };
+  const auto ranked = [&](std::size_t rank) {  // 0 is the least distance
+    std::size_t least = rank + 1 > rights ? rank + 1 - rights : 0;
+    std::size_t most = std::min(rank + 1, lefts);
+    while (least < most) {
+      const std::size_t i = (least + most) / 2;
+      if (left(i) < right(rank - i))
+        least = i + 1;
+      else
+        most = i;
+    }
+    const double last_left = least > 0 ? left(least - 1) : -INFINITY;
+    const double last_right = least <= rank ? right(rank - least) : -INFINITY;
+    return std::fmax(last_left, last_right);
+  };
+  const double value = ranked(wanted);
+  if (wanted + 1 >= ascending.size()) return value;
+  return value + (at - static_cast<double>(wanted)) * (ranked(wanted + 1) - value);
 }
 
 DeviationStatistics summarize(std::span<const float> deviations, std::vector<float>* sorted) {

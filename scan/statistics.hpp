@@ -22,7 +22,8 @@ namespace maquette::scan {
 [[nodiscard]] DeviationStatistics summarize(std::span<const float> deviations_mm,
                                             std::vector<float>* sorted = nullptr);
 
-/// Quantile of |d - centre| from values in ascending order, O(n), nothing copied.
+/// Quantile of |d - centre| from values in ascending order, O(log n), nothing copied.
+/// @pre ascending is not empty, 0 <= q <= 1
 [[nodiscard]] double absolute_quantile(std::span<const float> ascending, double centre, double q);
 
 /// 1, 2 or 5 times a power of ten, the least that is not below `value` (> 0).

@@ -4,6 +4,8 @@
 /// @file surface_distance.hpp
 /// How far a point is from the triangulated surface of a model field.
 
+#include <span>
+
 #include "core/vec.hpp"
 #include "heightmap/height_field.hpp"
 
@@ -23,6 +25,12 @@ inline constexpr double kOutlineSlackMm = 1e-6;
 /// with (distance / spacing)^2; below one spacing a few cells are looked at.
 [[nodiscard]] double signed_distance_mm(const heightmap::ModelField& field, Vec3 point_mm,
                                         double reach_mm);
+
+/// The same of many points, faster where neighbours in the list are near each other.
+/// @param distances  one a point
+/// @pre points.size() == distances.size()
+void signed_distances_mm(const heightmap::ModelField& field, std::span<const Vec3> points_mm,
+                         double reach_mm, std::span<double> distances);
 
 /// Square of the distance between a point and a triangle; NaN if a corner is. Ericson,
 /// "Real-Time Collision Detection", 2005, section 5.1.5 (regions of the nearest feature).

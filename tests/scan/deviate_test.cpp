@@ -174,6 +174,31 @@ TEST_P(StatisticsSeeded, EqualASlowOracle) {
   EXPECT_NEAR(s.abs_p95_mm, quantile(finite, 0.95), 1e-12);
 }
 
+TEST(Statistics, AbsoluteQuantilesEqualSortedDistances) {
+  // Centres before, inside, on values of and behind lists with many equal values.
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    const std::size_t n = 1 + static_cast<std::size_t>(60.0 * random_uniform(seed, 0));
+    std::vector<float> ascending(n);
+    for (std::size_t i = 0; i < n; ++i)
+      ascending[i] = static_cast<float>(std::floor(12.0 * random_uniform(seed, 10 + i)) - 4.0);
+    std::sort(ascending.begin(), ascending.end());
+    for (const double centre : {-9.0, -4.0, -0.5, 0.0, 3.0, 7.0, 20.0}) {
+      std::vector<double> distances;
+      for (const float v : ascending)
+        distances.push_back(std::abs(static_cast<double>(v) - centre));
+      std::sort(distances.begin(), distances.end());
+      for (const double q : {0.0, 0.1, 0.5, 0.77, 0.95, 1.0}) {
+        const double at = q * static_cast<double>(n - 1);
+        const auto i = static_cast<std::size_t>(at);
+        const double next = distances[std::min(i + 1, n - 1)];
+        ASSERT_EQ(absolute_quantile(ascending, centre, q),
+                  distances[i] + (at - static_cast<double>(i)) * (next - distances[i]))
+            << "seed " << seed << ", centre " << centre << ", q " << q;
+      }
+    }
+  }
+}
+
 TEST(Statistics, HistogramHasItsMiddleAtZero) {
   const auto bins = histogram_101(
       std::vector<float>{0.0F, 0.0098F, -0.0098F, 0.011F, 1.0F, 7.0F, -9.0F, NAN}, 1.0);

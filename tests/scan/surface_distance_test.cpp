@@ -136,6 +136,30 @@ TEST(SurfaceDistance, BesideAStoneIsMeasuredSideways) {
   }
 }
 
+TEST(SurfaceDistance, OfManyPointsIsThatOfEach) {
+  ModelField f = rough_part(7, 37, 45, 0.7, 3.0);
+  f.x0 = Millimetres{-100.0};
+  f.z_mm(20, 20) = NAN;
+  std::vector<Vec3> points;
+  for (std::uint64_t i = 0; i < 2'000; ++i)  // some beside the part, one is no place at all
+    points.push_back({-102.0 + 35.0 * random_uniform(8, 3 * i),
+                      -2.0 + 30.0 * random_uniform(8, 3 * i + 1),
+                      10.0 + 3.0 * (random_uniform(8, 3 * i + 2) - 0.5)});
+  points[77].x = NAN;
+  std::vector<double> distances(points.size());
+  signed_distances_mm(f, points, 3.0, distances);
+  int numbers = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double alone = signed_distance_mm(f, points[i], 3.0);
+    ASSERT_EQ(std::isnan(distances[i]), std::isnan(alone));
+    if (std::isnan(alone)) continue;
+    ASSERT_EQ(distances[i], alone);
+    ++numbers;
+  }
+  EXPECT_GT(numbers, 1'000);
+  EXPECT_LT(numbers, 1'900);
+}
+
 TEST(SurfaceDistance, SaysWhatIsOffThePart) {
   const ModelField f{Grid<float>(21, 21, 10.0F), Millimetres{1.0}};
   EXPECT_EQ(signed_distance_mm(f, {5.0, 5.0, 13.0}, 3.0), 3.0) << "reach itself is within";

@@ -2,43 +2,61 @@
 #pragma once
 
 /// @file reflectance.hpp
-/// How bright a surface is, from the cosines of incidence and emission.
+/// How bright a surface is from the directions of light and view. Each law has a file of its own
+/// in reflectance/ with its physics, parameters and source; all give the radiance factor pi f mu0
+/// (reflectance/angles.hpp).
 ///
-/// All are normalised to 1 for light and view along the normal, so that an albedo
-/// in front means the same for each:
-///   Lambert           mu0
-///   Lommel-Seeliger   2 mu0 / (mu0 + mu)
-///   lunar-Lambert     L 2 mu0 / (mu0 + mu) + (1 - L) mu0
-/// McEwen 1991, doi:10.1016/0019-1035(91)90053-V; none depends on the phase angle
-/// (McEwen's L may be chosen for one).
+/// Holds   Reciprocal to 1e-12. Directional albedo by quadrature against closed forms to 1e-3.
+///         Nothing comes from behind: 0 where one of the cosines is not positive.
+/// Not     Lommel-Seeliger and lunar-Lambert are laws for dark surfaces: with an albedo above 0.25
+///         they give back more light than arrives at grazing incidence. largest_albedo() says so.
 
-#include "core/vec.hpp"
+#include <memory>
+#include <string>
+#include <variant>
+
+#include "camera/reflectance/brdf_table.hpp"
+#include "camera/reflectance/ggx.hpp"
+#include "camera/reflectance/hapke.hpp"
+#include "camera/reflectance/lambert.hpp"
+#include "camera/reflectance/lommel_seeliger.hpp"
+#include "camera/reflectance/lunar_lambert.hpp"
+#include "camera/reflectance/oren_nayar.hpp"
+#include "core/grid.hpp"
+#include "core/result.hpp"
 
 namespace maquette::camera {
 
-enum class Reflectance { lambert, lommel_seeliger, lunar_lambert };
+inline constexpr ErrorCode kMaterialOutOfRange{"CAMERA_MATERIAL_OUT_OF_RANGE"};
 
-struct Material {
-  Reflectance reflectance = Reflectance::lambert;
-  double albedo = 0.3;           ///< brightness at normal light and view; 1 = white Lambert
-  double lunar_lambert_l = 0.5;  ///< McEwen's L; 1 = Lommel-Seeliger, 0 = Lambert
+using Law = std::variant<Lambert, LommelSeeliger, LunarLambert, Hapke, OrenNayar, Ggx, BrdfTable>;
+
+/// Factors on a rectangle of the model frame, seen from above; row 0 is the southernmost.
+/// Between the pixels' centres linear, outside as at the edge.
+struct AlbedoMap {
+  std::array<Grid<float>, 3> factor;  ///< of one size; 1 changes nothing
+  double min_x_mm = 0.0, min_y_mm = 0.0, max_x_mm = 1.0, max_y_mm = 1.0;
+
+  [[nodiscard]] Bands at(double x_mm, double y_mm) const;
 };
 
-/// @param mu0  cosine of incidence; @param mu  cosine of emission
-/// @return 0 if either is not positive; without the albedo
-[[nodiscard]] constexpr double relative_brightness(const Material& material, double mu0,
-                                                   double mu) {
-  if (!(mu0 > 0.0) || !(mu > 0.0)) return 0.0;
-  const double lommel_seeliger = 2.0 * mu0 / (mu0 + mu);
-  switch (material.reflectance) {
-    case Reflectance::lambert:
-      return mu0;
-    case Reflectance::lommel_seeliger:
-      return lommel_seeliger;
-    case Reflectance::lunar_lambert:
-      return material.lunar_lambert_l * lommel_seeliger + (1.0 - material.lunar_lambert_l) * mu0;
-  }
-  return 0.0;
-}
+struct Material {
+  std::string name = "material";
+  Law law = Lambert{};
+  std::shared_ptr<const AlbedoMap> map{};  ///< in front of the law; may be null
+};
+
+[[nodiscard]] Bands radiance_factor(const Law& law, const Angles& angles);
+
+/// Share of the light that comes from `mu0` and goes back into the half space, per band.
+/// Quadrature of 64 x 64 directions; a lobe narrower than 3 degrees needs more.
+[[nodiscard]] Bands directional_albedo(const Law& law, double mu0);
+
+/// The largest directional albedo over incidences of 0 to 89 degrees and the bands: above 1 the
+/// law makes light.
+[[nodiscard]] double largest_albedo(const Law& law);
+
+/// CAMERA_MATERIAL_OUT_OF_RANGE: a parameter that its law does not know, with its range.
+[[nodiscard]] Result<void> check_material(const Material& material);
 
 }  // namespace maquette::camera

@@ -143,12 +143,7 @@ Result<void> check_options(const RenderOptions& options) {
 Result<void> check_objects(const std::vector<SceneObject>& objects) {
   std::size_t triangles = 0;
   for (const SceneObject& object : objects) {
-    const Material& m = object.material;
-    if (!(m.albedo >= 0.0) || !std::isfinite(m.albedo) ||
-        !(m.lunar_lambert_l >= 0.0 && m.lunar_lambert_l <= 1.0))
-      return fail(kCameraOutOfRange,
-                  fmt::format("albedo {} must be 0 or more and lunar-Lambert L {} within 0 to 1",
-                              m.albedo, m.lunar_lambert_l));
+    MAQUETTE_TRY_VOID(check_material(object.material));
     if (object.mesh != nullptr) triangles += object.mesh->triangles.size();
   }
   if (triangles == 0) return fail(kEmptyScene, "the scene has no triangle; give at least one mesh");
@@ -223,10 +218,9 @@ class Renderer {
         hit = scene_.first_hit(view_.eye, way);
       }
       if (!hit) continue;
-      const double emission = -dot(way, hit->normal);
       for (int l = 0; l < lamp_samples_; ++l) {
         const auto which = lens_ ? static_cast<std::size_t>(s * lamp_samples_ + l) : 0;
-        sum += brightness(*hit, emission, light_.point(lens_points[which]));
+        sum += brightness(*hit, way, light_.point(lens_points[which]));
       }
     }
     image.radiance(row, col) = static_cast<float>(options_.exposure_scale * sum /
@@ -243,14 +237,15 @@ class Renderer {
       return 0.0;
     return facing / norm(way);
   }
-  [[nodiscard]] double brightness(const RayHit& hit, double emission, Vec3 lamp) const {
+  [[nodiscard]] double brightness(const RayHit& hit, Vec3 view, Vec3 lamp) const {
+    const double emission = -dot(view, hit.normal);
     if (emission <= 0.0) return 0.0;
     const double incidence = arriving(hit, lamp);
     if (incidence <= 0.0) return 0.0;
     const Vec3 way = lamp - hit.point_mm;
-    const Material& material = materials_[hit.object];
-    return material.albedo * relative_brightness(material, incidence, emission) *
-           light_.target_distance_squared / dot(way, way);
+    const Angles angles{incidence, emission, -dot(view, way) / norm(way)};
+    return radiance_factor(materials_[hit.object].law, angles)[1] * light_.target_distance_squared /
+           dot(way, way);
   }
 
   const RayScene& scene_;

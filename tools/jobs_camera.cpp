@@ -17,10 +17,11 @@ namespace maquette::tools {
 using nlohmann::json;
 namespace {
 
-camera::Reflectance reflectance_by_name(const std::string& name) {
-  if (name == "lommel_seeliger") return camera::Reflectance::lommel_seeliger;
-  if (name == "lunar_lambert") return camera::Reflectance::lunar_lambert;
-  return camera::Reflectance::lambert;
+camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
+  const camera::Bands bands{albedo, albedo, albedo};
+  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
+  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
+  return camera::Lambert{bands};
 }
 
 /// Unit vector to a place at `azimuth` (clockwise from north) and `elevation`.
@@ -94,7 +95,7 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   }
   camera::SceneObject object;
   object.mesh = &mesh;
-  object.material = {reflectance_by_name(s.reflectance), s.albedo, s.lunar_lambert_l};
+  object.material = {"surface", law_by_name(s.reflectance, s.albedo, s.lunar_lambert_l)};
   const camera::CameraModel camera{static_cast<int>(s.resolution_px[0]),
                                    static_cast<int>(s.resolution_px[1]), s.pixel_pitch_um,
                                    s.focal_length_mm};

@@ -89,8 +89,13 @@ TEST_F(RenderRefuses, OptionsOutOfRange) {
   EXPECT_TRUE(refused([](auto& t) { t.options.samples_per_pixel = 5; }));
   EXPECT_TRUE(refused([](auto& t) { t.options.lamp_samples = 0; }));
   EXPECT_TRUE(refused([](auto& t) { t.options.exposure_scale = -1; }));
-  EXPECT_TRUE(refused([](auto& t) { t.objects[0].material.albedo = NAN; }));
-  EXPECT_TRUE(refused([](auto& t) { t.objects[0].material.lunar_lambert_l = 1.5; }));
+}
+
+TEST_F(RenderRefuses, AMaterialItsLawDoesNotKnow) {
+  objects[0].material.law = Lambert{{NAN, 0.3, 0.3}};
+  EXPECT_THAT(picture(), FailsWith(kMaterialOutOfRange));
+  objects[0].material.law = LunarLambert{{0.1, 0.1, 0.1}, 1.5};
+  EXPECT_THAT(picture(), FailsWith(kMaterialOutOfRange));
 }
 
 TEST_F(RenderRefuses, ACameraUnderGround) {

@@ -38,8 +38,17 @@ constexpr double kPi = std::numbers::pi;
 CameraModel small_camera(int width, int height, double focal_mm) {
   return {width, height, 100.0, focal_mm};
 }
-Material white(Reflectance law = Reflectance::lambert) {
-  return {law, 1.0, 0.5};
+Bands grey(double albedo) {
+  return {albedo, albedo, albedo};
+}
+Material white() {
+  return {"white", Lambert{grey(1.0)}};
+}
+enum class Reflectance { lambert, lommel_seeliger, lunar_lambert };
+Law law_of(Reflectance which, double albedo, double l) {
+  if (which == Reflectance::lommel_seeliger) return LommelSeeliger{grey(albedo)};
+  if (which == Reflectance::lunar_lambert) return LunarLambert{grey(albedo), l};
+  return Lambert{grey(albedo)};
 }
 /// Where pixel (row, col) looks, by the header's words and not by the code.
 Vec3 pixel_way(const CameraModel& camera, const RigidTransform& pose, std::ptrdiff_t row,
@@ -68,7 +77,7 @@ TEST_P(RenderPlane, HasTheIrradianceAndDepthOfTheClosedForm) {
   const Lamp lamp{{-300, 120, 400}, {20, -10, 0}, 0.0, 120.0};
   const CameraModel camera = small_camera(48, 32, 8.0);
   const auto pose = look_at({150, -250, 260}, {10, 20, 0});
-  const Material material{GetParam(), 0.42, 0.3};
+  const Material material{"plane", law_of(GetParam(), 0.42, 0.3)};
   const RenderOptions options{1, 1, 1.7, 1};
   const auto image = render({{&slab, material}}, camera, pose, lamp, options);
   ASSERT_THAT(image, Succeeds());
@@ -231,7 +240,7 @@ TEST(LookAt, PointsTheCameraAtItsTarget) {
 TEST(Render, PutsNorthUpAndEastRight) {
   const TriMesh slab = box_solid({-100, -100, -10}, {100, 100, 0});
   const TriMesh marker = box_solid({19, 9, 0}, {21, 11, 5});
-  const auto image = render({{&slab, {Reflectance::lambert, 0.1, 0.5}}, {&marker, white()}},
+  const auto image = render({{&slab, {"dark", Lambert{grey(0.1)}}}, {&marker, white()}},
                             small_camera(80, 60, 10.0), look_at({0, 0, 105}, {0, 0, 0}),
                             {{0, 0, 1000}, {0, 0, 0}, 0, 56}, {1});
   ASSERT_THAT(image, Succeeds());
@@ -356,7 +365,7 @@ TEST_P(RenderHills, GivesTheSameBitsForAnyNumberOfThreads) {
   std::vector<Image> flats, terrains;
   for (const std::size_t threads : {1U, 2U, 3U, 8U}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    auto a = render({{&flat, white()}, {&step, {Reflectance::lambert, 0.1, 0.5}}},
+    auto a = render({{&flat, white()}, {&step, {"dark", Lambert{grey(0.1)}}}},
                     small_camera(25, 25, 2.5), down, soft, {4, 4, 1.0, GetParam()});
     auto b = render({{&ground, white()}}, camera, pose, soft, {4, 4, 1.0, GetParam()});
     ASSERT_THAT(a, Succeeds());

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/ray_scene.hpp"
 
-#include <atomic>
 #include <cmath>
-#include <limits>
+#include <map>
 #include <new>
 
 #include <embree3/rtcore.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include "camera/detail/field_skirt.hpp"
 #include "core/check.hpp"
+#include "heightmap/field_tracer.hpp"
 
 namespace maquette::camera {
 namespace {
@@ -20,6 +21,8 @@ namespace {
 /// step in each of three coordinates: sqrt(3) steps; the rest is for the ray's own
 /// arithmetic.
 constexpr double kOffsetSteps = 4.0;
+/// Terrain is traced in double: 2^-29 of a float step is less than 1e-9 of it.
+constexpr double kFieldShare = 1e-6;
 
 struct Span {
   double enter, leave;
@@ -46,8 +49,13 @@ Span clip(const Box3& box, Vec3 o, Vec3 d) {
 struct HitContext {
   RTCIntersectContext embree;
   float distance = std::numeric_limits<float>::infinity();
-  unsigned int object = RTC_INVALID_GEOMETRY_ID, triangle = RTC_INVALID_GEOMETRY_ID;
+  unsigned int geometry = RTC_INVALID_GEOMETRY_ID, triangle = RTC_INVALID_GEOMETRY_ID;
 };
+
+/// Of the upper scene: an instance hides the number of what it holds.
+unsigned int geometry_of(const RTCHit& hit) {
+  return hit.instID[0] != RTC_INVALID_GEOMETRY_ID ? hit.instID[0] : hit.geomID;
+}
 
 /// Called for every triangle met that is not farther than the nearest so far. Which
 /// of two equally distant ones Embree keeps depends on the order in its tree, and
@@ -56,14 +64,15 @@ void keep_lowest_number(const RTCFilterFunctionNArguments* args) {
   auto* context = reinterpret_cast<HitContext*>(args->context);
   const auto* ray = reinterpret_cast<const RTCRay*>(args->ray);
   const auto* hit = reinterpret_cast<const RTCHit*>(args->hit);
+  const unsigned int geometry = geometry_of(*hit);
   const bool tie = ray->tfar == context->distance;
-  if (tie && (hit->geomID > context->object ||
-              (hit->geomID == context->object && hit->primID > context->triangle))) {
+  if (tie && (geometry > context->geometry ||
+              (geometry == context->geometry && hit->primID > context->triangle))) {
     args->valid[0] = 0;
     return;
   }
   context->distance = ray->tfar;
-  context->object = hit->geomID;
+  context->geometry = geometry;
   context->triangle = hit->primID;
 }
 
@@ -81,12 +90,41 @@ RTCRay float_ray(Vec3 origin, Vec3 direction, double length) {
   return ray;
 }
 
+bool is_identity(const RigidTransform& t) {
+  return t == RigidTransform{};
+}
+
+void widen(Box3& box, double by) {
+  const Vec3 margin{by, by, by};
+  box.min = box.min - margin;
+  box.max = box.max + margin;
+}
+
 }  // namespace
 
 struct RayScene::State {
-  std::vector<const TriMesh*> meshes;
-  Vec3 middle;  ///< of the box; Embree's origin
-  Box3 box;     ///< relative to the middle, widened by a few float steps
+  /// What Embree knows by one number.
+  struct Geometry {
+    const TriMesh* mesh = nullptr;
+    RigidTransform model_from_mesh;
+    bool moved = false;
+    std::uint32_t object = 0;
+  };
+  struct Terrain {
+    heightmap::FieldTracer tracer;
+    std::uint32_t object;
+  };
+  struct Shared {
+    RTCScene scene;
+    Vec3 middle;
+  };
+  std::vector<Geometry> geometries;
+  std::vector<Terrain> terrains;
+  std::vector<std::unique_ptr<TriMesh>> skirts;
+  std::map<const TriMesh*, Shared> shared;
+  Vec3 middle;    ///< of the box; Embree's origin
+  Box3 whole;     ///< of everything, model frame
+  Box3 mesh_box;  ///< of the meshes, relative to the middle, widened by a few float steps
   double offset_mm = 0.0;
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
@@ -95,6 +133,7 @@ struct RayScene::State {
   State(const State&) = delete;
   State& operator=(const State&) = delete;
   ~State() {
+    for (const auto& [mesh, part] : shared) rtcReleaseScene(part.scene);
     if (scene != nullptr) rtcReleaseScene(scene);
     if (device != nullptr) rtcReleaseDevice(device);
   }
@@ -104,10 +143,24 @@ struct RayScene::State {
     if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
     MAQUETTE_CHECK(error == RTC_ERROR_NONE, "Embree reports error {}", static_cast<int>(error));
   }
-  void attach(const TriMesh& mesh) const;
+  [[nodiscard]] RTCScene new_scene() const;
+  [[nodiscard]] RTCGeometry triangles(const TriMesh& mesh, Vec3 origin) const;
+  void attach(unsigned int number);
+  void measure(const std::vector<RayObject>& objects);
+  void mesh_hit(Vec3 origin_mm, Vec3 direction, std::optional<RayHit>& nearest) const;
+  [[nodiscard]] bool mesh_blocks(Vec3 start, Vec3 to) const;
 };
 
-void RayScene::State::attach(const TriMesh& mesh) const {
+RTCScene RayScene::State::new_scene() const {
+  const RTCScene made = rtcNewScene(device);
+  // Robust: the default mode misses about one hit in 10 000 along edges. Compact:
+  // see the measured memory in render.hpp.
+  rtcSetSceneFlags(made, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT);
+  rtcSetSceneBuildQuality(made, RTC_BUILD_QUALITY_MEDIUM);
+  return made;
+}
+
+RTCGeometry RayScene::State::triangles(const TriMesh& mesh, Vec3 origin) const {
   const std::size_t vertices = mesh.vertices_mm.size();
   for (const auto& t : mesh.triangles)
     MAQUETTE_CHECK(t[0] < vertices && t[1] < vertices && t[2] < vertices,
@@ -121,7 +174,7 @@ void RayScene::State::attach(const TriMesh& mesh) const {
   }
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, vertices, 65536), [&](const auto& range) {
     for (std::size_t i = range.begin(); i < range.end(); ++i) {
-      const Vec3 v = mesh.vertices_mm[i] - middle;
+      const Vec3 v = mesh.vertices_mm[i] - origin;
       xyz[3 * i] = static_cast<float>(v.x);
       xyz[3 * i + 1] = static_cast<float>(v.y);
       xyz[3 * i + 2] = static_cast<float>(v.z);
@@ -134,37 +187,99 @@ void RayScene::State::attach(const TriMesh& mesh) const {
   rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_MEDIUM);
   rtcSetGeometryIntersectFilterFunction(geometry, keep_lowest_number);
   rtcCommitGeometry(geometry);
-  rtcAttachGeometry(scene, geometry);
-  rtcReleaseGeometry(geometry);
+  return geometry;
 }
 
-Result<RayScene> RayScene::build(const std::vector<const TriMesh*>& meshes, const RunContext& run) {
-  auto state = std::make_unique<State>();
-  Box3 box;
-  for (const TriMesh* mesh : meshes) {
-    const Box3 part = mesh->bounds();
-    if (part.empty()) continue;
-    box.add(part.min);
-    box.add(part.max);
+void RayScene::State::attach(unsigned int number) {
+  const Geometry& g = geometries[number];
+  if (!g.moved) {
+    const RTCGeometry geometry = triangles(*g.mesh, middle);
+    rtcAttachGeometryByID(scene, geometry, number);
+    rtcReleaseGeometry(geometry);
+    return;
   }
-  MAQUETTE_CHECK(!box.empty(), "a ray scene of {} meshes without a vertex", meshes.size());
-  state->meshes = meshes;
-  state->middle = 0.5 * (box.min + box.max);
-  const Vec3 half = 0.5 * (box.max - box.min);
-  const double size = std::max({half.x, half.y, half.z, 1e-6});
-  state->offset_mm = kOffsetSteps * size * std::numeric_limits<float>::epsilon();
-  const Vec3 margin{state->offset_mm, state->offset_mm, state->offset_mm};
-  state->box = {-half - margin, half + margin};
+  auto [entry, fresh] = shared.try_emplace(g.mesh);
+  Shared& part = entry->second;
+  if (fresh) {
+    const Box3 box = g.mesh->bounds();
+    part.middle = 0.5 * (box.min + box.max);
+    part.scene = new_scene();
+    const RTCGeometry geometry = triangles(*g.mesh, part.middle);
+    rtcAttachGeometry(part.scene, geometry);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(part.scene);
+  }
+  const RTCGeometry instance = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(instance, part.scene);
+  std::array<float, 12> columns{};
+  const Vec3 shift = g.model_from_mesh.point(part.middle) - middle;
+  const std::array<Vec3, 4> column{g.model_from_mesh.direction({1, 0, 0}),
+                                   g.model_from_mesh.direction({0, 1, 0}),
+                                   g.model_from_mesh.direction({0, 0, 1}), shift};
+  for (std::size_t i = 0; i < 4; ++i) {
+    columns[3 * i] = static_cast<float>(column[i].x);
+    columns[3 * i + 1] = static_cast<float>(column[i].y);
+    columns[3 * i + 2] = static_cast<float>(column[i].z);
+  }
+  rtcSetGeometryTransform(instance, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.data());
+  rtcCommitGeometry(instance);
+  rtcAttachGeometryByID(scene, instance, number);
+  rtcReleaseGeometry(instance);
+}
 
+/// Boxes, and what the objects are to Embree and to the tracer.
+void RayScene::State::measure(const std::vector<RayObject>& objects) {
+  std::map<const TriMesh*, int> uses;
+  for (const RayObject& o : objects)
+    if (o.mesh != nullptr) ++uses[o.mesh];
+  Box3 meshes;
+  const auto add = [&](const TriMesh* mesh, const RigidTransform& pose, bool moved,
+                       std::size_t object) {
+    const Box3 part = mesh->bounds();
+    if (part.empty()) return;
+    for (int corner = 0; corner < 8; ++corner) {
+      const Vec3 p = pose.point({(corner & 1) != 0 ? part.max.x : part.min.x,
+                                 (corner & 2) != 0 ? part.max.y : part.min.y,
+                                 (corner & 4) != 0 ? part.max.z : part.min.z});
+      meshes.add(p);
+      whole.add(p);
+    }
+    geometries.push_back({mesh, pose, moved, static_cast<std::uint32_t>(object)});
+  };
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const RayObject& o = objects[i];
+    if (o.mesh != nullptr)
+      add(o.mesh, o.model_from_mesh, uses[o.mesh] > 1 || !is_identity(o.model_from_mesh), i);
+    if (o.field == nullptr) continue;
+    const heightmap::ModelField& f = *o.field;
+    terrains.push_back({heightmap::FieldTracer(f), static_cast<std::uint32_t>(i)});
+    const auto range = heightmap::height_range(f.z_mm);
+    if (!std::isfinite(range.min)) continue;
+    for (const double z : {static_cast<double>(range.min), static_cast<double>(range.max)}) {
+      whole.add({f.x_mm(0), f.y_mm(0), z});
+      whole.add({f.x_mm(f.z_mm.cols() - 1), f.y_mm(f.z_mm.rows() - 1), z});
+    }
+    if (!std::isfinite(o.base_mm)) continue;
+    skirts.push_back(std::make_unique<TriMesh>(detail::field_skirt(f, o.base_mm)));
+    add(skirts.back().get(), {}, false, i);
+  }
+  MAQUETTE_CHECK(!whole.empty(), "a ray scene of {} objects without a vertex", objects.size());
+  middle = 0.5 * (whole.min + whole.max);
+  const Vec3 half = 0.5 * (whole.max - whole.min);
+  offset_mm = kOffsetSteps * std::max({half.x, half.y, half.z, 1e-6}) *
+              static_cast<double>(std::numeric_limits<float>::epsilon());
+  mesh_box = {meshes.min - middle, meshes.max - middle};
+  widen(mesh_box, offset_mm);
+}
+
+Result<RayScene> RayScene::build(const std::vector<RayObject>& objects, const RunContext& run) {
+  auto state = std::make_unique<State>();
+  state->measure(objects);
   state->device = rtcNewDevice(nullptr);
   MAQUETTE_CHECK(state->device != nullptr, "Embree cannot start: error {}",
                  static_cast<int>(rtcGetDeviceError(nullptr)));
-  state->scene = rtcNewScene(state->device);
-  // Robust: the default mode misses about one hit in 10 000 along edges. Compact:
-  // see the measured memory in render.hpp.
-  rtcSetSceneFlags(state->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT);
-  rtcSetSceneBuildQuality(state->scene, RTC_BUILD_QUALITY_MEDIUM);
-  for (const TriMesh* mesh : meshes) state->attach(*mesh);
+  state->scene = state->new_scene();
+  for (unsigned int i = 0; i < state->geometries.size(); ++i) state->attach(i);
   rtcSetSceneProgressMonitorFunction(
       state->scene,
       [](void* context, double) { return !static_cast<const RunContext*>(context)->stopped(); },
@@ -184,56 +299,100 @@ RayScene::~RayScene() = default;
 double RayScene::offset_mm() const {
   return state_->offset_mm;
 }
+Box3 RayScene::bounds() const {
+  return state_->whole;
+}
 
-std::optional<RayHit> RayScene::first_hit(Vec3 origin_mm, Vec3 direction) const {
-  const State& s = *state_;
-  const Vec3 start = origin_mm - s.middle;
-  const Span span = clip(s.box, start, direction);
-  if (span.enter > span.leave) return std::nullopt;
+/// The nearest triangle of the meshes, if it is nearer than what is known.
+void RayScene::State::mesh_hit(Vec3 origin_mm, Vec3 direction,
+                               std::optional<RayHit>& nearest) const {
+  if (geometries.empty()) return;
+  const Vec3 start = origin_mm - middle;
+  const Span span = clip(mesh_box, start, direction);
+  const double leave = nearest ? std::min(span.leave, nearest->distance_mm) : span.leave;
+  if (span.enter > leave) return;
 
   RTCRayHit found{};
-  found.ray =
-      float_ray(start + span.enter * direction, direction, span.leave - span.enter + s.offset_mm);
+  found.ray = float_ray(start + span.enter * direction, direction, leave - span.enter + offset_mm);
   found.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  found.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
   HitContext context;
   rtcInitIntersectContext(&context.embree);
-  rtcIntersect1(s.scene, &context.embree, &found);
-  if (found.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  rtcIntersect1(scene, &context.embree, &found);
+  if (found.hit.geomID == RTC_INVALID_GEOMETRY_ID) return;
 
-  RayHit hit;
-  hit.object = found.hit.geomID;
-  hit.triangle = found.hit.primID;
-  const TriMesh& mesh = *s.meshes[hit.object];
-  const auto& t = mesh.triangles[hit.triangle];
-  const Vec3 a = mesh.vertices_mm[t[0]], b = mesh.vertices_mm[t[1]], c = mesh.vertices_mm[t[2]];
+  const Geometry& geometry = geometries[geometry_of(found.hit)];
+  const TriMesh& mesh = *geometry.mesh;
+  const auto& t = mesh.triangles[found.hit.primID];
+  const auto vertex = [&](std::size_t k) {
+    const Vec3 v = mesh.vertices_mm[t[k]];
+    return geometry.moved ? geometry.model_from_mesh.point(v) : v;
+  };
+  const Vec3 a = vertex(0), b = vertex(1), c = vertex(2);
   const Vec3 normal = cross(b - a, c - a);
   const double length = norm(normal);
   const double along = dot(direction, normal);
+  RayHit hit;
+  hit.object = geometry.object;
+  hit.triangle = found.hit.primID;
   hit.front = along <= 0.0;
   if (length > 0.0) hit.normal = (1.0 / length) * normal;
   hit.distance_mm = span.enter + static_cast<double>(found.ray.tfar);
   // Refined on the true plane, unless the triangle is seen so nearly edge-on that
   // its plane says nothing about the distance.
   const double on_plane = dot(a - origin_mm, normal) / along;
-  if (std::abs(on_plane - hit.distance_mm) < 100.0 * s.offset_mm) hit.distance_mm = on_plane;
+  if (std::abs(on_plane - hit.distance_mm) < 100.0 * offset_mm) hit.distance_mm = on_plane;
+  if (nearest && nearest->distance_mm <= hit.distance_mm) return;
   hit.point_mm = origin_mm + hit.distance_mm * direction;
-  return hit;
+  nearest = hit;
 }
 
-bool RayScene::blocked(Vec3 point_mm, Vec3 normal, Vec3 to_mm) const {
-  const State& s = *state_;
-  const Vec3 start = point_mm + s.offset_mm * normal - s.middle;
-  const Vec3 way = to_mm - s.middle - start;
+std::optional<RayHit> RayScene::first_hit(Vec3 origin_mm, Vec3 direction) const {
+  std::optional<RayHit> nearest;
+  for (const auto& terrain : state_->terrains)
+    if (const auto hit = terrain.tracer.trace(origin_mm, direction))
+      if (!nearest || hit->distance_mm < nearest->distance_mm)
+        nearest = RayHit{hit->distance_mm,
+                         hit->point_mm,
+                         hit->normal,
+                         terrain.object,
+                         0,
+                         dot(direction, hit->normal) <= 0.0};
+  state_->mesh_hit(origin_mm, direction, nearest);
+  return nearest;
+}
+
+void RayScene::first_hits(std::span<const Ray> rays, std::span<std::optional<RayHit>> hits) const {
+  for (std::size_t i = 0; i < rays.size(); ++i)
+    hits[i] = first_hit(rays[i].origin_mm, rays[i].direction);
+}
+
+bool RayScene::State::mesh_blocks(Vec3 start, Vec3 to) const {
+  if (geometries.empty()) return false;
+  const Vec3 way = to - start;
   const double length = norm(way);
-  if (length <= s.offset_mm) return false;
+  if (length <= offset_mm) return false;
   const Vec3 direction = (1.0 / length) * way;
-  const Span span = clip(s.box, start, direction);
-  if (span.enter > span.leave) return false;
-  RTCRay ray = float_ray(start, direction, std::min(length, span.leave));
+  const Span span = clip(mesh_box, start, direction);
+  if (span.enter > span.leave || span.enter > length) return false;
+  RTCRay ray = float_ray(start + span.enter * direction, direction,
+                         std::min(length, span.leave) - span.enter);
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcOccluded1(s.scene, &context, &ray);
+  rtcOccluded1(scene, &context, &ray);
   return ray.tfar < 0.0F;
+}
+
+bool RayScene::blocked(const ShadowRay& ray) const {
+  const State& s = *state_;
+  for (const auto& terrain : s.terrains) {
+    const Vec3 start = ray.point_mm + kFieldShare * s.offset_mm * ray.normal;
+    const Vec3 way = ray.to_mm - start;
+    const double length = norm(way);
+    const auto hit = terrain.tracer.trace(start, (1.0 / length) * way);
+    if (hit && hit->distance_mm < length) return true;
+  }
+  return s.mesh_blocks(ray.point_mm + s.offset_mm * ray.normal - s.middle, ray.to_mm - s.middle);
 }
 
 bool RayScene::inside(Vec3 point_mm) const {

@@ -2,40 +2,62 @@
 #pragma once
 
 /// @file ray_scene.hpp
-/// Rays against triangle meshes, by Embree in robust mode (Wald et al. 2014,
-/// doi:10.1145/2601097.2601199; watertight at edges: Woop et al. 2013, JCGT 2(1)).
+/// Rays against terrain and triangle meshes. Terrain is traced on its height grid
+/// (heightmap/field_tracer.hpp), meshes by Embree in robust mode (Wald et al. 2014,
+/// doi:10.1145/2601097.2601199; watertight at edges: Woop et al. 2013, JCGT 2(1)), with one tree
+/// for a mesh that stands in several places.
 ///
 /// Embree works in float. Vertices therefore go in relative to the middle of the
 /// scene's box, rays start where they enter that box, and what is found is computed
 /// again in double on the triangle as it stands in the TriMesh.
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
 #include "core/vec.hpp"
+#include "heightmap/height_field.hpp"
 
 namespace maquette::camera {
+
+/// A mesh in a pose, or a terrain. Nothing is copied: what is pointed at must outlive the scene
+/// and not change.
+struct RayObject {
+  const TriMesh* mesh = nullptr;  ///< one of the two; null both: nothing
+  const heightmap::ModelField* field = nullptr;
+  /// Where the terrain's walls end and its underside lies; NaN: it has none.
+  double base_mm = std::numeric_limits<double>::quiet_NaN();
+  RigidTransform model_from_mesh{};  ///< of a mesh
+};
 
 struct RayHit {
   double distance_mm = 0.0;  ///< along the ray
   Vec3 point_mm;
-  Vec3 normal;               ///< unit, outward; zero for a triangle without area
-  std::uint32_t object = 0;  ///< number of the mesh, in the order given
-  std::uint32_t triangle = 0;
-  bool front = true;  ///< the ray comes from outside
+  Vec3 normal;                 ///< unit, outward; zero for a triangle without area
+  std::uint32_t object = 0;    ///< in the order given
+  std::uint32_t triangle = 0;  ///< of a mesh
+  bool front = true;           ///< the ray comes from outside
 };
 
 class RayScene {
  public:
-  /// @param meshes  not copied: they must outlive the scene; at least one triangle
-  ///                in all, every index in range
+  struct Ray {
+    Vec3 origin_mm, direction;  ///< unit
+  };
+  /// From a point of a surface towards a place.
+  struct ShadowRay {
+    Vec3 point_mm, normal, to_mm;
+  };
+
+  /// @pre at least one triangle in all, every index in range
   /// @return CORE_CANCELLED; throws std::bad_alloc when memory runs out
-  [[nodiscard]] static Result<RayScene> build(const std::vector<const TriMesh*>& meshes,
+  [[nodiscard]] static Result<RayScene> build(const std::vector<RayObject>& objects,
                                               const RunContext& run = {});
   RayScene(RayScene&&) noexcept;
   RayScene& operator=(RayScene&&) noexcept;
@@ -44,12 +66,14 @@ class RayScene {
   /// The first triangle along the ray, front or back. Of triangles that Embree meets
   /// at the very same distance the one with the lowest number, so that the answer
   /// does not depend on the order inside its tree. Thread-safe.
-  /// @param direction  unit vector
   [[nodiscard]] std::optional<RayHit> first_hit(Vec3 origin_mm, Vec3 direction) const;
+  /// The same for rays that stay close together, faster; the same answers.
+  /// @pre hits is as long as rays
+  void first_hits(std::span<const Ray> rays, std::span<std::optional<RayHit>> hits) const;
 
   /// Something stands between a surface point and `to_mm`. The ray starts
-  /// offset_mm() off the surface. Thread-safe.
-  [[nodiscard]] bool blocked(Vec3 point_mm, Vec3 normal, Vec3 to_mm) const;
+  /// offset_mm() off the surface, off terrain a millionth of that. Thread-safe.
+  [[nodiscard]] bool blocked(const ShadowRay& ray) const;
 
   /// The point lies inside a closed solid or on its surface: straight up or
   /// straight down the first face is seen from its back or touches the point.
@@ -58,6 +82,8 @@ class RayScene {
   /// Some float steps at the size of the scene: what the rounding of vertices and
   /// of the ray's start may move a point through its own triangle.
   [[nodiscard]] double offset_mm() const;
+  /// Box of all that is in the scene.
+  [[nodiscard]] Box3 bounds() const;
 
  private:
   struct State;

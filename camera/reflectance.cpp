@@ -44,9 +44,8 @@ struct Limit {
 Result<void> within(const Material& m, std::initializer_list<Limit> limits) {
   for (const Limit& l : limits)
     if (!(l.value >= l.min && l.value <= l.max))
-      return fail(kMaterialOutOfRange,
-                  fmt::format("material {}: {} is {}; {} to {} expected", m.name, l.name, l.value,
-                              l.min, l.max));
+      return fail(kMaterialOutOfRange, fmt::format("material {}: {} is {}; {} to {} expected",
+                                                   m.name, l.name, l.value, l.min, l.max));
   return {};
 }
 

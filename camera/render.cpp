@@ -3,7 +3,6 @@
 
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -11,6 +10,8 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
+#include "camera/detail/render_checks.hpp"
+#include "camera/detail/shader.hpp"
 #include "camera/disc_samples.hpp"
 #include "camera/ray_scene.hpp"
 #include "core/check.hpp"
@@ -19,51 +20,15 @@
 namespace maquette::camera {
 namespace {
 
-constexpr int kTile = 16;            ///< pixels; 16 x 16 rays stay in one part of the tree
-constexpr int kRimChecks = 16;       ///< points of the lens rim that must be in the open
-constexpr double kBuildShare = 0.3;  ///< of the progress shown
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 30;
-constexpr int kMaxSamples = 1 << 16;
+constexpr int kTile = 16;             ///< pixels; 16 x 16 rays stay in one part of the tree
+constexpr std::ptrdiff_t kBlock = 4;  ///< pixels; 4 x 4 rays go together
+constexpr std::size_t kLanes = 16;
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+constexpr int kFirstLook = 16;  ///< samples before noise is judged
+constexpr double kDark = 0.02;  ///< of white: below, noise is measured against this
 
-bool finite(Vec3 v) {
-  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
-}
-
-/// Two unit vectors that make a right-handed frame with the unit vector n.
-/// Duff et al. 2017, JCGT 6(1), "Building an orthonormal basis, revisited".
-std::array<Vec3, 2> across(Vec3 n) {
-  const double sign = std::copysign(1.0, n.z);
-  const double a = -1.0 / (sign + n.z), b = n.x * n.y * a;
-  return {Vec3{1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x},
-          Vec3{b, sign + n.y * n.y * a, -n.y}};
-}
-
-/// The lamp, worked out once.
-struct Light {
-  Vec3 centre, axis, across_x, across_y;
-  double radius_mm = 0.0;
-  double target_distance_squared = 0.0;
-  double cos_half_beam = -1.0;
-
-  explicit Light(const Lamp& lamp)
-      : centre(lamp.position_mm), radius_mm(0.5 * lamp.lens_diameter_mm) {
-    const Vec3 to_target = lamp.target_mm - lamp.position_mm;
-    target_distance_squared = dot(to_target, to_target);
-    axis = normalized(to_target);
-    const auto frame = across(axis);
-    across_x = frame[0];
-    across_y = frame[1];
-    cos_half_beam = std::cos(0.5 * degrees(lamp.beam_deg).value());
-  }
-  [[nodiscard]] Vec3 point(DiscPoint p) const {
-    return centre + radius_mm * (p.x * across_x + p.y * across_y);
-  }
-  /// The beam has the same cone about every point of the lens.
-  [[nodiscard]] bool in_beam(Vec3 from, Vec3 to) const {
-    const Vec3 way = to - from;
-    return dot(way, axis) >= cos_half_beam * norm(way);
-  }
-};
+/// Streams of random numbers of one pixel.
+enum Stream : std::uint64_t { kPlace = 0, kLens = 1, kGather = 64, kBounce = 65, kPass = 128 };
 
 struct View {
   Vec3 eye;
@@ -83,230 +48,321 @@ struct View {
   }
 };
 
-Result<void> check_camera(const CameraModel& camera, const RigidTransform& pose) {
-  if (camera.width_px < 1 || camera.height_px < 1 ||
-      std::int64_t{camera.width_px} * camera.height_px > kMaxPixels)
-    return fail(kCameraOutOfRange, fmt::format("image of {} x {} pixels: each side must be at "
-                                               "least 1 and the product at most {}",
-                                               camera.width_px, camera.height_px, kMaxPixels));
-  if (!(camera.pixel_pitch_um > 0.0) || !(camera.focal_length_mm > 0.0) ||
-      !std::isfinite(camera.pixel_pitch_um) || !std::isfinite(camera.focal_length_mm))
-    return fail(kCameraOutOfRange,
-                fmt::format("pixel pitch {} um and focal length {} mm must be positive",
-                            camera.pixel_pitch_um, camera.focal_length_mm));
-  const Quaternion& q = pose.rotation;
-  const double length = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
-  if (!finite(pose.translation_mm) || !std::isfinite(length))
-    return fail(kPoseNotFinite,
-                "the camera's pose has a number that is not finite; position and "
-                "target must differ");
-  if (std::abs(length - 1.0) > 1e-6)
-    return fail(
-        kPoseNotFinite,
-        fmt::format("the camera's quaternion has length {}, a rotation has 1", std::sqrt(length)));
-  return {};
+bool is_grey(const Bands& b) {
+  return b[0] == b[1] && b[1] == b[2];
 }
-
-Result<void> check_lamp(const Lamp& lamp) {
-  if (!finite(lamp.position_mm) || !finite(lamp.target_mm) || lamp.position_mm == lamp.target_mm)
-    return fail(kCameraOutOfRange,
-                "the lamp's position and target must be finite and differ from each other");
-  if (!(lamp.lens_diameter_mm >= 0.0) || !std::isfinite(lamp.lens_diameter_mm))
-    return fail(kCameraOutOfRange,
-                fmt::format("lens diameter {} mm: 0 or more expected", lamp.lens_diameter_mm));
-  if (!(lamp.beam_deg > 0.0 && lamp.beam_deg <= 360.0))
-    return fail(
-        kCameraOutOfRange,
-        fmt::format("beam of {} degrees: a full angle in (0, 360] expected", lamp.beam_deg));
-  return {};
-}
-
-Result<void> check_options(const RenderOptions& options) {
-  const int side = static_cast<int>(std::lround(std::sqrt(std::max(0, options.samples_per_pixel))));
-  if (options.samples_per_pixel < 1 || side * side != options.samples_per_pixel ||
-      options.samples_per_pixel > kMaxSamples)
-    return fail(kCameraOutOfRange,
-                fmt::format("{} samples per pixel: a square number (1, 4, 9, ... {}) expected",
-                            options.samples_per_pixel, kMaxSamples));
-  if (options.lamp_samples < 1 ||
-      std::int64_t{options.lamp_samples} * options.samples_per_pixel > kMaxSamples)
-    return fail(kCameraOutOfRange,
-                fmt::format("{} lamp samples for each of {} pixel samples: at least 1 and at most "
-                            "{} together expected",
-                            options.lamp_samples, options.samples_per_pixel, kMaxSamples));
-  if (!(options.exposure_scale >= 0.0) || !std::isfinite(options.exposure_scale))
-    return fail(kCameraOutOfRange,
-                fmt::format("exposure scale {}: 0 or more expected", options.exposure_scale));
-  return {};
-}
-
-Result<void> check_objects(const std::vector<SceneObject>& objects) {
-  std::size_t triangles = 0;
-  for (const SceneObject& object : objects) {
-    MAQUETTE_TRY_VOID(check_material(object.material));
-    if (object.mesh != nullptr) triangles += object.mesh->triangles.size();
-  }
-  if (triangles == 0) return fail(kEmptyScene, "the scene has no triangle; give at least one mesh");
-  return {};
-}
-
-/// The camera is where a camera can be: outside every solid and not under one that
-/// has no ground below it (a lander's deck overhead is fine).
-Result<void> check_above_ground(const RayScene& scene, Vec3 eye) {
-  const auto place = [eye] {
-    return fmt::format("the camera at ({:.3f}, {:.3f}, {:.3f}) mm", eye.x, eye.y, eye.z);
+bool is_grey(const Material& m) {
+  struct Grey {
+    bool operator()(const Lambert& l) const { return is_grey(l.albedo); }
+    bool operator()(const LommelSeeliger& l) const { return is_grey(l.albedo); }
+    bool operator()(const LunarLambert& l) const { return is_grey(l.albedo); }
+    bool operator()(const Hapke& h) const { return is_grey(h.w); }
+    bool operator()(const OrenNayar& o) const { return is_grey(o.albedo); }
+    bool operator()(const Ggx& g) const { return is_grey(g.n) && is_grey(g.k) && is_grey(g.tint); }
+    bool operator()(const BrdfTable& t) const {
+      for (const Bands& f : t.grid->brdf)
+        if (!is_grey(f)) return false;
+      return true;
+    }
   };
-  if (scene.inside(eye))
-    return fail(kUnderGround, place() + " is inside the solid or on its surface; move it up");
-  const auto above = scene.first_hit(eye, {0.0, 0.0, 1.0});
-  if (above && !scene.first_hit(eye, {0.0, 0.0, -1.0}))
-    return fail(kUnderGround,
-                place() + fmt::format(" is below the model, whose underside is {:.3f} mm above it",
-                                      above->distance_mm));
-  return {};
+  if (m.map && !(m.map->factor[0] == m.map->factor[1] && m.map->factor[1] == m.map->factor[2]))
+    return false;
+  return std::visit(Grey{}, m.law);
+}
+bool is_grey(const Lighting& lighting) {
+  for (const Lamp& lamp : lighting.lamps)
+    if (!is_grey(lamp.colour)) return false;
+  for (const Panel& panel : lighting.panels)
+    if (!is_grey(panel.radiance)) return false;
+  return is_grey(lighting.ambient);
 }
 
-Result<void> check_lamp_in_the_open(const RayScene& scene, const Light& light) {
-  for (int i = 0; i <= kRimChecks; ++i) {
-    const double turn = 2.0 * std::numbers::pi * i / kRimChecks;
-    const DiscPoint p = i == kRimChecks ? DiscPoint{} : DiscPoint{std::cos(turn), std::sin(turn)};
-    const Vec3 at = light.point(p);
-    if (scene.inside(at))
-      return fail(kLampInSurface,
-                  fmt::format("the lamp's lens at ({:.3f}, {:.3f}, {:.3f}) mm reaches into the "
-                              "surface; move the lamp or make its lens smaller",
-                              at.x, at.y, at.z));
-    if (light.radius_mm == 0.0 && i == 0) break;
-  }
-  return {};
+Image empty_image(const CameraModel& camera, bool grey, bool geometry) {
+  const std::ptrdiff_t rows = camera.height_px, cols = camera.width_px;
+  const Grid<float> nothing(geometry ? rows : 0, geometry ? cols : 0, NAN);
+  return {std::vector<Grid<float>>(grey ? 1 : 3, Grid<float>(rows, cols, 0.0F)),
+          Grid<float>(rows, cols, std::numeric_limits<float>::infinity()),
+          Grid<std::uint8_t>(rows, cols, 0),
+          {nothing, nothing, nothing},
+          {nothing, nothing, nothing},
+          nothing,
+          nothing,
+          nothing,
+          Grid<float>(nothing.rows(), nothing.cols(), 0.0F)};
 }
+
+/// Up to 4 x 4 pixels that are worked on together.
+struct Block {
+  std::size_t lanes = 0;
+  std::array<std::ptrdiff_t, kLanes> row, col;
+  std::array<std::uint64_t, kLanes> key;  ///< of the pixel's random numbers
+  std::array<RayScene::Ray, kLanes> rays;
+  std::array<std::optional<RayHit>, kLanes> hits;
+  std::array<Bands, kLanes> sum;
+  std::array<double, kLanes> square;  ///< sum of squares of the middle band, per sample
+  std::array<int, kLanes> samples;
+  bool open = true;                          ///< wants more samples
+  std::vector<std::vector<DiscPoint>> lens;  ///< points of one pass, per light and lane
+  std::vector<DiscPoint> points;
+};
 
 class Renderer {
  public:
-  Renderer(const RayScene& scene, const std::vector<Material>& materials, const View& view,
-           const Light& light, const RenderOptions& options, bool lens)
-      : scene_(scene), materials_(materials), view_(view), light_(light), options_(options) {
-    side_ = static_cast<int>(std::lround(std::sqrt(options.samples_per_pixel)));
-    lamp_samples_ = lens ? options.lamp_samples : 1;
-    lens_ = lens;
-  }
+  Renderer(const RayScene& scene, const detail::Shader& shader, const View& view,
+           const RenderOptions& options)
+      : scene_(scene),
+        shader_(shader),
+        view_(view),
+        options_(options),
+        side_(static_cast<int>(std::lround(std::sqrt(options.samples_per_pixel)))) {}
 
-  void pixel(Image& image, std::ptrdiff_t row, std::ptrdiff_t col,
-             std::vector<DiscPoint>& lens_points) const {
-    const auto x = static_cast<double>(col), y = static_cast<double>(row);
-    const Vec3 centre_way = view_.direction(x + 0.5, y + 0.5);
-    const auto centre = scene_.first_hit(view_.eye, centre_way);
-    if (centre) {
-      image.depth_mm(row, col) = static_cast<float>(centre->distance_mm);
-      image.lit(row, col) = arriving(*centre, light_.centre) > 0.0 ? 1 : 0;
+  /// @return samples taken
+  std::int64_t block(Image& image, std::ptrdiff_t top, std::ptrdiff_t left, Block& b) const {
+    begin(image, top, left, b);
+    for (int pass = 0; b.open; ++pass) {
+      spread(b, pass);
+      for (int s = 0; s < options_.samples_per_pixel; ++s) sample(b, pass, s);
+      judge(b);
     }
-
-    const auto number = static_cast<std::uint64_t>(row * image.radiance.cols() + col);
-    const std::uint64_t stream = random_bits(options_.seed, 2 * number);
-    lens_points.assign(1, DiscPoint{});
-    if (lens_)
-      stratified_disc(options_.samples_per_pixel * lamp_samples_,
-                      random_bits(options_.seed, 2 * number + 1), lens_points);
-    double sum = 0.0;
-    for (int s = 0; s < options_.samples_per_pixel; ++s) {
-      auto hit = centre;
-      Vec3 way = centre_way;
-      if (side_ > 1) {
-        const auto draw = 2 * static_cast<std::uint64_t>(s);
-        way = view_.direction(x + (s % side_ + random_uniform(stream, draw)) / side_,
-                              y + (s / side_ + random_uniform(stream, draw + 1)) / side_);
-        hit = scene_.first_hit(view_.eye, way);
+    std::int64_t taken = 0;
+    for (std::size_t i = 0; i < b.lanes; ++i) {
+      taken += b.samples[i];
+      const double scale = options_.exposure_scale / b.samples[i];
+      if (image.bands.size() == 1) {
+        image.bands[0](b.row[i], b.col[i]) = static_cast<float>(scale * b.sum[i][1]);
+        continue;
       }
-      if (!hit) continue;
-      for (int l = 0; l < lamp_samples_; ++l) {
-        const auto which = lens_ ? static_cast<std::size_t>(s * lamp_samples_ + l) : 0;
-        sum += brightness(*hit, way, light_.point(lens_points[which]));
-      }
+      for (std::size_t k = 0; k < 3; ++k)
+        image.bands[k](b.row[i], b.col[i]) = static_cast<float>(scale * b.sum[i][k]);
     }
-    image.radiance(row, col) = static_cast<float>(options_.exposure_scale * sum /
-                                                  (options_.samples_per_pixel * lamp_samples_));
+    return taken;
   }
 
  private:
-  /// Cosine of incidence of the light from one point of the lens; 0 in shadow.
-  [[nodiscard]] double arriving(const RayHit& hit, Vec3 lamp) const {
-    const Vec3 way = lamp - hit.point_mm;
-    const double facing = dot(way, hit.normal);
-    if (facing <= 0.0 || !light_.in_beam(lamp, hit.point_mm) ||
-        scene_.blocked(hit.point_mm, hit.normal, lamp))
-      return 0.0;
-    return facing / norm(way);
+  /// Lanes, their centre rays, and what those see.
+  void begin(Image& image, std::ptrdiff_t top, std::ptrdiff_t left, Block& b) const {
+    const Grid<float>& frame = image.bands[0];
+    b.lanes = 0;
+    b.open = true;
+    for (std::ptrdiff_t r = top; r < std::min(frame.rows(), top + kBlock); ++r)
+      for (std::ptrdiff_t c = left; c < std::min(frame.cols(), left + kBlock); ++c) {
+        const std::size_t i = b.lanes++;
+        b.row[i] = r;
+        b.col[i] = c;
+        b.key[i] = random_bits(options_.seed, static_cast<std::uint64_t>(r * frame.cols() + c));
+        b.rays[i] = {view_.eye,
+                     view_.direction(static_cast<double>(c) + 0.5, static_cast<double>(r) + 0.5)};
+        b.sum[i] = {};
+        b.square[i] = 0.0;
+        b.samples[i] = 0;
+      }
+    trace(b);
+    for (std::size_t i = 0; i < b.lanes; ++i)
+      if (b.hits[i]) record(image, b.row[i], b.col[i], b.rays[i].direction, *b.hits[i]);
   }
-  [[nodiscard]] double brightness(const RayHit& hit, Vec3 view, Vec3 lamp) const {
-    const double emission = -dot(view, hit.normal);
-    if (emission <= 0.0) return 0.0;
-    const double incidence = arriving(hit, lamp);
-    if (incidence <= 0.0) return 0.0;
-    const Vec3 way = lamp - hit.point_mm;
-    const Angles angles{incidence, emission, -dot(view, way) / norm(way)};
-    return radiance_factor(materials_[hit.object].law, angles)[1] * light_.target_distance_squared /
-           dot(way, way);
+
+  void trace(Block& b) const {
+    scene_.first_hits({b.rays.data(), b.lanes}, {b.hits.data(), b.lanes});
+  }
+
+  void record(Image& image, std::ptrdiff_t r, std::ptrdiff_t c, Vec3 view,
+              const RayHit& hit) const {
+    image.depth_mm(r, c) = static_cast<float>(hit.distance_mm);
+    const Light* light = shader_.lights().empty() ? nullptr : &shader_.lights().front();
+    if (light != nullptr) image.lit(r, c) = shader_.lit(hit, *light) ? 1 : 0;
+    if (!options_.geometry) return;
+    const auto put = [&](std::array<Grid<float>, 3>& to, Vec3 v) {
+      to[0](r, c) = static_cast<float>(v.x);
+      to[1](r, c) = static_cast<float>(v.y);
+      to[2](r, c) = static_cast<float>(v.z);
+    };
+    put(image.normal, hit.normal);
+    put(image.position_mm, hit.point_mm);
+    image.part(r, c) = static_cast<float>(hit.object + 1);
+    const auto angle = [](Vec3 a, Vec3 b) {
+      return static_cast<float>(kDegrees * std::atan2(norm(cross(a, b)), dot(a, b)));
+    };
+    image.emission_deg(r, c) = angle(-view, hit.normal);
+    if (light == nullptr) return;
+    const Vec3 to_light = light->arrive(hit.point_mm, {}).direction;
+    image.incidence_deg(r, c) = angle(to_light, hit.normal);
+    image.phase_deg(r, c) = angle(to_light, -view);
+  }
+
+  /// Points of the lenses for one pass.
+  void spread(Block& b, int pass) const {
+    const auto& lights = shader_.lights();
+    b.lens.resize(lights.size() * kLanes);
+    for (std::size_t l = 0; l < lights.size(); ++l)
+      for (std::size_t i = 0; i < b.lanes; ++i)
+        if (lights[l].extended())
+          stratified_disc(options_.samples_per_pixel * options_.lamp_samples,
+                          stream(b, i, pass, kLens + l), b.lens[l * kLanes + i]);
+  }
+
+  /// Sample s of pass `pass` of every pixel.
+  void sample(Block& b, int pass, int s) const {
+    if (side_ > 1 || pass > 0) {
+      const auto draw = 2 * static_cast<std::uint64_t>(s);
+      for (std::size_t i = 0; i < b.lanes; ++i) {
+        const std::uint64_t place = stream(b, i, pass, kPlace);
+        b.rays[i].direction = view_.direction(
+            static_cast<double>(b.col[i]) + (s % side_ + random_uniform(place, draw)) / side_,
+            static_cast<double>(b.row[i]) + (s / side_ + random_uniform(place, draw + 1)) / side_);
+      }
+      trace(b);
+    }
+    for (std::size_t i = 0; i < b.lanes; ++i) {
+      const Bands value =
+          b.hits[i] ? shade(b, i, pass, s) : shader_.background(view_.eye, b.rays[i].direction);
+      for (std::size_t k = 0; k < 3; ++k) b.sum[i][k] += value[k];
+      b.square[i] += value[1] * value[1];
+      ++b.samples[i];
+    }
+  }
+
+  [[nodiscard]] static std::uint64_t stream(const Block& b, std::size_t lane, int pass,
+                                            std::uint64_t what) {
+    return random_bits(b.key[lane], static_cast<std::uint64_t>(pass) * kPass + what);
+  }
+
+  [[nodiscard]] Bands shade(Block& b, std::size_t i, int pass, int s) const {
+    const RayHit& hit = *b.hits[i];
+    const Vec3 view = b.rays[i].direction;
+    Bands sum{};
+    for (std::size_t l = 0; l < shader_.lights().size(); ++l) {
+      const Light& light = shader_.lights()[l];
+      const int count = light.extended() ? options_.lamp_samples : 1;
+      for (int k = 0; k < count; ++k) {
+        const DiscPoint p = light.extended()
+                                ? b.lens[l * kLanes + i][static_cast<std::size_t>(s * count + k)]
+                                : DiscPoint{};
+        const Bands got = shader_.direct(hit, view, light, p);
+        for (std::size_t j = 0; j < 3; ++j) sum[j] += got[j] / count;
+      }
+    }
+    if (!shader_.gathers()) return sum;
+    stratified_disc(options_.gather_samples,
+                    random_bits(stream(b, i, pass, kGather), static_cast<std::uint64_t>(s)),
+                    b.points);
+    const Bands got =
+        shader_.gathered(hit, view, b.points,
+                         random_bits(stream(b, i, pass, kBounce), static_cast<std::uint64_t>(s)));
+    for (std::size_t j = 0; j < 3; ++j) sum[j] += got[j];
+    return sum;
+  }
+
+  /// A block goes on until all its pixels are good enough: one that happens to see only light or
+  /// only shadow beside a penumbra is not taken for good. The variance of single samples is an
+  /// upper bound for the stratified mean's, so the target is kept.
+  void judge(Block& b) const {
+    bool more = false;
+    for (std::size_t i = 0; i < b.lanes; ++i) {
+      const double n = b.samples[i], mean = b.sum[i][1] / n;
+      const double variance = std::max(0.0, b.square[i] / n - mean * mean) / std::max(n - 1.0, 1.0);
+      more = more || n < kFirstLook ||
+             std::sqrt(variance) > options_.noise_target * std::max(mean, kDark);
+    }
+    more = more && options_.noise_target > 0.0 &&
+           b.samples[0] + options_.samples_per_pixel <= options_.max_samples;
+    b.open = more;
   }
 
   const RayScene& scene_;
-  const std::vector<Material>& materials_;
+  const detail::Shader& shader_;
   const View& view_;
-  const Light& light_;
   const RenderOptions& options_;
-  int side_ = 1, lamp_samples_ = 1;
-  bool lens_ = false;
+  int side_;
 };
 
 }  // namespace
 
-Result<Image> render(const std::vector<SceneObject>& objects, const CameraModel& camera,
-                     const RigidTransform& model_from_camera, const Lamp& lamp,
-                     const RenderOptions& options, const RunContext& run) {
-  MAQUETTE_TRY_VOID(check_camera(camera, model_from_camera));
-  MAQUETTE_TRY_VOID(check_lamp(lamp));
-  MAQUETTE_TRY_VOID(check_options(options));
-  MAQUETTE_TRY_VOID(check_objects(objects));
-
-  std::vector<const TriMesh*> meshes;
+struct PreparedScene::State {
+  RayScene scene;
   std::vector<Material> materials;
+  bool grey;
+};
+
+PreparedScene::PreparedScene(std::unique_ptr<State> state) : state_(std::move(state)) {}
+PreparedScene::PreparedScene(PreparedScene&&) noexcept = default;
+PreparedScene& PreparedScene::operator=(PreparedScene&&) noexcept = default;
+PreparedScene::~PreparedScene() = default;
+
+Result<PreparedScene> PreparedScene::build(const std::vector<SceneObject>& objects,
+                                           const RunContext& run) {
+  std::vector<RayObject> bodies;
+  std::vector<Material> materials;
+  bool grey = true, anything = false;
   for (const SceneObject& object : objects) {
-    if (object.mesh == nullptr || object.mesh->triangles.empty()) continue;
-    meshes.push_back(object.mesh);
+    MAQUETTE_TRY_VOID(check_material(object.material));
+    const double most = largest_albedo(object.material.law);
+    if (most > 1.0 + 1e-2)
+      run.warn(fmt::format("material {}: gives back up to {:.2f} of the light it gets",
+                           object.material.name, most));
+    const bool mesh = object.mesh != nullptr && !object.mesh->triangles.empty();
+    bodies.push_back(
+        {mesh ? object.mesh : nullptr, object.field, object.base_mm, object.model_from_mesh});
     materials.push_back(object.material);
+    grey = grey && is_grey(object.material);
+    anything = anything || mesh || object.field != nullptr;
   }
-  MAQUETTE_TRY(const auto scene, RayScene::build(meshes, run));
-  run.progress(kBuildShare);
+  if (!anything)
+    return fail(kEmptyScene, "the scene has no triangle; give at least one mesh or field");
+  MAQUETTE_TRY(auto scene, RayScene::build(bodies, run));
+  return PreparedScene(
+      std::make_unique<State>(State{std::move(scene), std::move(materials), grey}));
+}
 
+Result<Image> PreparedScene::render(const CameraModel& camera,
+                                    const RigidTransform& model_from_camera,
+                                    const Lighting& lighting, const RenderOptions& options,
+                                    const RunContext& run) const {
+  MAQUETTE_TRY_VOID(detail::check_camera(camera, model_from_camera));
+  MAQUETTE_TRY_VOID(detail::check_lighting(lighting));
+  MAQUETTE_TRY_VOID(detail::check_options(options));
   const View view(camera, model_from_camera);
-  const Light light(lamp);
-  MAQUETTE_TRY_VOID(check_above_ground(scene, view.eye));
-  MAQUETTE_TRY_VOID(check_lamp_in_the_open(scene, light));
+  const RayScene& scene = state_->scene;
+  const detail::Shader shader(scene, state_->materials, lighting, options);
+  MAQUETTE_TRY_VOID(detail::check_above_ground(scene, view.eye));
+  for (const Light& light : shader.lights())
+    MAQUETTE_TRY_VOID(detail::check_lamp_in_the_open(scene, light));
 
+  Image image = empty_image(camera, state_->grey && is_grey(lighting), options.geometry);
   const std::ptrdiff_t rows = camera.height_px, cols = camera.width_px;
-  Image image{Grid<float>(rows, cols, 0.0F),
-              Grid<float>(rows, cols, std::numeric_limits<float>::infinity()),
-              Grid<std::uint8_t>(rows, cols, 0)};
-  const Renderer renderer(scene, materials, view, light, options, lamp.lens_diameter_mm > 0.0);
+  const Renderer renderer(scene, shader, view, options);
   const std::ptrdiff_t tiles_across = (cols + kTile - 1) / kTile;
   const std::ptrdiff_t tiles = tiles_across * ((rows + kTile - 1) / kTile);
   std::atomic<std::ptrdiff_t> done{0};
-  tbb::enumerable_thread_specific<std::vector<DiscPoint>> lens_points;
+  std::atomic<std::int64_t> samples{0};
+  tbb::enumerable_thread_specific<Block> blocks;
   tbb::parallel_for(tbb::blocked_range<std::ptrdiff_t>(0, tiles, 1), [&](const auto& range) {
+    Block& block = blocks.local();
     for (std::ptrdiff_t tile = range.begin(); tile < range.end(); ++tile) {
       const std::ptrdiff_t top = tile / tiles_across * kTile, left = tile % tiles_across * kTile;
-      for (std::ptrdiff_t r = top; r < std::min(rows, top + kTile); ++r) {
+      for (std::ptrdiff_t r = top; r < std::min(rows, top + kTile); r += kBlock) {
         if (run.stopped()) return;
-        for (std::ptrdiff_t c = left; c < std::min(cols, left + kTile); ++c)
-          renderer.pixel(image, r, c, lens_points.local());
+        for (std::ptrdiff_t c = left; c < std::min(cols, left + kTile); c += kBlock)
+          samples += renderer.block(image, r, c, block);
       }
       const std::ptrdiff_t now = ++done;
       if (now % 16 == 0 || now == tiles)
-        run.progress(kBuildShare +
-                     (1.0 - kBuildShare) * static_cast<double>(now) / static_cast<double>(tiles));
+        run.progress(static_cast<double>(now) / static_cast<double>(tiles));
     }
   });
   if (run.stopped()) return fail(kCancelled, "stopped while the picture was rendered");
+  image.mean_samples = static_cast<double>(samples) / static_cast<double>(rows * cols);
   return image;
+}
+
+Result<Image> render(const std::vector<SceneObject>& objects, const CameraModel& camera,
+                     const RigidTransform& model_from_camera, const Lamp& lamp,
+                     const RenderOptions& options, const RunContext& run) {
+  // Bad options are found before the scene is built.
+  MAQUETTE_TRY_VOID(detail::check_camera(camera, model_from_camera));
+  MAQUETTE_TRY_VOID(check_lamp(lamp));
+  MAQUETTE_TRY_VOID(detail::check_options(options));
+  MAQUETTE_TRY(const auto scene, PreparedScene::build(objects, run));
+  return scene.render(camera, model_from_camera, {{lamp}, {}, {}}, options, run);
 }
 
 RigidTransform look_at(Vec3 position_mm, Vec3 target_mm, Vec3 up) {

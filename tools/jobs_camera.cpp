@@ -119,7 +119,7 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   double sum = 0.0;
   std::uint64_t seen = 0;
   for (std::size_t i = 0; i < preview.cells().size(); ++i) {
-    const float value = image->radiance.cells()[i];
+    const float value = image->bands[0].cells()[i];
     preview.cells()[i] = camera::srgb8(static_cast<double>(value));
     if (std::isfinite(image->depth_mm.cells()[i])) sum += static_cast<double>(value), ++seen;
   }
@@ -132,7 +132,7 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
     MAQUETTE_TRY_VOID(camera::write_png(preview, image_path, metadata));
   } else {
     MAQUETTE_TRY_VOID(camera::write_exr(
-        {{"Y", &image->radiance}, {"Z", &image->depth_mm}, {"lit", &lit}}, image_path, metadata));
+        {{"Y", &image->bands[0]}, {"Z", &image->depth_mm}, {"lit", &lit}}, image_path, metadata));
     MAQUETTE_TRY_VOID(camera::write_png(preview, png, metadata));
     result.outputs.push_back(png);
   }

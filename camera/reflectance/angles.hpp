@@ -5,9 +5,9 @@
 /// What every law of reflectance takes and gives.
 ///
 /// A law gives the radiance factor (Hapke's RADF, I/F): pi f mu0 with f the bidirectional
-/// reflectance distribution function in 1/sr. It is the radiance of the surface over that of a white
-/// Lambert surface that faces the same light, so a white Lambert law gives mu0. Reciprocity means
-/// that radiance factor over mu0 does not change when light and view trade places.
+/// reflectance distribution function in 1/sr. It is the radiance of the surface over that of a
+/// white Lambert surface that faces the same light, so a white Lambert law gives mu0. Reciprocity
+/// means that radiance factor over mu0 does not change when light and view trade places.
 
 #include <algorithm>
 #include <array>

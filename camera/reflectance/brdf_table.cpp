@@ -40,9 +40,9 @@ Bands look_up(const BrdfTable::Grid3& g, double incidence, double emission, doub
     const double weight = (ui ? i.share : 1.0 - i.share) * (ue ? e.share : 1.0 - e.share) *
                           (ua ? a.share : 1.0 - a.share);
     if (weight == 0.0) continue;
-    const Bands& f = g.brdf[((i.below + ui) * g.emission_deg.size() + e.below + ue) *
-                                g.azimuth_deg.size() +
-                            a.below + ua];
+    const Bands& f =
+        g.brdf[((i.below + ui) * g.emission_deg.size() + e.below + ue) * g.azimuth_deg.size() +
+               a.below + ua];
     for (std::size_t k = 0; k < 3; ++k) sum[k] += weight * f[k];
   }
   return sum;
@@ -88,8 +88,9 @@ Result<Rows> read_rows(const std::filesystem::path& path, std::string_view text)
                 : line.starts_with("incidence_deg,emission_deg,azimuth_deg,brdf")               ? 4
                                                                                                 : 0;
       if (columns == 0)
-        return wrong("the head must be incidence_deg,emission_deg,azimuth_deg,brdf (or brdf_r,"
-                     "brdf_g,brdf_b)");
+        return wrong(
+            "the head must be incidence_deg,emission_deg,azimuth_deg,brdf (or brdf_r,"
+            "brdf_g,brdf_b)");
       continue;
     }
     if (line.find_first_not_of(" \t\r") == std::string_view::npos || line.front() == '#') continue;

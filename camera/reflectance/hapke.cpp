@@ -65,9 +65,8 @@ Rough roughness(const Angles& a, double theta_deg) {
   const double near = cos_psi * low.e2 + sin2_half * high.e2;
   const double mu_low = chi * (low.cosine + low.sine * tan_theta * far / below);
   const double mu_high = chi * (high.cosine + high.sine * tan_theta * near / below);
-  const double shadowing =
-      (view_steeper ? mu_low : mu_high) / view.eta * (a.mu0 / light.eta) * chi /
-      (1.0 - overlap + overlap * chi * high.cosine / high.eta);
+  const double shadowing = (view_steeper ? mu_low : mu_high) / view.eta * (a.mu0 / light.eta) *
+                           chi / (1.0 - overlap + overlap * chi * high.cosine / high.eta);
   return view_steeper ? Rough{mu_high, mu_low, shadowing} : Rough{mu_low, mu_high, shadowing};
 }
 
@@ -80,8 +79,9 @@ Bands Hapke::radiance_factor(const Angles& a) const {
   // tan(g/2) from the cosine; infinite light from straight behind does not occur in front.
   const double cosine = std::clamp(a.cos_phase, -1.0, 1.0);
   const double tan_half = std::sqrt((1.0 - cosine) / std::max(1.0 + cosine, 1e-300));
-  const double once = ((1.0 - c) * henyey_greenstein(b, cosine) + c * henyey_greenstein(-b, cosine)) *
-                      (1.0 + surge / (1.0 + tan_half / surge_width));
+  const double once =
+      ((1.0 - c) * henyey_greenstein(b, cosine) + c * henyey_greenstein(-b, cosine)) *
+      (1.0 + surge / (1.0 + tan_half / surge_width));
   double porous = 1.0, enhanced = 1.0;
   if (form == Form::y2012) {
     porous = porosity_factor(filling);

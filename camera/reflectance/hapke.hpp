@@ -39,12 +39,12 @@ namespace maquette::camera {
 struct Hapke {
   enum class Form { y1981, y1993, y2012 };
   Form form = Form::y2012;
-  Bands w{0.3, 0.3, 0.3};     ///< single scattering albedo, 0 to 1
-  double b = 0.0;             ///< asymmetry of the lobes, -1 to 1
-  double c = 0.0;             ///< share of the backward lobe; published fits go beyond 0 to 1
-  double surge = 0.0;         ///< B_S0, 0 or more
-  double surge_width = 0.1;   ///< h_S > 0
-  double coherent = 0.0;      ///< B_C0, 0 or more
+  Bands w{0.3, 0.3, 0.3};       ///< single scattering albedo, 0 to 1
+  double b = 0.0;               ///< asymmetry of the lobes, -1 to 1
+  double c = 0.0;               ///< share of the backward lobe; published fits go beyond 0 to 1
+  double surge = 0.0;           ///< B_S0, 0 or more
+  double surge_width = 0.1;     ///< h_S > 0
+  double coherent = 0.0;        ///< B_C0, 0 or more
   double coherent_width = 0.1;  ///< h_C > 0
   double roughness_deg = 0.0;   ///< theta-bar, 0 to below 60
   double filling = 0.0;         ///< phi = 1 - porosity, 0 to below 0.75

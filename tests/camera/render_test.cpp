@@ -66,7 +66,7 @@ TEST(Render, GivesOneForWhiteThatFacesTheLampAtItsTarget) {
   const auto image = render({{&slab, white()}}, small_camera(9, 9, 100),
                             look_at({0, 0, 500}, {0, 0, 0}), lamp, {1});
   ASSERT_THAT(image, Succeeds());
-  EXPECT_NEAR(image->radiance(4, 4), 1.0, 1e-6);
+  EXPECT_NEAR(image->bands[0](4, 4), 1.0, 1e-6);
   EXPECT_NEAR(image->depth_mm(4, 4), 500.0, 1e-4);
 }
 
@@ -97,7 +97,7 @@ TEST_P(RenderPlane, HasTheIrradianceAndDepthOfTheClosedForm) {
                                                                       : 0.3 * ls + 0.7 * mu0;
       const double expected = 1.7 * 0.42 * law * dot(to_target, to_target) / dot(l, l);
       // Float image: 6e-8; what is promised is 0.1 %.
-      EXPECT_NEAR(image->radiance(r, c) / expected, 1.0, 1e-6) << r << ' ' << c;
+      EXPECT_NEAR(image->bands[0](r, c) / expected, 1.0, 1e-6) << r << ' ' << c;
       EXPECT_NEAR(image->depth_mm(r, c), t, 1e-4);
       EXPECT_EQ(image->lit(r, c), 1);
     }
@@ -117,8 +117,8 @@ TEST(Render, ManySamplesAverageToTheSamePlane) {
   ASSERT_THAT(sharp, Succeeds());
   ASSERT_THAT(many, Succeeds());
   double a = 0, b = 0;
-  for (std::size_t i = 0; i < sharp->radiance.cells().size(); ++i)
-    a += sharp->radiance.cells()[i], b += many->radiance.cells()[i];
+  for (std::size_t i = 0; i < sharp->bands[0].cells().size(); ++i)
+    a += sharp->bands[0].cells()[i], b += many->bands[0].cells()[i];
   EXPECT_NEAR(b / a, 1.0, 1e-3);  // the promised 0.1 %
 }
 
@@ -136,7 +136,7 @@ TEST(Render, CutsTheBeamToACone) {
       const Vec3 p = pose.translation_mm + (-400 / way.z) * way;
       const double d = std::hypot(p.x, p.y);
       if (std::abs(d - radius) < 1e-3) continue;
-      EXPECT_EQ(image->radiance(r, c) > 0, d < radius) << d;
+      EXPECT_EQ(image->bands[0](r, c) > 0, d < radius) << d;
       EXPECT_EQ(image->lit(r, c), d < radius ? 1 : 0);
     }
 }
@@ -213,7 +213,7 @@ TEST(Render, HasThePenumbraOfADiscBehindAStraightEdge) {
       // 1024 points in 32 x 32 cells: only those along the cut are uncertain, some 40
       // of them, standard error sqrt(40) / 2 / 1024 = 0.003; distance and angle change
       // over the lens by (40/1000)^2 = 0.002. Five standard errors and that.
-      EXPECT_NEAR(image->radiance(r, c) / full, share, 0.017) << p.x;
+      EXPECT_NEAR(image->bands[0](r, c) / full, share, 0.017) << p.x;
       if (std::abs(cut) < 0.9) ++partial;
     }
   EXPECT_GT(partial, 100);
@@ -247,7 +247,7 @@ TEST(Render, PutsNorthUpAndEastRight) {
   // top of the marker 100 mm below: 1 mm is one pixel
   for (std::ptrdiff_t r = 0; r < 60; ++r)
     for (std::ptrdiff_t c = 0; c < 80; ++c)
-      EXPECT_EQ(image->radiance(r, c) > 0.5F, (c == 59 || c == 60) && (r == 19 || r == 20))
+      EXPECT_EQ(image->bands[0](r, c) > 0.5F, (c == 59 || c == 60) && (r == 19 || r == 20))
           << r << ' ' << c;
 }
 
@@ -321,7 +321,7 @@ TEST_P(RenderHills, AgreesWithBruteForce) {
       if (shade.margin < 1e-3 || hit.margin < 1e-3) continue;
       const bool lit = mu0 > 0 && !(shade.t < norm(l));
       ASSERT_EQ(image->lit(r, c), lit ? 1 : 0) << r << ' ' << c << " mu0 " << mu0;
-      ASSERT_EQ(image->radiance(r, c) > 0, lit);
+      ASSERT_EQ(image->bands[0](r, c) > 0, lit);
       ++compared;
     }
   EXPECT_GT(compared, 500);
@@ -341,12 +341,12 @@ TEST_P(RenderHills, IsTheSameFarFromTheOrigin) {
   ASSERT_THAT(here, Succeeds());
   ASSERT_THAT(there, Succeeds());
   int different = 0;
-  for (std::size_t i = 0; i < here->radiance.cells().size(); ++i) {
+  for (std::size_t i = 0; i < here->bands[0].cells().size(); ++i) {
     if (here->lit.cells()[i] != there->lit.cells()[i]) {
       ++different;
       continue;
     }
-    EXPECT_NEAR(here->radiance.cells()[i], there->radiance.cells()[i], 1e-5);
+    EXPECT_NEAR(here->bands[0].cells()[i], there->bands[0].cells()[i], 1e-5);
     if (std::isfinite(here->depth_mm.cells()[i])) {
       EXPECT_NEAR(here->depth_mm.cells()[i], there->depth_mm.cells()[i], 1e-4);
     }
@@ -375,13 +375,13 @@ TEST_P(RenderHills, GivesTheSameBitsForAnyNumberOfThreads) {
   }
   for (const auto* images : {&flats, &terrains})
     for (const Image& image : *images) {
-      EXPECT_EQ(image.radiance, images->front().radiance);
+      EXPECT_EQ(image.bands, images->front().bands);
       EXPECT_EQ(image.depth_mm, images->front().depth_mm);
       EXPECT_EQ(image.lit, images->front().lit);
     }
   const auto other = render({{&ground, white()}}, camera, pose, soft, {4, 4, 1.0, 77});
   ASSERT_THAT(other, Succeeds());
-  EXPECT_NE(other->radiance, terrains.front().radiance) << "the seed does nothing";
+  EXPECT_NE(other->bands, terrains.front().bands) << "the seed does nothing";
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, RenderHills, testing::Values(1, 2, 3, 4));
 
@@ -389,7 +389,7 @@ TEST(RayScene, GivesTheLowestNumberOfEquallyNearTriangles) {
   const TriMesh flat = terrain_solid(9, 4, -40, [](double, double) { return 0.0; });
   TriMesh backwards = flat;
   std::reverse(backwards.triangles.begin(), backwards.triangles.end());
-  const auto scene = RayScene::build({&flat, &backwards});
+  const auto scene = RayScene::build({{&flat}, {&backwards}});
   ASSERT_THAT(scene, Succeeds());
   // On the diagonal of cell (3, 3): two triangles of each mesh.
   const auto hit = scene->first_hit({14, 14, 50}, {0, 0, -1});
@@ -398,7 +398,7 @@ TEST(RayScene, GivesTheLowestNumberOfEquallyNearTriangles) {
   EXPECT_EQ(hit->triangle, 2U * (3 * 8 + 3));
   EXPECT_DOUBLE_EQ(hit->distance_mm, 50.0);
   EXPECT_TRUE(hit->front);
-  const auto only_backwards = RayScene::build({&backwards});
+  const auto only_backwards = RayScene::build({{&backwards}});
   ASSERT_THAT(only_backwards, Succeeds());
   const auto last = only_backwards->first_hit({14, 14, 50}, {0, 0, -1});
   ASSERT_TRUE(last);
@@ -409,7 +409,7 @@ TEST(RayScene, GivesTheLowestOfManyCoincidentTriangles) {
   // More than fit one leaf of the tree, all alike: only the number tells them apart.
   TriMesh pile = box_solid({-1, -1, -1}, {1, 1, 0});
   pile.triangles.assign(5000, pile.triangles[2]);
-  const auto scene = RayScene::build({&pile, &pile});
+  const auto scene = RayScene::build({{&pile}, {&pile}});
   ASSERT_THAT(scene, Succeeds());
   const auto hit = scene->first_hit({0.3, -0.2, 5}, {0, 0, -1});
   ASSERT_TRUE(hit);
@@ -419,7 +419,7 @@ TEST(RayScene, GivesTheLowestOfManyCoincidentTriangles) {
 
 TEST(RayScene, KnowsInsideFromOutside) {
   const TriMesh ball = sphere_solid({10, 20, 30}, 5, 40);
-  const auto scene = RayScene::build({&ball});
+  const auto scene = RayScene::build({{&ball}});
   ASSERT_THAT(scene, Succeeds());
   for (std::uint64_t i = 0; i < 500; ++i) {
     const auto u = [i](std::uint64_t k) { return 14 * random_uniform(3, 3 * i + k) - 7; };

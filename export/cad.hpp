@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "core/mesh_stream.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
@@ -33,8 +34,14 @@ inline constexpr ErrorCode kLibraryFailed{"EXPORT_LIBRARY_FAILED"};
 /// area). Streams. EXPORT_TOO_MANY_TRIANGLES: 2^32 or more.
 [[nodiscard]] Result<void> write_stl(const TriMesh& mesh, const std::filesystem::path& path,
                                      const RunContext& run = {});
+/// The same of a mesh that is made while it is written.
+[[nodiscard]] Result<void> write_stl(const MeshStream& mesh, const std::filesystem::path& path,
+                                     const RunContext& run = {});
 /// Wavefront OBJ, 1e-6 mm, frame and unit in comments. Streams.
 [[nodiscard]] Result<void> write_obj(const TriMesh& mesh, const std::filesystem::path& path,
+                                     const RunContext& run = {});
+
+[[nodiscard]] Result<void> write_obj(const MeshStream& mesh, const std::filesystem::path& path,
                                      const RunContext& run = {});
 
 struct NamedMesh {

@@ -2,6 +2,7 @@
 #include <array>
 #include <bit>
 #include <cstring>
+#include <vector>
 
 #include "core/files.hpp"
 #include "export/cad.hpp"
@@ -27,22 +28,27 @@ void put(char*& at, Vec3 v) {
 Result<void> write_stl(const TriMesh& mesh, const std::filesystem::path& path,
                        const RunContext& run) {
   MAQUETTE_TRY_VOID(check_mesh_for_export(mesh, path));
+  return write_stl(TriMeshStream(mesh), path, run);
+}
+
+Result<void> write_stl(const MeshStream& mesh, const std::filesystem::path& path,
+                       const RunContext& run) {
   MAQUETTE_TRY_VOID(
-      within_limit(mesh.triangles.size(), kStlTriangleLimit, "triangles", "binary STL", path));
+      within_limit(mesh.triangle_count(), kStlTriangleLimit, "triangles", "binary STL", path));
   MAQUETTE_TRY(auto file, AtomicFile::create(path));
   // Must not start with "solid": readers take that for the text form.
   std::array<char, 84> header{};
   std::strncpy(header.data(), "maquette; model frame x east y north z up; UNITS=mm", 80);
-  const auto count = static_cast<std::uint32_t>(mesh.triangles.size());
+  const auto count = static_cast<std::uint32_t>(mesh.triangle_count());
   std::memcpy(header.data() + 80, &count, sizeof count);
   file.write(header.data(), header.size());
 
   const auto append = [&mesh](fmt::memory_buffer& out, std::size_t first, std::size_t last) {
     out.resize((last - first) * kRecord);
     char* at = out.data();
-    for (std::size_t i = first; i < last; ++i) {
-      const auto& t = mesh.triangles[i];
-      const Vec3 a = mesh.vertices_mm[t[0]], b = mesh.vertices_mm[t[1]], c = mesh.vertices_mm[t[2]];
+    std::vector<MeshStream::Corners> corners(last - first);
+    mesh.corners(first, corners);
+    for (const auto& [a, b, c] : corners) {
       const Vec3 normal = cross(b - a, c - a);
       const double length = norm(normal);
       put(at, length > 0.0 ? (1.0 / length) * normal : Vec3{});
@@ -53,7 +59,7 @@ Result<void> write_stl(const TriMesh& mesh, const std::filesystem::path& path,
       at += 2;
     }
   };
-  if (!write_pieces(file, mesh.triangles.size(), append, run, 0.0, 1.0))
+  if (!write_pieces(file, mesh.triangle_count(), append, run, 0.0, 1.0))
     return fail(kCancelled, fmt::format("{}: stopped while it was written", path.string()));
   return file.commit();
 }

@@ -8,8 +8,8 @@
 namespace maquette::exporting {
 namespace {
 
-constexpr std::size_t kPiece = 16'384;  ///< items that one task formats: some 0.5 MB
-constexpr std::size_t kAtOnce = 32;     ///< pieces in memory
+constexpr std::size_t kPiece = 4096;  ///< items that one task formats: some 0.2 MB
+constexpr std::size_t kAtOnce = 8;    ///< pieces in memory
 
 }  // namespace
 

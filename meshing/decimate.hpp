@@ -2,8 +2,19 @@
 #pragma once
 
 /// @file decimate.hpp
-/// One coarser level of a mesh by quadric error (OpenMesh; Garland and Heckbert
-/// 1997, doi:10.1145/258734.258849), with the vertical error measured afterwards.
+/// A field's surface with fewer triangles, to a count or to a bound of its vertical error.
+///
+/// Method   Greedy insertion of the worst node (detail/surface_triangulation.hpp), edges turned
+///          along ridges (detail/edge_turns.hpp), heights of the inner vertices fitted by least
+///          squares (detail/height_fit.hpp). The last two never pass the error that insertion
+///          has reached, so the bound holds.
+/// Accuracy measured at every node with the mesh as it is given out, in integers of rows and
+///          columns. Beside plain greedy insertion with as many triangles: the same maximum,
+///          rms 0.76 to 0.84 of its (tools/bench meshing).
+/// Cost     about 4 us of processor time a triangle at 16 nodes each; 65 MiB a million triangles
+///          beside the field, the result's 23 among them.
+
+#include <cstdint>
 
 #include "core/result.hpp"
 #include "core/run_context.hpp"
@@ -12,21 +23,29 @@
 
 namespace maquette::meshing {
 
+struct DecimateOptions {
+  /// Ends at whichever comes first. 0 mm with no count: all nodes that are not on the facets.
+  std::uint64_t most_triangles = std::uint64_t{1} << 32;
+  Millimetres max_error{0.0};  ///< vertical, at every node
+  /// The border's vertices depend on the border's heights and `border_error` alone, so that
+  /// fields which share a border (bands) have the same vertices there, with the nodes' heights.
+  bool lock_border = false;
+  Millimetres border_error{0.0};  ///< vertical, along the border; not more than max_error then
+};
+
 struct DecimatedMesh {
   TriMesh mesh;
-  double max_vertical_error_mm = 0.0;  ///< against `surface`, at every vertex and every node
+  double max_vertical_error_mm = 0.0;  ///< against the field, at every node
   double rms_vertical_error_mm = 0.0;
 };
 
-/// The open top surface of the field (no walls), reduced to about
-/// `target_triangles`; its border stays on the outline. Fields of more than eight nodes
-/// per triangle wanted, but not of less than 1024^2 and always of more than 2048^2, are
-/// sub-sampled by whole factors first (the measured error includes that). About 50 us a
-/// node then. Vertices are
-/// nodes of the field; seen from above no triangle is turned over. The corners stay, so
-/// two triangles are the least. MESHING_SURFACE_HAS_VOIDS, CORE_CANCELLED.
+/// The open top surface (no walls). Vertices stand on nodes, corners and border on the outline
+/// with the nodes' heights; seen from above no triangle is turned over. Two triangles are the
+/// least; a locked border may need more than `most_triangles`.
+/// MESHING_SURFACE_HAS_VOIDS, CORE_CANCELLED.
+/// @pre errors >= 0; border_error <= max_error if both are given and the border is locked
 [[nodiscard]] Result<DecimatedMesh> decimate_surface(const heightmap::ModelField& surface,
-                                                     std::uint64_t target_triangles,
+                                                     const DecimateOptions& options,
                                                      const RunContext& run = {});
 
 }  // namespace maquette::meshing

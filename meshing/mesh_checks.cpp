@@ -187,7 +187,11 @@ Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelFi
 }
 
 std::string to_json(const MeshCertificate& c) {
-  const nlohmann::ordered_json json = {{"vertices", c.vertices},
+  const auto known = [](double value) {
+    return std::isnan(value) ? nlohmann::ordered_json() : nlohmann::ordered_json(value);
+  };
+  const nlohmann::ordered_json json = {{"proof", c.proof},
+                                       {"vertices", c.vertices},
                                        {"triangles", c.triangles},
                                        {"manifold", c.manifold},
                                        {"closed", c.closed},
@@ -203,6 +207,8 @@ std::string to_json(const MeshCertificate& c) {
                                        {"rms_vertical_error_mm", c.rms_vertical_error_mm},
                                        {"vertices_compared", c.vertices_compared},
                                        {"vertices_above_surface", c.vertices_above_surface},
+                                       {"rounding_mm", known(c.rounding_mm)},
+                                       {"hausdorff_bound_mm", known(c.hausdorff_bound_mm)},
                                        {"passed", c.passed()}};
   return json.dump(2) + "\n";
 }

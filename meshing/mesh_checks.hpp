@@ -4,6 +4,7 @@
 /// @file mesh_checks.hpp
 /// What a mesh is proven to be, by CGAL.
 
+#include <cmath>
 #include <cstdint>
 #include <string>
 
@@ -15,6 +16,8 @@
 namespace maquette::meshing {
 
 struct MeshCertificate {
+  /// How the properties below were shown: "CGAL", or "graph of a height" (grid_stream.hpp).
+  std::string proof = "CGAL";
   std::uint64_t vertices = 0, triangles = 0;
   bool manifold = false;          ///< CGAL: a valid 2-manifold polygon mesh
   bool closed = false;            ///< CGAL::is_closed
@@ -29,6 +32,11 @@ struct MeshCertificate {
   double rms_vertical_error_mm = 0.0;
   std::uint64_t vertices_compared = 0;       ///< with the field
   std::uint64_t vertices_above_surface = 0;  ///< taken for a stone's and not compared
+  /// How far the file format's rounding moves a vertex; NaN where nobody asked.
+  double rounding_mm = NAN;
+  /// The field's surface and the file's top are nowhere farther apart, both ways; NaN where
+  /// that is not proven (stones).
+  double hausdorff_bound_mm = NAN;
   [[nodiscard]] bool passed() const {
     return manifold && closed && oriented_outward && degenerate_triangles == 0 &&
            !self_intersecting;

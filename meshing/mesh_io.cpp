@@ -109,7 +109,12 @@ Result<TriMesh> read_by_content(std::string_view bytes, const RunContext& run) {
 
 Result<void> write_ply(const TriMesh& mesh, const std::filesystem::path& path,
                        const RunContext& run) {
-  const std::size_t vertices = mesh.vertices_mm.size(), faces = mesh.triangles.size();
+  return write_ply(TriMeshStream(mesh), path, run);
+}
+
+Result<void> write_ply(const MeshStream& mesh, const std::filesystem::path& path,
+                       const RunContext& run) {
+  const std::uint64_t vertices = mesh.vertex_count(), faces = mesh.triangle_count();
   MAQUETTE_TRY(auto file, AtomicFile::create(path));
   file.write(
       fmt::format("ply\nformat binary_little_endian 1.0\n"
@@ -126,19 +131,23 @@ Result<void> write_ply(const TriMesh& mesh, const std::filesystem::path& path,
   };
   const auto stopped = [&] { return fail(kCancelled, "stopped while writing " + path.string()); };
 
-  constexpr std::size_t per_chunk = kBufferBytes / sizeof(Vec3);
-  for (std::size_t i = 0; i < vertices; i += per_chunk) {
+  std::vector<Vec3> points(kBufferBytes / sizeof(Vec3));
+  for (std::uint64_t i = 0; i < vertices; i += points.size()) {
     if (run.stopped()) return stopped();
-    write(mesh.vertices_mm.data() + i, sizeof(Vec3) * std::min(per_chunk, vertices - i));
+    const std::size_t count = std::min<std::uint64_t>(points.size(), vertices - i);
+    mesh.vertices(i, std::span(points.data(), count));
+    write(points.data(), sizeof(Vec3) * count);
   }
-  constexpr std::size_t faces_per_chunk = kBufferBytes / kFaceBytes;
-  std::vector<char> buffer(faces_per_chunk * kFaceBytes);
-  for (std::size_t i = 0; i < faces; i += faces_per_chunk) {
+  std::vector<MeshStream::Triangle> triangles(kBufferBytes / kFaceBytes);
+  std::vector<char> buffer(triangles.size() * kFaceBytes);
+  for (std::uint64_t i = 0; i < faces; i += triangles.size()) {
     if (run.stopped()) return stopped();
+    const std::size_t count = std::min<std::uint64_t>(triangles.size(), faces - i);
+    mesh.triangles(i, std::span(triangles.data(), count));
     char* out = buffer.data();
-    for (std::size_t f = i; f < std::min(i + faces_per_chunk, faces); ++f, out += kFaceBytes) {
+    for (std::size_t f = 0; f < count; ++f, out += kFaceBytes) {
       *out = 3;
-      std::memcpy(out + 1, mesh.triangles[f].data(), kFaceBytes - 1);
+      std::memcpy(out + 1, triangles[f].data(), kFaceBytes - 1);
     }
     write(buffer.data(), static_cast<std::size_t>(out - buffer.data()));
   }

@@ -7,6 +7,7 @@
 
 #include <filesystem>
 
+#include "core/mesh_stream.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
@@ -20,6 +21,9 @@ inline constexpr ErrorCode kMeshEmpty{"MESHING_MESH_EMPTY"};
 /// frame and unit. Streams, 1 MiB at a time. CORE_CANCELLED, CORE_DISK_FULL,
 /// CORE_FILE_NOT_WRITABLE.
 [[nodiscard]] Result<void> write_ply(const TriMesh& mesh, const std::filesystem::path& path,
+                                     const RunContext& run = {});
+
+[[nodiscard]] Result<void> write_ply(const MeshStream& mesh, const std::filesystem::path& path,
                                      const RunContext& run = {});
 
 /// PLY, STL or OBJ, chosen by content and not by name.

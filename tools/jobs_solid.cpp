@@ -8,6 +8,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/bands.hpp"
 #include "meshing/decimate.hpp"
+#include "meshing/grid_stream.hpp"
 #include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/solid.hpp"
@@ -35,10 +36,20 @@ RunContext part(const RunContext& run, double from, double to) {
   return sub;
 }
 
+JobResult solid_result(const meshing::MeshCertificate& certificate, const std::string& text,
+                       const fs::path& out) {
+  JobResult result;
+  result.outputs = {out, certificate_path(out)};
+  result.figures_json = text;
+  result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
+  return result;
+}
+
 /// Checks, then writes: the mesh has its final name only if it passed.
 Result<JobResult> check_and_write(const TriMesh& mesh, const heightmap::ModelField& design,
                                   const fs::path& out, const RunContext& run) {
-  MAQUETTE_TRY(const auto certificate, meshing::check_mesh(mesh, &design, {}, part(run, 0.5, 0.9)));
+  MAQUETTE_TRY(auto certificate, meshing::check_mesh(mesh, &design, {}, part(run, 0.5, 0.9)));
+  certificate.rounding_mm = 0.0;  // PLY as we write it is float64
   const std::string text = meshing::to_json(certificate);
   if (!certificate.passed()) {
     const fs::path refused = out.parent_path() / (out.stem().string() + ".refused.json");
@@ -49,11 +60,20 @@ Result<JobResult> check_and_write(const TriMesh& mesh, const heightmap::ModelFie
   }
   MAQUETTE_TRY_VOID(meshing::write_ply(mesh, out, part(run, 0.9, 1.0)));
   MAQUETTE_TRY_VOID(write_file(certificate_path(out), text));
-  JobResult result;
-  result.outputs = {out, certificate_path(out)};
-  result.figures_json = text;
-  result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
-  return result;
+  return solid_result(certificate, text, out);
+}
+
+/// Terrain alone is proven and written without a mesh in memory.
+Result<JobResult> stream_terrain(const heightmap::ModelField& design,
+                                 const meshing::SolidOptions& options, const fs::path& out,
+                                 const RunContext& run) {
+  MAQUETTE_TRY(const auto solid, meshing::GridSolidStream::create(design, options));
+  MAQUETTE_TRY(const auto certificate,
+               solid.certify(meshing::CoordinateRounding::none, part(run, 0.0, 0.3)));
+  MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.3, 1.0)));
+  const std::string text = meshing::to_json(certificate);
+  MAQUETTE_TRY_VOID(write_file(certificate_path(out), text));
+  return solid_result(certificate, text, out);
 }
 
 }  // namespace
@@ -67,8 +87,12 @@ Result<JobResult> mesh_job(const fs::path& design_path, const std::optional<fs::
     for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
   }
   const auto options = solid_options(design, base_thickness);
-  auto mesh = stones.empty() ? meshing::grid_solid(design, options, part(run, 0.0, 0.5))
-                             : meshing::volume_solid(design, stones, options, part(run, 0.0, 0.5));
+  if (stones.empty()) {
+    auto result = stream_terrain(design, options, out, run);
+    if (!result) return tl::unexpected(std::move(result.error()).within(design_path.string()));
+    return result;
+  }
+  auto mesh = meshing::volume_solid(design, stones, options, part(run, 0.0, 0.5));
   if (!mesh) return tl::unexpected(std::move(mesh.error()).within(design_path.string()));
   return check_and_write(*mesh, design, out, run);
 }
@@ -115,6 +139,57 @@ const std::vector<std::string>& export_formats() {
   return formats;
 }
 
+namespace {
+
+/// Empty where a format has a rounding of its own kind (glb) or no mesh.
+std::optional<meshing::CoordinateRounding> rounding_of(const std::string& format) {
+  using meshing::CoordinateRounding;
+  if (format == "ply") return CoordinateRounding::none;
+  if (format == "stl") return CoordinateRounding::float32;
+  if (format == "obj" || format == "3mf") return CoordinateRounding::micro;
+  return {};
+}
+
+/// Plain terrain to a format that streams: proven as that file will have it, then written.
+/// @return false if surface or format are of another kind; then nothing was done
+Result<bool> export_terrain(const std::string& format, const fs::path& surface, const fs::path& out,
+                            json& figures, JobResult& result, const RunContext& run) {
+  const auto rounding = rounding_of(format);
+  if (!is_field(surface) || !rounding || format == "3mf") return false;
+  MAQUETTE_TRY(const auto field, heightmap::read_model_field(surface));
+  MAQUETTE_TRY(const auto solid,
+               meshing::GridSolidStream::create(field, solid_options(field, Millimetres{10.0})));
+  const auto certificate = solid.certify(*rounding, part(run, 0.0, 0.3));
+  if (!certificate) return tl::unexpected(Error(certificate.error()).within(surface.string()));
+  const RunContext writing = part(run, 0.3, 1.0);
+  if (format == "stl") {
+    MAQUETTE_TRY_VOID(exporting::write_stl(solid, out, writing));
+  } else if (format == "obj") {
+    MAQUETTE_TRY_VOID(exporting::write_obj(solid, out, writing));
+  } else {
+    MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, writing));
+  }
+  const fs::path proof = out.string() + ".certificate.json";
+  MAQUETTE_TRY_VOID(write_file(proof, meshing::to_json(*certificate)));
+  result.outputs = {out, proof};
+  figures["triangles"] = certificate->triangles;
+  figures["rounding_mm"] = certificate->rounding_mm;
+  figures["hausdorff_bound_mm"] = certificate->hausdorff_bound_mm;
+  return true;
+}
+
+JobResult sized(JobResult result, json figures) {
+  std::error_code ec;
+  std::uint64_t bytes = 0;
+  for (const fs::path& f : result.outputs) bytes += fs::file_size(f, ec);
+  figures["bytes"] = bytes;
+  result.figures_json = figures.dump();
+  result.note = human_bytes(static_cast<double>(bytes));
+  return result;
+}
+
+}  // namespace
+
 Result<JobResult> export_job(const std::string& format, const fs::path& surface,
                              const std::optional<fs::path>& design, const ExportOptions& options,
                              const fs::path& folder, const RunContext& run) {
@@ -137,7 +212,11 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
     MAQUETTE_TRY_VOID(exporting::write_dxf_contours(field, options.contour_interval, out, run));
     result.outputs = {out};
   } else {
+    MAQUETTE_TRY(const bool streamed, export_terrain(format, surface, out, figures, result, run));
+    if (streamed) return sized(std::move(result), std::move(figures));
     MAQUETTE_TRY(const TriMesh mesh, load_solid(surface, part(run, 0.0, 0.3)));
+    if (const auto rounding = rounding_of(format))
+      figures["rounding_mm"] = meshing::rounding_displacement_mm(TriMeshStream(mesh), *rounding);
     const RunContext writing = part(run, 0.3, 1.0);
     figures["triangles"] = mesh.triangles.size();
     result.outputs = {out};
@@ -158,9 +237,10 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
       figures["max_quantisation_error_mm"] = report.max_quantisation_error_mm;
       if (design) {
         MAQUETTE_TRY(const auto field, heightmap::read_model_field(*design));
-        MAQUETTE_TRY(const auto level,
-                     meshing::decimate_surface(
-                         field, static_cast<std::uint64_t>(options.lod_triangles), run));
+        MAQUETTE_TRY(
+            const auto level,
+            meshing::decimate_surface(
+                field, {.most_triangles = static_cast<std::uint64_t>(options.lod_triangles)}, run));
         const fs::path lod = folder / (stem + "_lod1.glb");
         gltf.name = stem + "_lod1";
         MAQUETTE_TRY_VOID(exporting::write_glb(level.mesh, gltf, lod, run));
@@ -174,12 +254,7 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
                                               fmt::join(export_formats(), ", ")));
     }
   }
-  std::uint64_t bytes = 0;
-  for (const fs::path& f : result.outputs) bytes += fs::file_size(f, ec);
-  figures["bytes"] = bytes;
-  result.figures_json = figures.dump();
-  result.note = human_bytes(static_cast<double>(bytes));
-  return result;
+  return sized(std::move(result), std::move(figures));
 }
 
 }  // namespace maquette::tools

@@ -3,19 +3,25 @@
 //
 //   a plane costs nothing ........ level and tilted planes to few triangles, error zero
 //   measured error is true ....... brute force: every node against every triangle
+//   any bound is kept ............ four bounds, five terrains, rough enough to need it
+//   nearer than greedy alone ..... plain insertion of as many triangles beside it
+//   no node is overlooked ........ one node off, anywhere
 //   graph of the surface ......... no turned triangle; areas seen from above add up
 //   border stays on the outline .. every border edge; the four corners
+//   locked borders meet .......... two bands to different errors: the same vertices, to the bit
 //   about the target ............. counted; error falls with the target
-//   large fields are sub-sampled . 2200 x 2000 nodes, error includes a spike left out
 //   every documented error ....... one case per code
 
 #include "meshing/decimate.hpp"
 
+#include <algorithm>
 #include <map>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "meshing/bands.hpp"
+#include "meshing/detail/surface_triangulation.hpp"
 #include "meshing/solid.hpp"
 #include "support/matchers.hpp"
 #include "support/shapes.hpp"
@@ -41,7 +47,7 @@ TEST(DecimateSurface, PlanesCollapseWithoutError) {
     for (std::ptrdiff_t r = 0; r < 33; ++r)
       for (std::ptrdiff_t c = 0; c < 65; ++c)
         field.z_mm(r, c) = slope * static_cast<float>(c - 2 * r);
-    const auto coarse = decimate_surface(field, 20);
+    const auto coarse = decimate_surface(field, {.most_triangles = 20});
     ASSERT_THAT(coarse, Succeeds());
     EXPECT_LE(coarse->mesh.triangles.size(), 20U);
     EXPECT_LT(coarse->max_vertical_error_mm, 1e-12);
@@ -54,7 +60,7 @@ TEST(DecimateSurface, PlanesCollapseWithoutError) {
 
 TEST(DecimateSurface, AboveItsSizeIsTheFieldItself) {
   const ModelField field = random_terrain(2, 9, 12, 0.5, 0.3);
-  const auto same = decimate_surface(field, 2 * 8 * 11);
+  const auto same = decimate_surface(field, {.most_triangles = 2 * 8 * 11});
   ASSERT_THAT(same, Succeeds());
   EXPECT_EQ(same->mesh.triangles.size(), 2U * 8U * 11U);
   EXPECT_EQ(same->max_vertical_error_mm, 0.0);
@@ -66,9 +72,9 @@ TEST(DecimateSurface, RefusesVoidsAndStops) {
   stop.request_stop();
   RunContext run;
   run.stop = stop.get_token();
-  EXPECT_THAT(decimate_surface(field, 20, run), FailsWith(kCancelled));
+  EXPECT_THAT(decimate_surface(field, {.most_triangles = 20}, run), FailsWith(kCancelled));
   field.z_mm(3, 2) = NAN;
-  EXPECT_THAT(decimate_surface(field, 20), FailsWith(kSurfaceHasVoids));
+  EXPECT_THAT(decimate_surface(field, {.most_triangles = 20}), FailsWith(kSurfaceHasVoids));
 }
 
 class DecimateTerrain : public testing::TestWithParam<std::uint64_t> {
@@ -77,7 +83,7 @@ class DecimateTerrain : public testing::TestWithParam<std::uint64_t> {
 };
 
 TEST_P(DecimateTerrain, MeasuredErrorIsWhatBruteForceFinds) {
-  const auto coarse = decimate_surface(field, 500);
+  const auto coarse = decimate_surface(field, {.most_triangles = 500});
   ASSERT_THAT(coarse, Succeeds());
   const TriMesh& m = coarse->mesh;
   double worst = 0.0, sum = 0.0;
@@ -107,7 +113,7 @@ TEST_P(DecimateTerrain, MeasuredErrorIsWhatBruteForceFinds) {
 }
 
 TEST_P(DecimateTerrain, StaysAGraphWithItsBorderOnTheOutline) {
-  const auto coarse = decimate_surface(field, 300);
+  const auto coarse = decimate_surface(field, {.most_triangles = 300});
   ASSERT_THAT(coarse, Succeeds());
   const TriMesh& m = coarse->mesh;
   EXPECT_LE(m.triangles.size(), 300U);
@@ -132,7 +138,7 @@ TEST_P(DecimateTerrain, StaysAGraphWithItsBorderOnTheOutline) {
 TEST_P(DecimateTerrain, ErrorFallsWithTheTarget) {
   double before = 0.0;
   for (const std::uint64_t target : {2000U, 500U, 100U}) {
-    const auto coarse = decimate_surface(field, target);
+    const auto coarse = decimate_surface(field, {.most_triangles = target});
     ASSERT_THAT(coarse, Succeeds());
     EXPECT_GT(coarse->rms_vertical_error_mm, before);
     before = coarse->rms_vertical_error_mm;
@@ -141,15 +147,103 @@ TEST_P(DecimateTerrain, ErrorFallsWithTheTarget) {
 
 INSTANTIATE_TEST_SUITE_P(Seeds, DecimateTerrain, testing::Range<std::uint64_t>(1, 6));
 
-TEST(DecimateSurface, SubSamplesLargeFieldsAndMeasuresThatToo) {
-  ModelField field{Grid<float>(2200, 2000, 0.0F), Millimetres{0.5}, Millimetres{0}, Millimetres{0}};
-  field.z_mm(1001, 501) = 2.0F;  // odd row and column: not among every second
-  const auto coarse = decimate_surface(field, 2'000'000);
-  ASSERT_THAT(coarse, Succeeds());
-  EXPECT_EQ(coarse->mesh.bounds().max.x, field.x_mm(1999));
-  EXPECT_EQ(coarse->mesh.bounds().max.y, field.y_mm(2199));
-  EXPECT_EQ(coarse->max_vertical_error_mm, 2.0);
-  EXPECT_NEAR(coarse->rms_vertical_error_mm, 2.0 / std::sqrt(4.4e6), 1e-12);
+TEST_P(DecimateTerrain, KeepsAnyBound) {
+  std::size_t triangles = 0;
+  for (const double bound : {1.0, 0.2, 0.05, 0.01}) {
+    const auto coarse = decimate_surface(field, {.max_error = Millimetres{bound}});
+    ASSERT_THAT(coarse, Succeeds());
+    EXPECT_LE(coarse->max_vertical_error_mm, bound);
+    // The noise alone is 0.02 mm: no bound is kept by accident of a surface that is too fine.
+    EXPECT_GT(coarse->max_vertical_error_mm, 0.3 * bound);
+    EXPECT_GT(coarse->mesh.triangles.size(), triangles);
+    triangles = coarse->mesh.triangles.size();
+  }
+}
+
+/// Plain greedy insertion: the worst node of all, found by looking at all, as the heights are.
+double greedy_rms(const ModelField& field, std::size_t triangles, double& worst_mm) {
+  detail::SurfaceTriangulation plain(field, false);
+  plain.scan_all(0.0);
+  plain.refine(triangles, {});
+  double sum = 0.0;
+  worst_mm = plain.worst_mm();
+  for (std::uint32_t t = 0; t < plain.triangles().size(); ++t)
+    plain.for_rows(plain.triangles()[t], true,
+                   [&](std::int32_t r, std::int32_t from, std::int32_t to, double z, double rise) {
+                     for (std::int32_t k = from; k <= to; ++k)
+                       sum += std::pow(z + rise * k - static_cast<double>(field.z_mm(r, k)), 2);
+                   });
+  return std::sqrt(sum / static_cast<double>(field.z_mm.cells().size()));
+}
+
+TEST(DecimateSurface, IsNearerThanGreedyInsertionAlone) {
+  // Measured 0.84, 0.76 and 0.76: the first is mostly noise, which no fit can follow.
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+    const ModelField field = random_terrain(seed, 400, 300, 0.5, 0.2, 0.02);
+    double greedy_worst = 0.0;
+    const double greedy = greedy_rms(field, 12'000, greedy_worst);
+    const auto coarse = decimate_surface(field, {.most_triangles = 12'000});
+    ASSERT_THAT(coarse, Succeeds());
+    EXPECT_LT(coarse->rms_vertical_error_mm, 0.86 * greedy) << seed;
+    // Lists take the worst to 0.5 %, and start from another grid.
+    EXPECT_LT(coarse->max_vertical_error_mm, 1.05 * greedy_worst) << seed;
+  }
+}
+
+/// Vertices with this x, by y.
+std::vector<Vec3> column_at(const TriMesh& mesh, double x) {
+  std::vector<Vec3> found;
+  for (const Vec3& v : mesh.vertices_mm)
+    if (v.x == x) found.push_back(v);
+  std::sort(found.begin(), found.end(), [](Vec3 a, Vec3 b) { return a.y < b.y; });
+  return found;
+}
+
+TEST(DecimateSurface, NeighboursMeetWithoutACrackWhereTheBorderIsLocked) {
+  const ModelField whole = random_terrain(9, 90, 201, 0.5, 0.3, 0.02);
+  const auto bands = split_into_bands(whole, BandAxis::x, Millimetres{60.0}).value();
+  ASSERT_EQ(bands.size(), 2U);
+  for (const double border : {0.0, 0.04}) {
+    // Not even the same error inside.
+    const auto west = decimate_surface(
+        band_field(whole, bands[0]),
+        {.max_error = Millimetres{0.05}, .lock_border = true, .border_error = Millimetres{border}});
+    const auto east = decimate_surface(
+        band_field(whole, bands[1]),
+        {.max_error = Millimetres{0.2}, .lock_border = true, .border_error = Millimetres{border}});
+    ASSERT_THAT(west, Succeeds());
+    ASSERT_THAT(east, Succeeds());
+    EXPECT_LE(west->max_vertical_error_mm, 0.05);
+    EXPECT_LE(east->max_vertical_error_mm, 0.2);
+    const double x = whole.x_mm(bands[0].last);
+    const std::vector<Vec3> seam = column_at(west->mesh, x);
+    EXPECT_TRUE(seam == column_at(east->mesh, x));
+    EXPECT_GT(seam.size(), 20U);
+    if (border == 0.0) {
+      EXPECT_EQ(seam.size(), 90U);  // noise: no node lies on a line
+    } else {
+      EXPECT_LT(seam.size(), 80U);
+    }
+  }
+}
+
+TEST(DecimateSurface, ScansNoNodeTooFew) {
+  // One node off in level ground, anywhere: on edges, rims and corners of the first grid too.
+  for (std::ptrdiff_t n = 0; n < 70; ++n) {
+    ModelField field{Grid<float>(41, 37, 5.0F), Millimetres{0.5}, Millimetres{0}, Millimetres{0}};
+    const auto r =
+        static_cast<std::ptrdiff_t>(random_bits(5, 2 * static_cast<std::uint64_t>(n)) % 41);
+    const auto c =
+        static_cast<std::ptrdiff_t>(random_bits(5, 2 * static_cast<std::uint64_t>(n) + 1) % 37);
+    field.z_mm(r, c) = 6.0F;
+    const auto sharp = decimate_surface(field, {});
+    ASSERT_THAT(sharp, Succeeds());
+    EXPECT_EQ(sharp->max_vertical_error_mm, 0.0) << r << " " << c;
+    if ((r == 0 || r == 40) && (c == 0 || c == 36)) continue;  // a vertex from the start
+    const auto blunt = decimate_surface(field, {.most_triangles = 2});
+    EXPECT_EQ(blunt->max_vertical_error_mm, 1.0) << r << " " << c;
+    EXPECT_NEAR(blunt->rms_vertical_error_mm, std::sqrt(1.0 / (41.0 * 37.0)), 1e-15);
+  }
 }
 
 }  // namespace

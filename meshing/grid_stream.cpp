@@ -1,0 +1,307 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "meshing/grid_stream.hpp"
+
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+#include <fmt/format.h>
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include "meshing/detail/shell.hpp"
+
+namespace maquette::meshing {
+namespace {
+
+using heightmap::ModelField;
+
+/// The rounded coordinates of columns or rows; fails where they do not rise.
+Result<std::vector<double>> rounded_lines(const ModelField& field, bool columns,
+                                          CoordinateRounding rounding) {
+  const auto count = static_cast<std::size_t>(columns ? field.z_mm.cols() : field.z_mm.rows());
+  std::vector<double> at(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto n = static_cast<std::ptrdiff_t>(i);
+    at[i] = rounded(columns ? field.x_mm(n) : field.y_mm(n), rounding);
+    if (i > 0 && !(at[i] > at[i - 1]))
+      return fail(kRoundingCollapses,
+                  fmt::format("{0}s {1} and {2} both become {3} = {4} mm in this file format: their "
+                              "spacing of {5} mm is too small at that distance from the origin; "
+                              "write PLY, or move the origin nearer",
+                              columns ? "column" : "row", i - 1, i, columns ? 'x' : 'y', at[i],
+                              field.spacing.value()));
+  }
+  return at;
+}
+
+struct Sums {
+  double volume_mm3 = 0.0, area_mm2 = 0.0, squares_mm2 = 0.0;
+  double worst_height_mm = 0.0, worst_move_mm = 0.0;
+};
+
+/// Corners relative to the first one.
+double area_of(Vec3 b, Vec3 c) {
+  return 0.5 * norm(cross(b, c));
+}
+
+double total(const std::vector<Sums>& rows, double Sums::* member) {
+  return std::accumulate(rows.begin(), rows.end(), 0.0,
+                         [member](double sum, const Sums& s) { return sum + s.*member; });
+}
+
+double worst(const std::vector<Sums>& rows, double Sums::* member) {
+  return std::accumulate(rows.begin(), rows.end(), 0.0, [member](double most, const Sums& s) {
+    return std::fmax(most, s.*member);
+  });
+}
+
+/// One row of nodes and the cells north of it, as the file has them.
+class RowSums {
+ public:
+  RowSums(const ModelField& field, const std::vector<double>& x, const std::vector<double>& y,
+          double base, CoordinateRounding rounding)
+      : field_(field), x_(x), y_(y), base_(base), rounding_(rounding) {}
+
+  [[nodiscard]] Sums operator()(std::ptrdiff_t r) const {
+    Sums s;
+    for (std::ptrdiff_t c = 0; c < field_.z_mm.cols(); ++c) add_node(r, c, s);
+    if (r + 1 == field_.z_mm.rows()) return s;
+    const double dy = y_[at(r + 1)] - y_[at(r)];
+    for (std::ptrdiff_t c = 0; c + 1 < field_.z_mm.cols(); ++c) {
+      const double dx = x_[at(c + 1)] - x_[at(c)];
+      const double z = height(r, c), east = height(r, c + 1) - z, north = height(r + 1, c) - z,
+                   across = height(r + 1, c + 1) - z;
+      s.volume_mm3 += dx * dy * (z - base_ + (east + 2.0 * across + north) / 6.0);
+      s.area_mm2 += area_of({dx, 0.0, east}, {dx, dy, across});
+      s.area_mm2 += area_of({dx, dy, across}, {0.0, dy, north});
+    }
+    return s;
+  }
+
+  /// The highest node is no help: one that reaches the base is.
+  [[nodiscard]] bool above_base(std::ptrdiff_t r) const {
+    for (std::ptrdiff_t c = 0; c < field_.z_mm.cols(); ++c)
+      if (!(height(r, c) > base_)) return false;
+    return true;
+  }
+
+ private:
+  static std::size_t at(std::ptrdiff_t i) { return static_cast<std::size_t>(i); }
+  [[nodiscard]] double height(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return rounded(static_cast<double>(field_.z_mm(r, c)), rounding_);
+  }
+  void add_node(std::ptrdiff_t r, std::ptrdiff_t c, Sums& s) const {
+    const double x = x_[at(c)], y = y_[at(r)], z = height(r, c);
+    const Vec3 move{x - field_.x_mm(c), y - field_.y_mm(r),
+                    z - static_cast<double>(field_.z_mm(r, c))};
+    if (move == Vec3{}) return;
+    s.worst_move_mm = std::fmax(s.worst_move_mm, norm(move));
+    const double off = z - heightmap::height_at(field_, x, y);
+    if (std::isnan(off)) return;  // rounded out of the field by less than a rounding step
+    s.worst_height_mm = std::fmax(s.worst_height_mm, std::abs(off));
+    s.squares_mm2 += off * off;
+  }
+  const ModelField& field_;
+  const std::vector<double>&x_, &y_;
+  double base_;
+  CoordinateRounding rounding_;
+};
+
+}  // namespace
+
+double rounded(double coordinate_mm, CoordinateRounding rounding) {
+  switch (rounding) {
+    case CoordinateRounding::float32:
+      return static_cast<double>(static_cast<float>(coordinate_mm));
+    case CoordinateRounding::micro:
+      return std::round(coordinate_mm * 1e6) / 1e6;
+    case CoordinateRounding::none:
+      break;
+  }
+  return coordinate_mm;
+}
+
+double rounding_displacement_mm(const MeshStream& mesh, CoordinateRounding rounding) {
+  if (rounding == CoordinateRounding::none) return 0.0;
+  double most = 0.0;
+  std::vector<Vec3> piece(4096);
+  for (std::uint64_t first = 0; first < mesh.vertex_count(); first += piece.size()) {
+    const std::span<Vec3> part(piece.data(),
+                               std::min<std::uint64_t>(piece.size(), mesh.vertex_count() - first));
+    mesh.vertices(first, part);
+    for (const Vec3& v : part)
+      most = std::fmax(most, norm(Vec3{rounded(v.x, rounding) - v.x, rounded(v.y, rounding) - v.y,
+                                       rounded(v.z, rounding) - v.z}));
+  }
+  return most;
+}
+
+Result<GridSolidStream> GridSolidStream::create(const ModelField& surface,
+                                                const SolidOptions& options) {
+  MAQUETTE_TRY_VOID(detail::check_surface(surface, options));
+  return GridSolidStream(surface, options.base_z.value());
+}
+
+std::uint64_t GridSolidStream::rim_count() const {
+  return 2 * static_cast<std::uint64_t>(surface_->z_mm.rows() + surface_->z_mm.cols() - 2);
+}
+std::uint64_t GridSolidStream::top_count() const {
+  return 2 * static_cast<std::uint64_t>((surface_->z_mm.rows() - 1) * (surface_->z_mm.cols() - 1));
+}
+std::uint64_t GridSolidStream::vertex_count() const {
+  return static_cast<std::uint64_t>(surface_->z_mm.rows() * surface_->z_mm.cols()) + rim_count() +
+         1;
+}
+std::uint64_t GridSolidStream::triangle_count() const {
+  return top_count() + 3 * rim_count();
+}
+
+GridSolidStream::Node GridSolidStream::rim(std::uint64_t i) const {
+  const std::ptrdiff_t last_row = surface_->z_mm.rows() - 1, last_col = surface_->z_mm.cols() - 1;
+  auto k = static_cast<std::ptrdiff_t>(i);
+  if (k < last_col) return {0, k};
+  k -= last_col;
+  if (k < last_row) return {k, last_col};
+  k -= last_row;
+  if (k < last_col) return {last_row, last_col - k};
+  return {last_row - (k - last_col), 0};
+}
+
+std::uint32_t GridSolidStream::node_index(Node n) const {
+  return static_cast<std::uint32_t>(n.row * surface_->z_mm.cols() + n.col);
+}
+
+Vec3 GridSolidStream::vertex(std::uint64_t i) const {
+  const std::ptrdiff_t rows = surface_->z_mm.rows(), cols = surface_->z_mm.cols();
+  const auto nodes = static_cast<std::uint64_t>(rows * cols);
+  if (i < nodes) {
+    const auto k = static_cast<std::ptrdiff_t>(i);
+    return {surface_->x_mm(k % cols), surface_->y_mm(k / cols),
+            static_cast<double>(surface_->z_mm(k / cols, k % cols))};
+  }
+  if (i < nodes + rim_count()) {
+    const Node n = rim(i - nodes);
+    return {surface_->x_mm(n.col), surface_->y_mm(n.row), base_z_mm_};
+  }
+  return {0.5 * (surface_->x_mm(0) + surface_->x_mm(cols - 1)),
+          0.5 * (surface_->y_mm(0) + surface_->y_mm(rows - 1)), base_z_mm_};
+}
+
+MeshStream::Triangle GridSolidStream::wall_or_base(std::uint64_t i) const {
+  const std::uint64_t k = i / 3, next = (k + 1) % rim_count();
+  const auto first = static_cast<std::uint32_t>(surface_->z_mm.rows() * surface_->z_mm.cols());
+  const auto low = first + static_cast<std::uint32_t>(k);
+  const auto low_next = first + static_cast<std::uint32_t>(next);
+  const std::uint32_t high_next = node_index(rim(next));
+  if (i % 3 == 0) return {low, low_next, high_next};
+  if (i % 3 == 1) return {low, high_next, node_index(rim(k))};
+  return {first + static_cast<std::uint32_t>(rim_count()), low_next, low};
+}
+
+void GridSolidStream::vertices(std::uint64_t first, std::span<Vec3> out) const {
+  for (std::size_t i = 0; i < out.size(); ++i) out[i] = vertex(first + i);
+}
+
+void GridSolidStream::triangles(std::uint64_t first, std::span<Triangle> out) const {
+  const auto cells = static_cast<std::uint64_t>(surface_->z_mm.cols() - 1);
+  const auto cols = static_cast<std::uint32_t>(cells + 1);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const std::uint64_t t = first + i;
+    if (t >= top_count()) {
+      out[i] = wall_or_base(t - top_count());
+      continue;
+    }
+    const std::uint64_t cell = t / 2;
+    const auto v = static_cast<std::uint32_t>(cell / cells * cols + cell % cells);
+    if (t % 2 == 0)
+      out[i] = {v, v + 1, v + cols + 1};
+    else
+      out[i] = {v, v + cols + 1, v + cols};
+  }
+}
+
+void GridSolidStream::corners(std::uint64_t first, std::span<Corners> out) const {
+  const auto cells = static_cast<std::uint64_t>(surface_->z_mm.cols() - 1);
+  const Grid<float>& z = surface_->z_mm;
+  auto r = static_cast<std::ptrdiff_t>(first / 2 / cells);
+  auto c = static_cast<std::ptrdiff_t>(first / 2 % cells);
+  std::size_t i = 0;
+  for (; i < out.size() && first + i < top_count(); ++i) {
+    const auto node = [&](std::ptrdiff_t row, std::ptrdiff_t col) {
+      return Vec3{surface_->x_mm(col), surface_->y_mm(row), static_cast<double>(z(row, col))};
+    };
+    if ((first + i) % 2 == 0) {
+      out[i] = {node(r, c), node(r, c + 1), node(r + 1, c + 1)};
+      continue;
+    }
+    out[i] = {node(r, c), node(r + 1, c + 1), node(r + 1, c)};
+    if (++c == static_cast<std::ptrdiff_t>(cells)) {
+      c = 0;
+      ++r;
+    }
+  }
+  for (; i < out.size(); ++i) {
+    const Triangle t = wall_or_base(first + i - top_count());
+    out[i] = {vertex(t[0]), vertex(t[1]), vertex(t[2])};
+  }
+}
+
+Result<MeshCertificate> GridSolidStream::certify(CoordinateRounding rounding,
+                                                 const RunContext& run) const {
+  const std::ptrdiff_t rows = surface_->z_mm.rows(), cols = surface_->z_mm.cols();
+  MAQUETTE_TRY(const std::vector<double> x, rounded_lines(*surface_, true, rounding));
+  MAQUETTE_TRY(const std::vector<double> y, rounded_lines(*surface_, false, rounding));
+  const double base = rounded(base_z_mm_, rounding);
+  const RowSums row_sums(*surface_, x, y, base, rounding);
+  std::vector<Sums> of_row(static_cast<std::size_t>(rows));
+  std::vector<char> sound(of_row.size(), 0);
+  oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<std::size_t>(0, of_row.size()),
+                            [&](const oneapi::tbb::blocked_range<std::size_t>& range) {
+                              if (run.stopped()) return;
+                              for (std::size_t r = range.begin(); r != range.end(); ++r) {
+                                const auto row = static_cast<std::ptrdiff_t>(r);
+                                of_row[r] = row_sums(row);
+                                sound[r] = row_sums.above_base(row);
+                              }
+                            });
+  if (run.stopped()) return fail(kCancelled, "checking the solid was stopped");
+  for (std::size_t r = 0; r < sound.size(); ++r)
+    if (!sound[r])
+      return fail(kRoundingCollapses,
+                  fmt::format("row {}: a node becomes as low as the base at {} mm in this file "
+                              "format; write PLY, or move the origin nearer",
+                              r, base));
+
+  MeshCertificate c;
+  c.proof = "graph of a height";
+  c.vertices = vertex_count();
+  c.triangles = triangle_count();
+  c.manifold = c.closed = c.oriented_outward = c.self_intersection_checked = true;
+  c.shells = 1;
+  c.euler_number = 2;
+  c.volume_mm3 = total(of_row, &Sums::volume_mm3);
+  c.area_mm2 = total(of_row, &Sums::area_mm2) + (x.back() - x.front()) * (y.back() - y.front());
+  for (std::uint64_t i = 0; i < rim_count(); ++i) {
+    const Node a = rim(i), b = rim((i + 1) % rim_count());
+    const auto at = [](const std::vector<double>& lines, std::ptrdiff_t n) {
+      return lines[static_cast<std::size_t>(n)];
+    };
+    const double width = std::abs(at(x, a.col) - at(x, b.col)) +  // one of the two is zero
+                         std::abs(at(y, a.row) - at(y, b.row));
+    const auto above = [&](Node n) {
+      return rounded(static_cast<double>(surface_->z_mm(n.row, n.col)), rounding) - base;
+    };
+    c.area_mm2 += 0.5 * width * (above(a) + above(b));
+  }
+  c.vertices_compared = static_cast<std::uint64_t>(rows * cols);
+  c.max_vertical_error_mm = worst(of_row, &Sums::worst_height_mm);
+  c.rms_vertical_error_mm = std::sqrt(total(of_row, &Sums::squares_mm2) /
+                                      static_cast<double>(c.vertices_compared));
+  c.rounding_mm = worst(of_row, &Sums::worst_move_mm);
+  c.hausdorff_bound_mm = c.rounding_mm;
+  run.progress(1.0);
+  return c;
+}
+
+}  // namespace maquette::meshing

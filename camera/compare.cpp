@@ -23,6 +23,9 @@ std::string lower(std::string text) {
 /// Light, not depth, mask or opacity; a layer's name in front does not matter.
 bool shows_light(const std::string& name) {
   const std::string last = lower(name.substr(name.rfind('.') + 1));
+  const std::string layer = lower(name.substr(0, name.find('.')));
+  for (const char* geometry : {"normal", "position", "angle", "part"})
+    if (layer == geometry) return false;
   for (const char* other : {"z", "depth", "depth_mm", "lit", "mask", "a", "alpha"})
     if (last == other) return false;
   return true;

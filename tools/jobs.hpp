@@ -136,12 +136,14 @@ struct ExportOptions {
                                            const ExportOptions& options, const fs::path& folder,
                                            const RunContext& run);
 
-/// EXR (radiance Y, depth Z in mm, mask lit) and a PNG preview beside it.
+/// EXR (radiance Y or R, G, B; depth Z in mm, mask lit; layers normal, position, angle, channel
+/// part) and a PNG preview beside it; with a trajectory NAME_0001.exr and so on, and
+/// NAME_frames.json. Pictures of a trajectory that are there already, of the same scene, are kept.
 [[nodiscard]] Result<JobResult> render_job(const fs::path& scene, const fs::path& image,
                                            const RunContext& run);
-/// scene.toml for the site's camera and lamp.
+/// scene.toml for the site's camera and lamp: the design with its stones.
 [[nodiscard]] Result<JobResult> scene_job(const Site& site, const fs::path& design,
-                                          const fs::path& mesh, const fs::path& scene);
+                                          const fs::path& stones, const fs::path& scene);
 
 struct ScanJob {
   fs::path surface;                ///< model field (.tif) or mesh

@@ -10,19 +10,11 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
-#include "tools/corrections_file.hpp"
 #include "tools/jobs.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
 namespace {
-
-camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
-  const camera::Bands bands{albedo, albedo, albedo};
-  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
-  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
-  return camera::Lambert{bands};
-}
 
 /// Unit vector to a place at `azimuth` (clockwise from north) and `elevation`.
 Vec3 direction_to(double azimuth_deg, double elevation_deg) {
@@ -43,7 +35,7 @@ Vec3 middle_of(const heightmap::ModelField& field) {
 
 }  // namespace
 
-Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const fs::path& mesh,
+Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const fs::path& stones,
                             const fs::path& scene) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
   const auto camera = *assets::find_preset(assets::camera_presets(), site.camera);
@@ -63,8 +55,11 @@ Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const
   const Vec3 lamp_position =
       middle + lamp_distance * direction_to(site.lamp_azimuth_deg, site.lamp_elevation_deg);
   std::string text = "schema = \"maquette.scene/1\"\n";
-  text += fmt::format("surface = \"{}\"\n",
-                      mesh.lexically_relative(scene.parent_path()).generic_string());
+  const auto relative = [&](const fs::path& path) {
+    return path.lexically_relative(scene.parent_path()).generic_string();
+  };
+  text +=
+      fmt::format("surface = \"{}\"\nstones = \"{}\"\n", relative(design_path), relative(stones));
   text +=
       fmt::format("resolution_px = [{}, {}]\npixel_pitch_um = {}\nfocal_length_mm = {}\n",
                   camera.width_px, camera.height_px, camera.pixel_pitch_um, camera.focal_length_mm);
@@ -81,68 +76,6 @@ Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const
   MAQUETTE_TRY_VOID(write_file(scene, text));
   JobResult result;
   result.outputs = {scene};
-  return result;
-}
-
-Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_path,
-                             const RunContext& run) {
-  MAQUETTE_TRY(const auto scene, read_scene(scene_path));
-  const Scene& s = *scene;
-  MAQUETTE_TRY(TriMesh mesh, load_solid(s.surface, run));
-  if (!s.corrections.empty()) {
-    MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
-    for (Vec3& v : mesh.vertices_mm) v = corrections.actual_from_planned.point(v);
-  }
-  camera::SceneObject object;
-  object.mesh = &mesh;
-  object.material = {"surface", law_by_name(s.reflectance, s.albedo, s.lunar_lambert_l)};
-  const camera::CameraModel camera{static_cast<int>(s.resolution_px[0]),
-                                   static_cast<int>(s.resolution_px[1]), s.pixel_pitch_um,
-                                   s.focal_length_mm};
-  const RigidTransform model_from_camera =
-      std::isnan(s.camera_target_mm.x)
-          ? RigidTransform{normalized(s.camera_quaternion_wxyz), s.camera_position_mm}
-          : camera::look_at(s.camera_position_mm, s.camera_target_mm);
-  const camera::Lamp lamp{s.lamp_position_mm, s.lamp_target_mm, s.lamp_diameter_mm,
-                          s.lamp_beam_deg};
-  camera::RenderOptions options;
-  options.samples_per_pixel = static_cast<int>(s.samples_per_pixel);
-  options.lamp_samples = static_cast<int>(s.lamp_samples);
-  options.exposure_scale = s.exposure_scale;
-  options.seed = static_cast<std::uint64_t>(s.seed);
-  auto image = camera::render({object}, camera, model_from_camera, lamp, options, run);
-  if (!image) return tl::unexpected(std::move(image.error()).within(scene_path.string()));
-
-  Grid<float> lit(image->lit.rows(), image->lit.cols());
-  std::copy(image->lit.cells().begin(), image->lit.cells().end(), lit.cells().begin());
-  Grid<std::uint8_t> preview(lit.rows(), lit.cols());
-  double sum = 0.0;
-  std::uint64_t seen = 0;
-  for (std::size_t i = 0; i < preview.cells().size(); ++i) {
-    const float value = image->bands[0].cells()[i];
-    preview.cells()[i] = camera::srgb8(static_cast<double>(value));
-    if (std::isfinite(image->depth_mm.cells()[i])) sum += static_cast<double>(value), ++seen;
-  }
-  MAQUETTE_TRY(const std::string scene_text, read_file(scene_path));
-  const camera::Metadata metadata{{"maquette:scene", scene_text}};
-  JobResult result;
-  const fs::path png = image_path.parent_path() / (image_path.stem().string() + ".png");
-  result.outputs = {image_path};
-  if (image_path.extension() == ".png") {
-    MAQUETTE_TRY_VOID(camera::write_png(preview, image_path, metadata));
-  } else {
-    MAQUETTE_TRY_VOID(camera::write_exr(
-        {{"Y", &image->bands[0]}, {"Z", &image->depth_mm}, {"lit", &lit}}, image_path, metadata));
-    MAQUETTE_TRY_VOID(camera::write_png(preview, png, metadata));
-    result.outputs.push_back(png);
-  }
-  result.figures_json = json{
-      {"triangles", mesh.triangles.size()},
-      {"mean_radiance", seen > 0 ? sum / static_cast<double>(seen) : 0.0},
-      {"pixels_on_part",
-       seen}}.dump();
-  result.note =
-      fmt::format("{} x {} pixels of {} triangles", lit.cols(), lit.rows(), mesh.triangles.size());
   return result;
 }
 

@@ -15,6 +15,11 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"schema", &s.schema_name, "", -kInf, kInf, {"maquette.scene/1"}});
   t.add({"surface", &s.surface, "mesh or model field", -kInf, kInf, {}, true});
   t.add({"corrections", &s.corrections, "of `deviate`: where the surface really lies"});
+  t.add({"stones", &s.stones, "stones.json: laid on the surface"});
+  t.add({"surface_material", &s.surface_material,
+         "name of a [[material]], instead of albedo and reflectance"});
+  t.add(
+      {"stone_material", &s.stone_material, "the same for the stones; the surface's unless given"});
   t.add({"resolution_px", &s.resolution_px, "width, height", 1, 100000});
   t.add({"pixel_pitch_um", &s.pixel_pitch_um, "", 0.01, 1000});
   t.add({"focal_length_mm", &s.focal_length_mm, "", 0.1, 100000});
@@ -39,6 +44,23 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"samples_per_pixel", &s.samples_per_pixel, "a square number", 1, 1024});
   t.add({"lamp_samples", &s.lamp_samples, "", 1, 1024});
   t.add({"seed", &s.seed, "", 0, 1e15});
+  t.add({"sun_diameter_deg", &s.sun_diameter_deg,
+         "the lamp is a sun in its direction, of this angle; -1: a lamp", -1, 60});
+  t.add({"lamp_intensity", &s.lamp_intensity, "against angle: .ies (LM-63) or CSV"});
+  t.add({"lamp_kelvin", &s.lamp_kelvin, "colour temperature; 0: white", 0, 1e5});
+  t.add({"lamp_spectrum", &s.lamp_spectrum, "CSV wavelength_nm,value, instead of lamp_kelvin"});
+  t.add({"lamp_illuminance_lux", &s.lamp_illuminance_lux,
+         "at the target: the picture's metadata say what 1.0 is in W/m2/sr; 0: not known", 0, 1e9});
+  t.add({"ambient", &s.ambient, "radiance of the room's walls, one value or R, G, B", 0, 1e9});
+  t.add({"gather_samples", &s.gather_samples, "rays per sample for the room and the bounce", 0,
+         4096});
+  t.add({"bounce", &s.bounce, "one diffuse interreflection"});
+  t.add({"noise_target", &s.noise_target, "standard error as a share of the value; 0: off", 0, 1});
+  t.add({"max_samples", &s.max_samples, "per pixel, with a noise target", 1, 65536});
+  t.add({"geometry", &s.geometry, "normals, positions, angles and parts in the EXR"});
+  t.add({"trajectory", &s.trajectory,
+         "CSV time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz: numbered pictures instead of one"});
+  add_scene_parts(t, s.parts);
   MAQUETTE_TRY_VOID(t.read(path));
   if (s.resolution_px.size() != 2)
     return fail(kConfigInvalid,

@@ -13,14 +13,18 @@
 
 #include "camera/render.hpp"
 #include "core/result.hpp"
+#include "tools/scene_parts.hpp"
 #include "tools/schema.hpp"
 
 namespace maquette::tools {
 
 struct Scene {
   std::string schema_name = "maquette.scene/1";
-  std::filesystem::path surface;      ///< mesh or model field
-  std::filesystem::path corrections;  ///< where it really lies: corrections_file.hpp
+  std::filesystem::path surface;                 ///< mesh or model field
+  std::filesystem::path corrections;             ///< where it really lies: corrections_file.hpp
+  std::filesystem::path stones;                  ///< plan: laid on the surface
+  std::string surface_material, stone_material;  ///< names; empty: albedo and reflectance below
+  SceneParts parts;
   std::vector<double> resolution_px{1024, 768};
   double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
   Vec3 camera_position_mm{100.0, -400.0, 700.0};
@@ -34,6 +38,14 @@ struct Scene {
   std::string reflectance = "lambert";
   double lunar_lambert_l = 0.5;
   std::int64_t samples_per_pixel = 4, lamp_samples = 1, seed = 1;
+  double sun_diameter_deg = -1.0, lamp_kelvin = 0.0;
+  std::filesystem::path lamp_intensity, lamp_spectrum;
+  double lamp_illuminance_lux = 0.0;
+  std::vector<double> ambient{0.0};
+  std::int64_t gather_samples = 4, max_samples = 256;
+  bool bounce = false, geometry = true;
+  double noise_target = 0.0;
+  std::filesystem::path trajectory;
 };
 [[nodiscard]] Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path);
 

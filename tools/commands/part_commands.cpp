@@ -176,10 +176,13 @@ Command add_render(CLI::App& root, const CommonOptions&) {
     fs::path scene, out = "picture.exr";
   };
   auto o = std::make_shared<Options>();
-  auto* app = root.add_subcommand(
-      "render",
-      "Picture of a scene file: EXR (linear radiance, depth in mm, lit mask) and PNG.\n"
-      "Example: maquette render scene.toml --out picture.exr");
+  auto* app = root.add_subcommand("render",
+                                  "Pictures of a scene file: EXR (linear radiance, depth, normals, "
+                                  "positions, angles, parts) and\n"
+                                  "PNG; along a trajectory NAME_0001.exr and so on, going on where "
+                                  "it was stopped. The keys of a\n"
+                                  "scene are in docs/scene.md.\n"
+                                  "Example: maquette render scene.toml --out picture.exr");
   app->add_option("scene", o->scene, "scene file")->required();
   app->add_option("--out", o->out, ".exr (with a PNG beside it) or .png")->capture_default_str();
   return {app, [o](Console& console) {

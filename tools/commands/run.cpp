@@ -320,9 +320,9 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
          }});
   stages.push_back(std::move(export_stage));
 
-  stages.push_back(single("render", {design, mesh}, {"camera.", "lamp.", "surface."},
+  stages.push_back(single("render", {design, stones}, {"camera.", "lamp.", "surface."},
                           [=, &site](const RunContext& run) -> Result<JobResult> {
-                            MAQUETTE_TRY_VOID(scene_job(site, design, mesh, scene));
+                            MAQUETTE_TRY_VOID(scene_job(site, design, stones, scene));
                             MAQUETTE_TRY(auto result, render_job(scene, here / "picture.exr", run));
                             result.outputs.push_back(scene);
                             return result;

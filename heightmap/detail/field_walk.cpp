@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "heightmap/detail/field_walk.hpp"
+
+#if defined(__AVX2__)
+#include <immintrin.h>
+#define MAQUETTE_WALK walk_avx2
+#else
+#define MAQUETTE_WALK walk_plain
+#endif
+#include "heightmap/detail/field_walk.inc"
+
+namespace maquette::heightmap::detail {
+
+Walk best_walk() {
+#if defined(__AVX2__) && defined(MAQUETTE_WITH_AVX512)
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+      __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl") &&
+      __builtin_cpu_supports("avx512cd"))
+    return walk_avx512;
+#endif
+  return MAQUETTE_WALK;
+}
+
+}  // namespace maquette::heightmap::detail

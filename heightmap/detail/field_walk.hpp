@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file field_walk.hpp
+/// The walk of a ray through the pyramid of a height field, compiled once for each instruction set.
+/// Plain data only: a file that is compiled for a newer processor may not share inline functions
+/// with the rest of the program.
+
+#include <cstddef>
+#include <cstdint>
+
+namespace maquette::heightmap::detail {
+
+/// Least and greatest heights of one level, in blocks of 4 x 4 boxes.
+struct WalkLevel {
+  const float* low;
+  const float* high;
+  std::int64_t block_cols;
+};
+struct WalkField {
+  const float* z_mm;
+  std::int64_t rows, cols;  ///< nodes
+  double x0_mm, y0_mm, spacing_mm;
+  const WalkLevel* levels;  ///< leaves of 4 x 4 cells first, the last is one block
+  std::int32_t level_count;
+  double low_mm, high_mm;
+};
+/// From `from_mm` to `to_mm` along a unit direction, both excluded.
+struct WalkRay {
+  double origin_mm[3], direction[3];
+  double from_mm, to_mm;
+};
+struct WalkHit {
+  double distance_mm;
+  std::int64_t row, col;  ///< cell; row < 0: nothing
+  bool lower_right;
+};
+
+/// The first hit; any hit ends the walk if `any`.
+/// Method: boxes are met in single precision, sixteen at a time and widened by what rounding can
+/// do; the cells of a leaf are sieved the same way; what passes the sieve meets the watertight
+/// test in double precision that field_tracer.hpp describes. So the answer is that of the test in
+/// double over all triangles.
+using Walk = void (*)(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
+void walk_avx2(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
+void walk_avx512(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
+void walk_plain(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
+
+/// The fastest that this processor can run.
+[[nodiscard]] Walk best_walk();
+
+}  // namespace maquette::heightmap::detail

@@ -1,0 +1,372 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <cmath>
+#include <deque>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "camera/image_io.hpp"
+#include "camera/spectrum.hpp"
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/mesh_io.hpp"
+#include "meshing/stones.hpp"
+#include "tools/corrections_file.hpp"
+#include "tools/jobs.hpp"
+#include "tools/trajectory_file.hpp"
+#include "tools/version.hpp"
+
+namespace maquette::tools {
+using nlohmann::json;
+namespace {
+
+constexpr double kBuildShare = 0.2;        ///< of the progress shown
+constexpr double kBaseThicknessMm = 10.0;  ///< of a field's block, as where it is made a mesh
+
+camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
+  const camera::Bands bands{albedo, albedo, albedo};
+  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
+  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
+  return camera::Lambert{bands};
+}
+
+/// Everything that a scene points at, kept alive, and the scene made of it.
+struct Loaded {
+  heightmap::ModelField field;
+  std::deque<TriMesh> meshes;
+  std::vector<camera::SceneObject> objects;
+  camera::Lighting lighting;
+  camera::Bands white_radiance{};  ///< W m^-2 sr^-1 of 1.0; 0: not known
+  std::size_t triangles = 0;
+};
+
+Result<camera::Material> find_material(const Scene& s, const std::string& name) {
+  for (const SceneMaterial& m : s.parts.materials)
+    if (m.name == name) return material_of(m);
+  std::string known;
+  for (const SceneMaterial& m : s.parts.materials) known += (known.empty() ? "" : ", ") + m.name;
+  return fail(kConfigInvalid,
+              fmt::format("material \"{}\" is not described; [[material]] tables: {}", name,
+                          known.empty() ? "none" : known));
+}
+
+Result<void> load_surface(const Scene& s, const camera::Material& material, Loaded& to,
+                          const RunContext& run) {
+  if (is_field(s.surface) && s.corrections.empty()) {
+    MAQUETTE_TRY(to.field, heightmap::read_model_field(s.surface));
+    const auto lowest = static_cast<double>(heightmap::height_range(to.field.z_mm).min);
+    camera::SceneObject ground;
+    ground.material = material;
+    ground.field = &to.field;
+    ground.base_mm = lowest - kBaseThicknessMm;
+    to.objects.push_back(std::move(ground));
+    to.triangles +=
+        2 * static_cast<std::size_t>((to.field.z_mm.rows() - 1) * (to.field.z_mm.cols() - 1));
+    return {};
+  }
+  MAQUETTE_TRY(TriMesh mesh, load_solid(s.surface, run));
+  if (!s.corrections.empty()) {
+    MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
+    for (Vec3& v : mesh.vertices_mm) v = corrections.actual_from_planned.point(v);
+  }
+  to.meshes.push_back(std::move(mesh));
+  to.objects.push_back({&to.meshes.back(), material});
+  return {};
+}
+
+Result<void> load_objects(const Scene& s, const camera::Material& surface, Loaded& to,
+                          const RunContext& run) {
+  if (!s.stones.empty()) {
+    camera::Material material = surface;
+    if (!s.stone_material.empty()) {
+      MAQUETTE_TRY(material, find_material(s, s.stone_material));
+    }
+    MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(s.stones));
+    for (const auto& stone : stones) {
+      to.meshes.push_back(meshing::stone_mesh(stone));
+      to.objects.push_back({&to.meshes.back(), material});
+    }
+  }
+  std::vector<std::tuple<fs::path, double, const TriMesh*>>
+      known;  // one copy for one file and scale
+  for (const SceneMesh& o : s.parts.objects) {
+    MAQUETTE_TRY(const auto material, find_material(s, o.material));
+    const TriMesh* mesh = nullptr;
+    for (const auto& [path, scale, loaded] : known)
+      if (path == o.mesh && scale == o.scale) mesh = loaded;
+    if (mesh == nullptr) {
+      MAQUETTE_TRY(TriMesh fresh, meshing::read_mesh(o.mesh, run));
+      for (Vec3& v : fresh.vertices_mm) v = o.scale * v;
+      to.meshes.push_back(std::move(fresh));
+      mesh = &to.meshes.back();
+      known.emplace_back(o.mesh, o.scale, mesh);
+    }
+    const Quaternion& q = o.quaternion_wxyz;
+    if (std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) > 1e-3)
+      return fail(kConfigInvalid,
+                  fmt::format("object {}: the quaternion is no rotation; its length "
+                              "must be 1",
+                              o.mesh.string()));
+    to.objects.push_back({mesh, material, {normalized(q), o.position_mm}});
+  }
+  for (const TriMesh& mesh : to.meshes) to.triangles += mesh.triangles.size();
+  return {};
+}
+
+Result<void> load_lighting(const Scene& s, Loaded& to) {
+  SceneLamp first;
+  first.position_mm = s.lamp_position_mm;
+  first.target_mm = s.lamp_target_mm;
+  first.diameter_mm = s.lamp_diameter_mm;
+  first.beam_deg = s.lamp_beam_deg;
+  first.sun_diameter_deg = s.sun_diameter_deg;
+  first.kelvin = s.lamp_kelvin;
+  first.intensity = s.lamp_intensity;
+  first.spectrum = s.lamp_spectrum;
+  MAQUETTE_TRY(auto lamp, lamp_of(first));
+  to.lighting.lamps.push_back(std::move(lamp));
+  for (const SceneLamp& l : s.parts.lamps) {
+    MAQUETTE_TRY(auto more, lamp_of(l));
+    to.lighting.lamps.push_back(std::move(more));
+  }
+  MAQUETTE_TRY(to.lighting.ambient, bands_of(s.ambient, "ambient"));
+  for (const ScenePanel& p : s.parts.panels) {
+    MAQUETTE_TRY(const auto radiance, bands_of(p.radiance, "panel: radiance"));
+    to.lighting.panels.push_back({p.corner_mm, p.side_a_mm, p.side_b_mm, radiance});
+  }
+  if (s.lamp_illuminance_lux > 0.0 && (s.lamp_kelvin > 0.0 || !s.lamp_spectrum.empty())) {
+    camera::SpectralCurve spectrum = camera::black_body(std::max(s.lamp_kelvin, 1.0));
+    if (!s.lamp_spectrum.empty()) {
+      MAQUETTE_TRY(spectrum, camera::read_spectrum(s.lamp_spectrum));
+    }
+    to.white_radiance =
+        camera::white_radiance(spectrum, s.lamp_illuminance_lux, camera::box_bands());
+  }
+  return {};
+}
+
+Result<std::unique_ptr<Loaded>> load_scene(const Scene& s, const RunContext& run) {
+  auto loaded = std::make_unique<Loaded>();
+  camera::Material surface{"surface", law_by_name(s.reflectance, s.albedo, s.lunar_lambert_l), {}};
+  if (!s.surface_material.empty()) {
+    MAQUETTE_TRY(surface, find_material(s, s.surface_material));
+  }
+  MAQUETTE_TRY_VOID(load_surface(s, surface, *loaded, run));
+  MAQUETTE_TRY_VOID(load_objects(s, surface, *loaded, run));
+  MAQUETTE_TRY_VOID(load_lighting(s, *loaded));
+  return loaded;
+}
+
+/// 8-bit sRGB of one or three bands.
+Result<void> write_preview(const camera::Image& image, const fs::path& path,
+                           const camera::Metadata& metadata) {
+  const auto& bands = image.bands;
+  const auto at = [&](std::size_t b, std::size_t i) {
+    return camera::srgb8(static_cast<double>(bands[b].cells()[i]));
+  };
+  if (bands.size() == 1) {
+    Grid<std::uint8_t> grey(bands[0].rows(), bands[0].cols());
+    for (std::size_t i = 0; i < grey.cells().size(); ++i) grey.cells()[i] = at(0, i);
+    return camera::write_png(grey, path, metadata);
+  }
+  Grid<camera::Rgb8> colour(bands[0].rows(), bands[0].cols());
+  for (std::size_t i = 0; i < colour.cells().size(); ++i)
+    colour.cells()[i] = {at(0, i), at(1, i), at(2, i)};
+  return camera::write_png(colour, path, metadata);
+}
+
+Result<void> write_picture(const camera::Image& image, const fs::path& path,
+                           const camera::Metadata& metadata) {
+  Grid<float> lit(image.lit.rows(), image.lit.cols());
+  std::copy(image.lit.cells().begin(), image.lit.cells().end(), lit.cells().begin());
+  std::vector<std::pair<std::string, const Grid<float>*>> channels;
+  if (image.bands.size() == 1) {
+    channels.emplace_back("Y", &image.bands[0]);
+  } else {
+    for (std::size_t b = 0; b < 3; ++b)
+      channels.emplace_back(std::string(1, "RGB"[b]), &image.bands[b]);
+  }
+  channels.emplace_back("Z", &image.depth_mm);
+  channels.emplace_back("lit", &lit);
+  if (!image.part.empty()) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      channels.emplace_back(fmt::format("normal.{}", "XYZ"[k]), &image.normal[k]);
+      channels.emplace_back(fmt::format("position.{}", "XYZ"[k]), &image.position_mm[k]);
+    }
+    channels.emplace_back("angle.phase", &image.phase_deg);
+    channels.emplace_back("angle.incidence", &image.incidence_deg);
+    channels.emplace_back("angle.emission", &image.emission_deg);
+    channels.emplace_back("part", &image.part);
+  }
+  return camera::write_exr(channels, path, metadata);
+}
+
+struct Frame {
+  fs::path path;
+  RigidTransform model_from_camera;
+  std::optional<double> time_s;
+  std::uint64_t seed = 1;
+};
+
+/// What a picture file says about how it was made.
+camera::Metadata metadata_of(const std::string& scene_text, const Frame& frame,
+                             const Loaded& loaded, const camera::Image& image) {
+  const RigidTransform& t = frame.model_from_camera;
+  camera::Metadata m{
+      {"maquette:scene", scene_text},
+      {"maquette:version", kVersion},
+      {"maquette:camera_position_mm",
+       fmt::format("[{}, {}, {}]", t.translation_mm.x, t.translation_mm.y, t.translation_mm.z)},
+      {"maquette:camera_quaternion_wxyz",
+       fmt::format("[{}, {}, {}, {}]", t.rotation.w, t.rotation.x, t.rotation.y, t.rotation.z)},
+      {"maquette:seed", std::to_string(frame.seed)},
+      {"maquette:mean_samples", fmt::format("{}", image.mean_samples)}};
+  if (frame.time_s) m.emplace_back("maquette:time_s", fmt::format("{}", *frame.time_s));
+  const camera::Bands& w = loaded.white_radiance;
+  if (w[1] > 0.0)
+    m.emplace_back("maquette:white_radiance_w_m2_sr",
+                   fmt::format("[{}, {}, {}]", w[0], w[1], w[2]));
+  return m;
+}
+
+fs::path preview_path(const fs::path& picture) {
+  return picture.parent_path() / (picture.stem().string() + ".png");
+}
+
+/// One picture, or numbered ones along the trajectory.
+Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
+  const auto seed = static_cast<std::uint64_t>(s.seed);
+  if (s.trajectory.empty()) {
+    const RigidTransform pose =
+        std::isnan(s.camera_target_mm.x)
+            ? RigidTransform{normalized(s.camera_quaternion_wxyz), s.camera_position_mm}
+            : camera::look_at(s.camera_position_mm, s.camera_target_mm);
+    return std::vector<Frame>{{out, pose, std::nullopt, seed}};
+  }
+  MAQUETTE_TRY(const auto poses, read_trajectory(s.trajectory));
+  std::vector<Frame> frames;
+  for (const TimedPose& p : poses)
+    frames.push_back({out.parent_path() / fmt::format("{}_{:04}{}", out.stem().string(),
+                                                      frames.size() + 1, out.extension().string()),
+                      p.model_from_camera, p.time_s, seed + frames.size()});
+  return frames;
+}
+
+/// Hash of all that decides what the frames show.
+Result<std::string> key_of(const Scene& s, const std::string& scene_text) {
+  std::string all = fmt::format("{}\n{}\n", kVersion, scene_text);
+  std::vector<fs::path> files{s.surface,    s.corrections,    s.stones,
+                              s.trajectory, s.lamp_intensity, s.lamp_spectrum};
+  for (const SceneMesh& o : s.parts.objects) files.push_back(o.mesh);
+  for (const SceneLamp& l : s.parts.lamps) files.insert(files.end(), {l.intensity, l.spectrum});
+  for (const SceneMaterial& m : s.parts.materials)
+    files.insert(files.end(), {m.table, m.albedo_map});
+  for (const fs::path& file : files) {
+    if (file.empty()) continue;
+    MAQUETTE_TRY(const std::string digest, sha256_file(file));
+    all += digest + "\n";
+  }
+  return sha256(all);
+}
+
+/// Frames of another scene under the same names are taken away, so that those that are there are
+/// of this one.
+Result<void> claim_frames(const std::vector<Frame>& frames, const fs::path& out,
+                          const std::string& key) {
+  const fs::path note = out.parent_path() / (out.stem().string() + "_frames.json");
+  std::error_code ec;
+  if (const auto text = read_file(note)) {
+    const json old = json::parse(*text, nullptr, false);
+    if (!old.is_discarded() && old.value("key", "") == key) return {};
+  }
+  for (const Frame& f : frames) {
+    fs::remove(f.path, ec);
+    fs::remove(preview_path(f.path), ec);
+  }
+  const json fresh{{"schema", "maquette.frames/1"}, {"key", key}, {"frames", frames.size()}};
+  return write_file(note, fresh.dump(1));
+}
+
+}  // namespace
+
+Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_path,
+                             const RunContext& run) {
+  MAQUETTE_TRY(const auto scene, read_scene(scene_path));
+  const Scene& s = *scene;
+  MAQUETTE_TRY(const std::string scene_text, read_file(scene_path));
+  MAQUETTE_TRY(const auto frames, frames_of(s, image_path));
+  if (!s.trajectory.empty()) {
+    MAQUETTE_TRY(const std::string key, key_of(s, scene_text));
+    MAQUETTE_TRY_VOID(claim_frames(frames, image_path, key));
+  }
+  const auto within = [&](Error error) {
+    return tl::unexpected(std::move(error).within(scene_path.string()));
+  };
+  auto loaded = load_scene(s, run);
+  if (!loaded) return within(std::move(loaded.error()));
+  auto prepared = camera::PreparedScene::build((*loaded)->objects, run);
+  if (!prepared) return within(std::move(prepared.error()));
+  run.progress(kBuildShare);
+
+  const camera::CameraModel camera{static_cast<int>(s.resolution_px[0]),
+                                   static_cast<int>(s.resolution_px[1]), s.pixel_pitch_um,
+                                   s.focal_length_mm};
+  camera::RenderOptions options;
+  options.samples_per_pixel = static_cast<int>(s.samples_per_pixel);
+  options.lamp_samples = static_cast<int>(s.lamp_samples);
+  options.exposure_scale = s.exposure_scale;
+  options.gather_samples = static_cast<int>(s.gather_samples);
+  options.bounce = s.bounce;
+  options.noise_target = s.noise_target;
+  options.max_samples = static_cast<int>(s.max_samples);
+  options.geometry = s.geometry;
+  JobResult result;
+  double sum = 0.0, samples = 0.0;
+  std::uint64_t seen = 0;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const Frame& frame = frames[i];
+    const bool exr = frame.path.extension() != ".png";
+    const fs::path png = preview_path(frame.path);
+    result.outputs.push_back(frame.path);
+    if (exr) result.outputs.push_back(png);
+    if (frame.time_s && fs::exists(frame.path) && fs::exists(png)) {
+      ++kept;
+      continue;
+    }
+    options.seed = frame.seed;
+    RunContext part = run;
+    part.progress = [&](double share) {
+      run.progress(kBuildShare + (1.0 - kBuildShare) * (static_cast<double>(i) + share) /
+                                     static_cast<double>(frames.size()));
+    };
+    auto image =
+        prepared->render(camera, frame.model_from_camera, (*loaded)->lighting, options, part);
+    if (!image)
+      return within(frame.time_s ? std::move(image.error()).within(fmt::format("picture {}", i + 1))
+                                 : std::move(image.error()));
+    const auto metadata = metadata_of(scene_text, frame, **loaded, *image);
+    if (exr) MAQUETTE_TRY_VOID(write_picture(*image, frame.path, metadata));
+    MAQUETTE_TRY_VOID(write_preview(*image, exr ? png : frame.path, metadata));
+    samples += image->mean_samples;
+    const Grid<float>& middle = image->bands[image->bands.size() / 2];
+    for (std::size_t k = 0; k < middle.cells().size(); ++k)
+      if (std::isfinite(image->depth_mm.cells()[k]))
+        sum += static_cast<double>(middle.cells()[k]), ++seen;
+  }
+  const std::size_t made = frames.size() - kept;
+  result.figures_json = json{{"triangles", (*loaded)->triangles},
+                             {"mean_radiance", seen > 0 ? sum / static_cast<double>(seen) : 0.0},
+                             {"pixels_on_part", seen},
+                             {"pictures", made},
+                             {"kept", kept},
+                             {"mean_samples", made > 0 ? samples / static_cast<double>(made) : 0.0}}
+                            .dump();
+  result.note = fmt::format(
+      "{}{} x {} pixels of {} triangles",
+      frames.size() > 1 ? fmt::format("{} pictures ({} kept) of ", frames.size(), kept) : "",
+      camera.width_px, camera.height_px, (*loaded)->triangles);
+  return result;
+}
+
+}  // namespace maquette::tools

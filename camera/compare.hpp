@@ -4,7 +4,9 @@
 /// @file compare.hpp
 /// Photograph against rendering, pixel by pixel, in units of x/255.
 
+#include <cmath>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,20 +20,51 @@ inline constexpr ErrorCode kImagesDiffer{"CAMERA_IMAGES_DIFFER_IN_SIZE"};
 struct ChannelComparison {
   std::string name;
   double mean_abs_diff_255 = 0.0, rmse_255 = 0.0, bias_255 = 0.0;  ///< real - rendered
+  /// Area between the two cumulative histograms: how far brightness would have to be moved in the
+  /// mean to make the histograms alike (first Wasserstein distance).
+  double histogram_distance_255 = 0.0;
+  double gain = 1.0;  ///< that rendered linear light was multiplied with (CompareOptions::match)
+};
+/// Differences over some of the pixels, all channels together.
+struct PartComparison {
+  std::size_t pixels = 0;
+  double mean_abs_diff_255 = 0.0, rmse_255 = 0.0, bias_255 = 0.0;
 };
 struct Comparison {
   std::vector<ChannelComparison> channels;
-  double mean_abs_diff_255 = 0.0;  ///< over all compared channels
-  Grid<Rgb8> difference;           ///< 128 + signed difference of the mean channel
+  double mean_abs_diff_255 = 0.0, rmse_255 = 0.0, bias_255 = 0.0;  ///< over all compared channels
+  std::size_t pixels = 0;                                          ///< compared
+  std::size_t background_pixels = 0;  ///< left out: the rendering's depth is infinite
+  std::optional<PartComparison> shadow_edges, rest;  ///< where the rendering has `lit`
+  double ssim = NAN, flip = NAN;                     ///< means; NaN: not asked for
+  std::string state;            ///< what was done to make the two comparable, for people
+  Grid<Rgb8> difference;        ///< 128 + signed difference of the mean channel
+  Grid<std::uint8_t> absolute;  ///< mean of the channels' absolute differences
+};
+
+enum class Match {
+  none,
+  exposure,       ///< one factor for the rendering's linear light
+  white_balance,  ///< a factor for each channel
+};
+struct CompareOptions {
+  Match match = Match::none;
+  bool background = false;  ///< compare pixels without depth too
+  bool perceptual = false;  ///< ssim and flip: some seconds for 12 Mpixel
+  int edge_px = 3;          ///< pixels this near to an edge of light and shadow are of the edge
 };
 
 /// Linear files (EXR) are encoded to sRGB before comparison with 8-bit files; two
 /// files of the same kind are compared as they are. A one-channel file is compared
 /// with every channel of a colour file. Depth, mask and alpha channels are left out,
-/// and pixels that are not finite in either. CAMERA_IMAGES_DIFFER_IN_SIZE: pixels or
-/// number of channels; CAMERA_IMAGE_FORMAT: nothing to compare.
+/// and pixels that are not finite in either. 8-bit files are taken for sRGB where light is matched.
+/// Factors are least squares over pixels that are neither black nor saturated in either, each
+/// weighed down as it lies farther off than usual (Huber), so that stray pixels and shadow edges do
+/// not decide. CAMERA_IMAGES_DIFFER_IN_SIZE: pixels or number of channels; CAMERA_IMAGE_FORMAT:
+/// nothing to compare.
 [[nodiscard]] Result<Comparison> compare_images(const LoadedImage& real,
-                                                const LoadedImage& rendered);
+                                                const LoadedImage& rendered,
+                                                const CompareOptions& options = {});
 [[nodiscard]] std::string to_json(const Comparison& comparison);
 
 }  // namespace maquette::camera

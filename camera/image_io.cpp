@@ -99,6 +99,45 @@ Result<void> write_exr(const std::vector<std::pair<std::string, const Grid<float
   return write_file(spec, pixels.data(), OIIO::TypeDesc::FLOAT, path, metadata);
 }
 
+Result<void> write_whole_numbers(
+    const std::vector<std::pair<std::string, const Grid<float>*>>& channels, double white, int bits,
+    const fs::path& path, const Metadata& metadata) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const bool jpeg = extension == ".jpg" || extension == ".jpeg";
+  if (!jpeg && extension != ".png" && extension != ".tif" && extension != ".tiff")
+    return fail(kImageFormat,
+                fmt::format("{}: the name must end in .png, .tif, .jpg or .exr", path.string()));
+  if (jpeg && bits != 8)
+    return fail(kImageFormat,
+                fmt::format("{}: JPEG has 8 bits only; take .png or .tif", path.string()));
+  if (channels.size() != 1 && channels.size() != 3)
+    return fail(kImageFormat, fmt::format("{}: {} bands; one or three are possible", path.string(),
+                                          channels.size()));
+  const Grid<float>& first = *channels.front().second;
+  MAQUETTE_TRY_VOID(check_size(first.rows(), first.cols(), path));
+  constexpr std::ptrdiff_t kLongestJpeg = 65500;  // beyond it the library ends the program
+  if (jpeg && (first.rows() > kLongestJpeg || first.cols() > kLongestJpeg))
+    return fail(kImageFormat,
+                fmt::format("{}: JPEG has at most {} pixels a side", path.string(), kLongestJpeg));
+  const std::size_t count = channels.size();
+  std::vector<std::uint16_t> numbers(first.cells().size() * count);
+  const double scale = (bits == 8 ? 255.0 : 65535.0) / white;
+  for (std::size_t k = 0; k < count; ++k)
+    for (std::size_t i = 0; i < first.cells().size(); ++i)
+      numbers[i * count + k] = static_cast<std::uint16_t>(
+          std::clamp(scale * static_cast<double>(channels[k].second->cells()[i]) + 0.5, 0.0,
+                     bits == 8 ? 255.0 : 65535.0));
+  OIIO::ImageSpec spec(static_cast<int>(first.cols()), static_cast<int>(first.rows()),
+                       static_cast<int>(count),
+                       bits == 8 ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::UINT16);
+  if (jpeg) spec.attribute("Compression", "jpeg:95");
+  if (bits == 16) return write_file(spec, numbers.data(), OIIO::TypeDesc::UINT16, path, metadata);
+  std::vector<std::uint8_t> bytes(numbers.size());
+  for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<std::uint8_t>(numbers[i]);
+  return write_file(spec, bytes.data(), OIIO::TypeDesc::UINT8, path, metadata);
+}
+
 Result<void> write_png(const Grid<std::uint8_t>& grey, const fs::path& path,
                        const Metadata& metadata) {
   return write_png_grid(grey, path, metadata);

@@ -29,6 +29,11 @@ using Metadata = std::vector<std::pair<std::string, std::string>>;
 [[nodiscard]] Result<void> write_exr(
     const std::vector<std::pair<std::string, const Grid<float>*>>& channels,
     const std::filesystem::path& path, const Metadata& metadata = {});
+/// 8 or 16 bits a band, `white` the highest number, rounded and clipped: .png, .tif, .tiff; .jpg
+/// (8 bits, quality 95) too.
+[[nodiscard]] Result<void> write_whole_numbers(
+    const std::vector<std::pair<std::string, const Grid<float>*>>& channels, double white, int bits,
+    const std::filesystem::path& path, const Metadata& metadata = {});
 /// 8-bit PNG, grey or colour, values as given (encode sRGB before).
 [[nodiscard]] Result<void> write_png(const Grid<std::uint8_t>& grey,
                                      const std::filesystem::path& path,

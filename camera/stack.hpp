@@ -22,11 +22,15 @@
 #include "camera/effects/bayer.hpp"
 #include "camera/effects/dark_current.hpp"
 #include "camera/effects/demosaic.hpp"
+#include "camera/effects/depth_of_field.hpp"
+#include "camera/effects/diffraction.hpp"
+#include "camera/effects/distortion.hpp"
 #include "camera/effects/dsnu.hpp"
 #include "camera/effects/exposure.hpp"
 #include "camera/effects/full_well.hpp"
 #include "camera/effects/hot_pixels.hpp"
 #include "camera/effects/jpeg.hpp"
+#include "camera/effects/motion.hpp"
 #include "camera/effects/picture_noise.hpp"
 #include "camera/effects/prnu.hpp"
 #include "camera/effects/quantum_efficiency.hpp"
@@ -35,15 +39,18 @@
 #include "camera/effects/shot_noise.hpp"
 #include "camera/effects/smear.hpp"
 #include "camera/effects/tone.hpp"
+#include "camera/effects/veiling_glare.hpp"
+#include "camera/effects/vignetting.hpp"
 #include "camera/effects/white_balance.hpp"
 #include "core/run_context.hpp"
 
 namespace maquette::camera {
 
 inline constexpr ErrorCode kStackOrder{"CAMERA_STACK_ORDER"};
-inline constexpr ErrorCode kFrame{"CAMERA_FRAME"};
 
 using Effect = std::variant<
+    // light passes the lens
+    MotionBlur, RollingShutter, DepthOfField, Distortion, Vignetting, Diffraction, VeilingGlare,
     // light becomes charge
     Exposure, Bayer, QuantumEfficiency, Prnu, Smear, DarkCurrent, HotPixels, DarkLibrary, ShotNoise,
     FullWell,

@@ -28,6 +28,8 @@ target_link_libraries(GeographicLib INTERFACE ${GeographicLib_LIBRARIES})
 
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(CAIRO REQUIRED IMPORTED_TARGET cairo>=1.16)
+pkg_check_modules(FFTW REQUIRED IMPORTED_TARGET fftw3)
+pkg_check_modules(FFTWF REQUIRED IMPORTED_TARGET fftw3f)
 pkg_check_modules(TOMLPLUSPLUS REQUIRED IMPORTED_TARGET tomlplusplus)
 pkg_check_modules(LIB3MF REQUIRED lib3MF)  # its .pc asks for -lzip, which is not installed with it
 add_library(lib3mf INTERFACE)

@@ -111,6 +111,9 @@ Result<void> check(const Shot& s) {
     MAQUETTE_TRY_VOID(in_range("sensor", "wavelength_nm", v, 10.0, 1e5));
   for (const double v : s.quantum_efficiency)
     MAQUETTE_TRY_VOID(in_range("sensor", "quantum_efficiency", v, 1e-6, 1.0));
+  for (const Vec3& v : {s.velocity_mm_s, s.angular_rate_rad_s})
+    if (!std::isfinite(v.x) || !std::isfinite(v.y) || !std::isfinite(v.z))
+      return fail(kEffectOutOfRange, "the camera's velocity or angular rate is not a number");
   if (!std::isfinite(s.time_s))
     return fail(kEffectOutOfRange, "the time of the shot is not a number");
   return {};

@@ -15,10 +15,13 @@
 
 #include "core/grid.hpp"
 #include "core/result.hpp"
+#include "core/vec.hpp"
 
 namespace maquette::camera {
 
 inline constexpr ErrorCode kEffectOutOfRange{"CAMERA_EFFECT_OUT_OF_RANGE"};
+/// Not one or three bands, sizes that differ, values that are not finite, depth that is missing.
+inline constexpr ErrorCode kFrame{"CAMERA_FRAME"};
 inline constexpr ErrorCode kIntrinsics{"CAMERA_INTRINSICS"};
 
 /// What a pixel's number counts. Light becomes charge, charge becomes a number.
@@ -96,8 +99,9 @@ struct Shot {
   double gain_e_per_dn = 0.0;  ///< of the converter; 0: full well and black level fill its range
   int bits = 14;
   double black_level_dn = 0.0;
-  double temperature_c = 20.0;  ///< of the sensor
-  std::uint64_t serial = 1;     ///< of the sensor: whose fixed pattern it is
+  double temperature_c = 20.0;                 ///< of the sensor
+  Vec3 velocity_mm_s{}, angular_rate_rad_s{};  ///< of the camera: see motion.hpp
+  std::uint64_t serial = 1;                    ///< of the sensor: whose fixed pattern it is
   std::uint64_t seed = 1;
   double time_s = 0.0;  ///< simulation time: the same time, the same noise
 };

@@ -44,11 +44,31 @@ Frame flat(int width, int height, double value, std::size_t bands = 3) {
 
 /// Every effect with settings under which it does something.
 Stack whole() {
-  return {Exposure{},    Bayer{},           QuantumEfficiency{},   Prnu{0.01},
-          Smear{1e-6},   DarkCurrent{50.0}, HotPixels{0.001, 1e5}, ShotNoise{},
-          FullWell{0.5}, Dsnu{5.0},         ReadNoise{12.0},       RowColumnNoise{3.0, 4.0},
-          Adc{},         Demosaic{},        WhiteBalance{},        PictureNoise{0.0, 0.01, 0.01},
-          Tone{},        Jpeg{90}};
+  return {MotionBlur{},
+          RollingShutter{1e-4},
+          DepthOfField{900.0, 5, 3.0},
+          Distortion{"quotient", {0.0, 0.1}, {1e-3, 0.0, -1e-3}, {}, {}},
+          Vignetting{},
+          Diffraction{6},
+          VeilingGlare{0.02},
+          Exposure{},
+          Bayer{},
+          QuantumEfficiency{},
+          Prnu{0.01},
+          Smear{1e-6},
+          DarkCurrent{50.0},
+          HotPixels{0.001, 1e5},
+          ShotNoise{},
+          FullWell{0.5},
+          Dsnu{5.0},
+          ReadNoise{12.0},
+          RowColumnNoise{3.0, 4.0},
+          Adc{},
+          Demosaic{},
+          WhiteBalance{},
+          PictureNoise{0.0, 0.01, 0.01},
+          Tone{},
+          Jpeg{90}};
 }
 
 Frame scene(int width, int height) {
@@ -58,6 +78,9 @@ Frame scene(int width, int height) {
       for (std::ptrdiff_t c = 0; c < width; ++c)
         frame.bands[b](r, c) = static_cast<float>(
             0.5 + 0.6 * std::sin(0.1 * static_cast<double>(r + 2 * c) + static_cast<double>(b)));
+  frame.depth_mm = Grid<float>(height, width, 700.0F);
+  for (std::ptrdiff_t r = height / 2; r < height; ++r)
+    for (float& v : frame.depth_mm.row(r)) v = 1200.0F;
   return frame;
 }
 
@@ -145,7 +168,9 @@ TEST(Expose, TakesGreyLightForColourSensorsAndColourForGreyOnes) {
 }
 
 TEST(Expose, GivesTheSameBitsForAnyNumberOfThreads) {
-  const Shot shot = shot_of(203, 151);
+  Shot shot = shot_of(203, 151);
+  shot.velocity_mm_s = {300.0, 100.0, -50.0}, shot.angular_rate_rad_s = {0.1, 0.2, -0.3};
+  shot.f_number = 4.0;
   std::vector<Frame> pictures;
   for (const int threads : {1, 2, 16}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,

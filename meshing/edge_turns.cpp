@@ -70,8 +70,8 @@ class EdgeTurns {
     if (surface_.doubled_area(near) <= 0 || surface_.doubled_area(far) <= 0) return false;
     // Nodes on edges count twice; only a real gain is worth a change.
     constexpr double kGain = 0.999;
-    const double before = static_cast<double>(at(t).product[kSquares]) +
-                          static_cast<double>(at(u).product[kSquares]);
+    const double before =
+        static_cast<double>(at(t).product[kSquares]) + static_cast<double>(at(u).product[kSquares]);
     const Fit of_near = fit(near);
     if (of_near.worst_mm > bound_mm_ || of_near.squares >= kGain * before) return false;
     const Fit of_far = fit(far);

@@ -16,21 +16,21 @@ namespace {
 
 using heightmap::ModelField;
 
-/// The rounded coordinates of columns or rows; fails where they do not rise.
+/// The rounded coordinates of columns or rows first .. last; fails where they do not rise.
 Result<std::vector<double>> rounded_lines(const ModelField& field, bool columns,
+                                          std::ptrdiff_t first, std::ptrdiff_t last,
                                           CoordinateRounding rounding) {
-  const auto count = static_cast<std::size_t>(columns ? field.z_mm.cols() : field.z_mm.rows());
-  std::vector<double> at(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto n = static_cast<std::ptrdiff_t>(i);
-    at[i] = rounded(columns ? field.x_mm(n) : field.y_mm(n), rounding);
-    if (i > 0 && !(at[i] > at[i - 1]))
-      return fail(kRoundingCollapses,
-                  fmt::format("{0}s {1} and {2} both become {3} = {4} mm in this file format: their "
-                              "spacing of {5} mm is too small at that distance from the origin; "
-                              "write PLY, or move the origin nearer",
-                              columns ? "column" : "row", i - 1, i, columns ? 'x' : 'y', at[i],
-                              field.spacing.value()));
+  std::vector<double> at;
+  for (std::ptrdiff_t i = first; i <= last; ++i) {
+    at.push_back(rounded(columns ? field.x_mm(i) : field.y_mm(i), rounding));
+    if (i > first && !(at.back() > at[at.size() - 2]))
+      return fail(
+          kRoundingCollapses,
+          fmt::format("{0}s {1} and {2} both become {3} = {4} mm in this file format: their "
+                      "spacing of {5} mm is too small at that distance from the origin; "
+                      "write PLY, or move the origin nearer",
+                      columns ? "column" : "row", i - 1, i, columns ? 'x' : 'y', at.back(),
+                      field.spacing.value()));
   }
   return at;
 }
@@ -45,30 +45,30 @@ double area_of(Vec3 b, Vec3 c) {
   return 0.5 * norm(cross(b, c));
 }
 
-double total(const std::vector<Sums>& rows, double Sums::* member) {
+double total(const std::vector<Sums>& rows, double Sums::*member) {
   return std::accumulate(rows.begin(), rows.end(), 0.0,
                          [member](double sum, const Sums& s) { return sum + s.*member; });
 }
 
-double worst(const std::vector<Sums>& rows, double Sums::* member) {
+double worst(const std::vector<Sums>& rows, double Sums::*member) {
   return std::accumulate(rows.begin(), rows.end(), 0.0, [member](double most, const Sums& s) {
     return std::fmax(most, s.*member);
   });
 }
 
-/// One row of nodes and the cells north of it, as the file has them.
+/// One row of nodes of the window and the cells north of it, as the file has them.
 class RowSums {
  public:
-  RowSums(const ModelField& field, const std::vector<double>& x, const std::vector<double>& y,
-          double base, CoordinateRounding rounding)
-      : field_(field), x_(x), y_(y), base_(base), rounding_(rounding) {}
+  RowSums(const ModelField& field, const NodeWindow& window, const std::vector<double>& x,
+          const std::vector<double>& y, double base, CoordinateRounding rounding)
+      : field_(field), window_(window), x_(x), y_(y), base_(base), rounding_(rounding) {}
 
   [[nodiscard]] Sums operator()(std::ptrdiff_t r) const {
     Sums s;
-    for (std::ptrdiff_t c = 0; c < field_.z_mm.cols(); ++c) add_node(r, c, s);
-    if (r + 1 == field_.z_mm.rows()) return s;
+    for (std::ptrdiff_t c = 0; c < window_.cols(); ++c) add_node(r, c, s);
+    if (r + 1 == window_.rows()) return s;
     const double dy = y_[at(r + 1)] - y_[at(r)];
-    for (std::ptrdiff_t c = 0; c + 1 < field_.z_mm.cols(); ++c) {
+    for (std::ptrdiff_t c = 0; c + 1 < window_.cols(); ++c) {
       const double dx = x_[at(c + 1)] - x_[at(c)];
       const double z = height(r, c), east = height(r, c + 1) - z, north = height(r + 1, c) - z,
                    across = height(r + 1, c + 1) - z;
@@ -81,20 +81,23 @@ class RowSums {
 
   /// The highest node is no help: one that reaches the base is.
   [[nodiscard]] bool above_base(std::ptrdiff_t r) const {
-    for (std::ptrdiff_t c = 0; c < field_.z_mm.cols(); ++c)
+    for (std::ptrdiff_t c = 0; c < window_.cols(); ++c)
       if (!(height(r, c) > base_)) return false;
     return true;
   }
 
  private:
   static std::size_t at(std::ptrdiff_t i) { return static_cast<std::size_t>(i); }
+  [[nodiscard]] double raw(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return static_cast<double>(field_.z_mm(window_.row0 + r, window_.col0 + c));
+  }
   [[nodiscard]] double height(std::ptrdiff_t r, std::ptrdiff_t c) const {
-    return rounded(static_cast<double>(field_.z_mm(r, c)), rounding_);
+    return rounded(raw(r, c), rounding_);
   }
   void add_node(std::ptrdiff_t r, std::ptrdiff_t c, Sums& s) const {
     const double x = x_[at(c)], y = y_[at(r)], z = height(r, c);
-    const Vec3 move{x - field_.x_mm(c), y - field_.y_mm(r),
-                    z - static_cast<double>(field_.z_mm(r, c))};
+    const Vec3 move{x - field_.x_mm(window_.col0 + c), y - field_.y_mm(window_.row0 + r),
+                    z - raw(r, c)};
     if (move == Vec3{}) return;
     s.worst_move_mm = std::fmax(s.worst_move_mm, norm(move));
     const double off = z - heightmap::height_at(field_, x, y);
@@ -103,6 +106,7 @@ class RowSums {
     s.squares_mm2 += off * off;
   }
   const ModelField& field_;
+  NodeWindow window_;
   const std::vector<double>&x_, &y_;
   double base_;
   CoordinateRounding rounding_;
@@ -139,26 +143,35 @@ double rounding_displacement_mm(const MeshStream& mesh, CoordinateRounding round
 
 Result<GridSolidStream> GridSolidStream::create(const ModelField& surface,
                                                 const SolidOptions& options) {
+  return create(surface, {0, surface.z_mm.rows() - 1, 0, surface.z_mm.cols() - 1}, options);
+}
+
+Result<GridSolidStream> GridSolidStream::create(const ModelField& surface, const NodeWindow& window,
+                                                const SolidOptions& options) {
   MAQUETTE_TRY_VOID(detail::check_surface(surface, options));
-  return GridSolidStream(surface, options.base_z.value());
+  MAQUETTE_CHECK(0 <= window.row0 && window.row0 < window.row1 &&
+                     window.row1 < surface.z_mm.rows() && 0 <= window.col0 &&
+                     window.col0 < window.col1 && window.col1 < surface.z_mm.cols(),
+                 "rows {} .. {}, columns {} .. {} of {} x {} nodes", window.row0, window.row1,
+                 window.col0, window.col1, surface.z_mm.rows(), surface.z_mm.cols());
+  return GridSolidStream(surface, window, options.base_z.value());
 }
 
 std::uint64_t GridSolidStream::rim_count() const {
-  return 2 * static_cast<std::uint64_t>(surface_->z_mm.rows() + surface_->z_mm.cols() - 2);
+  return 2 * static_cast<std::uint64_t>(rows() + cols() - 2);
 }
 std::uint64_t GridSolidStream::top_count() const {
-  return 2 * static_cast<std::uint64_t>((surface_->z_mm.rows() - 1) * (surface_->z_mm.cols() - 1));
+  return 2 * static_cast<std::uint64_t>((rows() - 1) * (cols() - 1));
 }
 std::uint64_t GridSolidStream::vertex_count() const {
-  return static_cast<std::uint64_t>(surface_->z_mm.rows() * surface_->z_mm.cols()) + rim_count() +
-         1;
+  return static_cast<std::uint64_t>(rows() * cols()) + rim_count() + 1;
 }
 std::uint64_t GridSolidStream::triangle_count() const {
   return top_count() + 3 * rim_count();
 }
 
 GridSolidStream::Node GridSolidStream::rim(std::uint64_t i) const {
-  const std::ptrdiff_t last_row = surface_->z_mm.rows() - 1, last_col = surface_->z_mm.cols() - 1;
+  const std::ptrdiff_t last_row = rows() - 1, last_col = cols() - 1;
   auto k = static_cast<std::ptrdiff_t>(i);
   if (k < last_col) return {0, k};
   k -= last_col;
@@ -169,34 +182,33 @@ GridSolidStream::Node GridSolidStream::rim(std::uint64_t i) const {
 }
 
 std::uint32_t GridSolidStream::node_index(Node n) const {
-  return static_cast<std::uint32_t>(n.row * surface_->z_mm.cols() + n.col);
+  return static_cast<std::uint32_t>(n.row * cols() + n.col);
 }
 
 Vec3 GridSolidStream::vertex(std::uint64_t i) const {
-  const std::ptrdiff_t rows = surface_->z_mm.rows(), cols = surface_->z_mm.cols();
+  const std::ptrdiff_t rows = this->rows(), cols = this->cols();
   const auto nodes = static_cast<std::uint64_t>(rows * cols);
   if (i < nodes) {
     const auto k = static_cast<std::ptrdiff_t>(i);
-    return {surface_->x_mm(k % cols), surface_->y_mm(k / cols),
-            static_cast<double>(surface_->z_mm(k / cols, k % cols))};
+    return {x_at(k % cols), y_at(k / cols), static_cast<double>(z_at(k / cols, k % cols))};
   }
   if (i < nodes + rim_count()) {
     const Node n = rim(i - nodes);
-    return {surface_->x_mm(n.col), surface_->y_mm(n.row), base_z_mm_};
+    return {x_at(n.col), y_at(n.row), base_z_mm_};
   }
-  return {0.5 * (surface_->x_mm(0) + surface_->x_mm(cols - 1)),
-          0.5 * (surface_->y_mm(0) + surface_->y_mm(rows - 1)), base_z_mm_};
+  return {0.5 * (x_at(0) + x_at(cols - 1)), 0.5 * (y_at(0) + y_at(rows - 1)), base_z_mm_};
 }
 
 MeshStream::Triangle GridSolidStream::wall_or_base(std::uint64_t i) const {
   const std::uint64_t k = i / 3, next = (k + 1) % rim_count();
-  const auto first = static_cast<std::uint32_t>(surface_->z_mm.rows() * surface_->z_mm.cols());
+  const auto first = static_cast<std::uint32_t>(rows() * cols());
   const auto low = first + static_cast<std::uint32_t>(k);
   const auto low_next = first + static_cast<std::uint32_t>(next);
-  const std::uint32_t high_next = node_index(rim(next));
-  if (i % 3 == 0) return {low, low_next, high_next};
-  if (i % 3 == 1) return {low, high_next, node_index(rim(k))};
-  return {first + static_cast<std::uint32_t>(rim_count()), low_next, low};
+  if (i % 3 == 2) return {first + static_cast<std::uint32_t>(rim_count()), low_next, low};
+  const std::uint32_t high = node_index(rim(k)), high_next = node_index(rim(next));
+  if (k < rim_count() / 2)
+    return i % 3 == 0 ? Triangle{low, low_next, high_next} : Triangle{low, high_next, high};
+  return i % 3 == 0 ? Triangle{low, low_next, high} : Triangle{low_next, high_next, high};
 }
 
 void GridSolidStream::vertices(std::uint64_t first, std::span<Vec3> out) const {
@@ -204,7 +216,7 @@ void GridSolidStream::vertices(std::uint64_t first, std::span<Vec3> out) const {
 }
 
 void GridSolidStream::triangles(std::uint64_t first, std::span<Triangle> out) const {
-  const auto cells = static_cast<std::uint64_t>(surface_->z_mm.cols() - 1);
+  const auto cells = static_cast<std::uint64_t>(cols() - 1);
   const auto cols = static_cast<std::uint32_t>(cells + 1);
   for (std::size_t i = 0; i < out.size(); ++i) {
     const std::uint64_t t = first + i;
@@ -222,14 +234,13 @@ void GridSolidStream::triangles(std::uint64_t first, std::span<Triangle> out) co
 }
 
 void GridSolidStream::corners(std::uint64_t first, std::span<Corners> out) const {
-  const auto cells = static_cast<std::uint64_t>(surface_->z_mm.cols() - 1);
-  const Grid<float>& z = surface_->z_mm;
+  const auto cells = static_cast<std::uint64_t>(cols() - 1);
   auto r = static_cast<std::ptrdiff_t>(first / 2 / cells);
   auto c = static_cast<std::ptrdiff_t>(first / 2 % cells);
   std::size_t i = 0;
   for (; i < out.size() && first + i < top_count(); ++i) {
     const auto node = [&](std::ptrdiff_t row, std::ptrdiff_t col) {
-      return Vec3{surface_->x_mm(col), surface_->y_mm(row), static_cast<double>(z(row, col))};
+      return Vec3{x_at(col), y_at(row), static_cast<double>(z_at(row, col))};
     };
     if ((first + i) % 2 == 0) {
       out[i] = {node(r, c), node(r, c + 1), node(r + 1, c + 1)};
@@ -249,11 +260,13 @@ void GridSolidStream::corners(std::uint64_t first, std::span<Corners> out) const
 
 Result<MeshCertificate> GridSolidStream::certify(CoordinateRounding rounding,
                                                  const RunContext& run) const {
-  const std::ptrdiff_t rows = surface_->z_mm.rows(), cols = surface_->z_mm.cols();
-  MAQUETTE_TRY(const std::vector<double> x, rounded_lines(*surface_, true, rounding));
-  MAQUETTE_TRY(const std::vector<double> y, rounded_lines(*surface_, false, rounding));
+  const std::ptrdiff_t rows = this->rows(), cols = this->cols();
+  MAQUETTE_TRY(const std::vector<double> x,
+               rounded_lines(*surface_, true, window_.col0, window_.col1, rounding));
+  MAQUETTE_TRY(const std::vector<double> y,
+               rounded_lines(*surface_, false, window_.row0, window_.row1, rounding));
   const double base = rounded(base_z_mm_, rounding);
-  const RowSums row_sums(*surface_, x, y, base, rounding);
+  const RowSums row_sums(*surface_, window_, x, y, base, rounding);
   std::vector<Sums> of_row(static_cast<std::size_t>(rows));
   std::vector<char> sound(of_row.size(), 0);
   oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<std::size_t>(0, of_row.size()),
@@ -290,14 +303,14 @@ Result<MeshCertificate> GridSolidStream::certify(CoordinateRounding rounding,
     const double width = std::abs(at(x, a.col) - at(x, b.col)) +  // one of the two is zero
                          std::abs(at(y, a.row) - at(y, b.row));
     const auto above = [&](Node n) {
-      return rounded(static_cast<double>(surface_->z_mm(n.row, n.col)), rounding) - base;
+      return rounded(static_cast<double>(z_at(n.row, n.col)), rounding) - base;
     };
     c.area_mm2 += 0.5 * width * (above(a) + above(b));
   }
   c.vertices_compared = static_cast<std::uint64_t>(rows * cols);
   c.max_vertical_error_mm = worst(of_row, &Sums::worst_height_mm);
-  c.rms_vertical_error_mm = std::sqrt(total(of_row, &Sums::squares_mm2) /
-                                      static_cast<double>(c.vertices_compared));
+  c.rms_vertical_error_mm =
+      std::sqrt(total(of_row, &Sums::squares_mm2) / static_cast<double>(c.vertices_compared));
   c.rounding_mm = worst(of_row, &Sums::worst_move_mm);
   c.hausdorff_bound_mm = c.rounding_mm;
   run.progress(1.0);

@@ -36,10 +36,24 @@ enum class CoordinateRounding {
 /// How far the rounding moves a vertex at most, mm.
 [[nodiscard]] double rounding_displacement_mm(const MeshStream& mesh, CoordinateRounding rounding);
 
+/// Nodes of a field, all four numbers included.
+struct NodeWindow {
+  std::ptrdiff_t row0 = 0, row1 = 0, col0 = 0, col1 = 0;
+  [[nodiscard]] std::ptrdiff_t rows() const { return row1 - row0 + 1; }
+  [[nodiscard]] std::ptrdiff_t cols() const { return col1 - col0 + 1; }
+  friend bool operator==(const NodeWindow&, const NodeWindow&) = default;
+};
+
 class GridSolidStream final : public MeshStream {
  public:
   /// MESHING_SURFACE_HAS_VOIDS, MESHING_BASE_TOO_THIN as grid_solid
   [[nodiscard]] static Result<GridSolidStream> create(const heightmap::ModelField& surface,
+                                                      const SolidOptions& options = {});
+  /// The part over the window, in the frame of the whole: coordinates are computed from the
+  /// whole's rows and columns, so that neighbours have the same wall between them, triangle by
+  /// triangle, to the bit. @pre two nodes in each direction at least
+  [[nodiscard]] static Result<GridSolidStream> create(const heightmap::ModelField& surface,
+                                                      const NodeWindow& window,
                                                       const SolidOptions& options = {});
   [[nodiscard]] std::uint64_t vertex_count() const override;
   [[nodiscard]] std::uint64_t triangle_count() const override;
@@ -56,8 +70,16 @@ class GridSolidStream final : public MeshStream {
   struct Node {
     std::ptrdiff_t row, col;
   };
-  GridSolidStream(const heightmap::ModelField& surface, double base_z_mm)
-      : surface_(&surface), base_z_mm_(base_z_mm) {}
+  GridSolidStream(const heightmap::ModelField& surface, const NodeWindow& window, double base_z_mm)
+      : surface_(&surface), window_(window), base_z_mm_(base_z_mm) {}
+  // Rows and columns count from the window's first ones.
+  [[nodiscard]] std::ptrdiff_t rows() const { return window_.rows(); }
+  [[nodiscard]] std::ptrdiff_t cols() const { return window_.cols(); }
+  [[nodiscard]] double x_at(std::ptrdiff_t c) const { return surface_->x_mm(window_.col0 + c); }
+  [[nodiscard]] double y_at(std::ptrdiff_t r) const { return surface_->y_mm(window_.row0 + r); }
+  [[nodiscard]] float z_at(std::ptrdiff_t r, std::ptrdiff_t c) const {
+    return surface_->z_mm(window_.row0 + r, window_.col0 + c);
+  }
   [[nodiscard]] std::uint64_t rim_count() const;
   [[nodiscard]] std::uint64_t top_count() const;  ///< triangles of the top
   [[nodiscard]] Node rim(std::uint64_t i) const;  ///< counter-clockwise seen from above
@@ -66,6 +88,7 @@ class GridSolidStream final : public MeshStream {
   [[nodiscard]] Triangle wall_or_base(std::uint64_t i) const;
 
   const heightmap::ModelField* surface_;
+  NodeWindow window_;
   double base_z_mm_;
 };
 

@@ -55,8 +55,8 @@ class HeightFit {
                          squares = sum * (2.0 * n - 1.0) / 3.0;  // of 0 .. n - 1
             for (std::size_t i = 0; i < 3; ++i) {
               const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
-              square[i] += n * w[i] * w[i] + 2.0 * sum * w[i] * change[i] +
-                           squares * change[i] * change[i];
+              square[i] +=
+                  n * w[i] * w[i] + 2.0 * sum * w[i] * change[i] + squares * change[i] * change[i];
               product[i] += n * w[j] * w[k] + sum * (w[j] * change[k] + w[k] * change[j]) +
                             squares * change[j] * change[k];
               pull[i] += w[i] * off + change[i] * off_columns;

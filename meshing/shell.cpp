@@ -95,8 +95,14 @@ void add_walls_and_base(const ModelField& field, double base_z_mm, const Numberi
     const auto next = static_cast<std::uint32_t>((i + 1) % rim.size());
     const std::uint32_t top_i = vertex_of(rim[i][0], rim[i][1]);
     const std::uint32_t top_next = vertex_of(rim[next][0], rim[next][1]);
-    mesh.triangles.push_back({first + i, first + next, top_next});
-    mesh.triangles.push_back({first + i, top_next, top_i});
+    // North and west the other diagonal, so that two solids side by side have the same wall.
+    if (i < rim.size() / 2) {
+      mesh.triangles.push_back({first + i, first + next, top_next});
+      mesh.triangles.push_back({first + i, top_next, top_i});
+    } else {
+      mesh.triangles.push_back({first + i, first + next, top_i});
+      mesh.triangles.push_back({first + next, top_next, top_i});
+    }
     mesh.triangles.push_back({centre, first + next, first + i});
   }
 }

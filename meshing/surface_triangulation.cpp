@@ -14,7 +14,8 @@ SurfaceTriangulation::SurfaceTriangulation(const heightmap::ModelField& field, b
       last_col_(static_cast<std::int32_t>(field.z_mm.cols() - 1)),
       head_(256U << kMantissaBits, kNone),
       locked_(locked) {
-  for (const auto& [r, c] : {std::array{0, 0}, {0, last_col_}, {last_row_, last_col_}, {last_row_, 0}})
+  for (const auto& [r, c] :
+       {std::array{0, 0}, {0, last_col_}, {last_row_, last_col_}, {last_row_, 0}})
     vertices_.push({r, c, field.z_mm(r, c)});
   add(0, 1, 2);
   add(0, 2, 3);
@@ -144,14 +145,12 @@ std::uint32_t SurfaceTriangulation::insert_into(std::uint32_t t, std::int32_t ro
   return t;  // keeps the new vertex as its first corner
 }
 
-std::uint32_t SurfaceTriangulation::insert(std::int32_t row, std::int32_t col,
-                                           std::uint32_t hint) {
+std::uint32_t SurfaceTriangulation::insert(std::int32_t row, std::int32_t col, std::uint32_t hint) {
   const Vertex at{row, col, 0.0F};
   for (;;) {  // Delaunay: a walk that crosses edges towards the place does not turn in circles
     const Triangle& t = triangles_[hint];
     std::size_t i = 0;
-    while (i < 3 &&
-           doubled_area(vertices_[t.v[(i + 1) % 3]], vertices_[t.v[(i + 2) % 3]], at) >= 0)
+    while (i < 3 && doubled_area(vertices_[t.v[(i + 1) % 3]], vertices_[t.v[(i + 2) % 3]], at) >= 0)
       ++i;
     if (i == 3) break;
     hint = t.n[i];
@@ -214,11 +213,10 @@ void SurfaceTriangulation::scan(std::uint32_t t) {
              const float* height = field_.z_mm.row(r).data();
              const std::uint32_t row_start = static_cast<std::uint32_t>(r) * cols;
              for (std::int32_t k = from; k <= to; ++k) {
-               const auto off = static_cast<float>(
-                   std::abs(z + per_col * k - static_cast<double>(height[k])));
-               const std::uint64_t both =
-                   std::uint64_t{std::bit_cast<std::uint32_t>(off)} << 32U |
-                   (row_start + static_cast<std::uint32_t>(k));
+               const auto off =
+                   static_cast<float>(std::abs(z + per_col * k - static_cast<double>(height[k])));
+               const std::uint64_t both = std::uint64_t{std::bit_cast<std::uint32_t>(off)} << 32U |
+                                          (row_start + static_cast<std::uint32_t>(k));
                worst = std::max(worst, both);
              }
            });
@@ -250,8 +248,7 @@ double SurfaceTriangulation::worst_mm() const {
   return static_cast<double>(worst);
 }
 
-void SurfaceTriangulation::refine(std::uint64_t most_triangles,
-                                  const RunContext& run) {
+void SurfaceTriangulation::refine(std::uint64_t most_triangles, const RunContext& run) {
   const auto cols = static_cast<std::uint32_t>(last_col_ + 1);
   const std::uint64_t nearly = most_triangles - most_triangles / kStopEarly;
   std::uint32_t lowest = top_;
@@ -264,9 +261,8 @@ void SurfaceTriangulation::refine(std::uint64_t most_triangles,
     lowest = std::min(lowest, top_);
     if (triangles_.size() >= nearly && top_ == lowest) return;
     const std::uint32_t node = triangles_[t].wait.worst_node;
-    const std::uint32_t first =
-        insert_into(t, static_cast<std::int32_t>(node / cols),
-                    static_cast<std::int32_t>(node % cols));
+    const std::uint32_t first = insert_into(t, static_cast<std::int32_t>(node / cols),
+                                            static_cast<std::int32_t>(node % cols));
     star(first, [this](std::uint32_t s) {
       scan(s);
       link(s);

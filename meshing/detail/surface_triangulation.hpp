@@ -55,7 +55,7 @@ class SurfaceTriangulation {
     float z_mm = 0.0F;
   };
   struct Triangle {
-    std::array<std::uint32_t, 3> v{};  ///< counter-clockwise seen from above
+    std::array<std::uint32_t, 3> v{};                     ///< counter-clockwise seen from above
     std::array<std::uint32_t, 3> n{kNone, kNone, kNone};  ///< across the edge opposite of v[i]
     /// While it waits: its worst node and links of the list. height_fit.hpp keeps products here.
     union {
@@ -143,7 +143,8 @@ template <class Visit>
 void SurfaceTriangulation::for_rows(const Triangle& t, bool half_open, Visit visit) const {
   std::array<Vertex, 3> at{vertices_[t.v[0]], vertices_[t.v[1]], vertices_[t.v[2]]};
   const auto area = static_cast<double>(doubled_area(at[0], at[1], at[2]));
-  const auto z = static_cast<double>(at[0].z_mm);  // from here on, so that level triangles have level points
+  const auto z =
+      static_cast<double>(at[0].z_mm);  // from here on, so that level triangles have level points
   const double z1 = static_cast<double>(at[1].z_mm) - z, z2 = static_cast<double>(at[2].z_mm) - z;
   const double r1 = at[1].row - at[0].row, r2 = at[2].row - at[0].row;
   const double c1 = at[1].col - at[0].col, c2 = at[2].col - at[0].col;
@@ -165,13 +166,12 @@ void SurfaceTriangulation::for_rows(const Triangle& t, bool half_open, Visit vis
   for (std::int32_t r = at[0].row; r < end; ++r) {
     const double on_long = at[0].col + long_slope * (r - at[0].row);
     const double on_other = r < at[1].row ? at[0].col + low_slope * (r - at[0].row)
-                                : at[1].col + high_slope * (r - at[1].row);
+                                          : at[1].col + high_slope * (r - at[1].row);
     const double west = middle_is_east ? on_long : on_other;
     const double east = middle_is_east ? on_other : on_long;
     const auto from = static_cast<std::int32_t>(std::ceil(west - kRounding));
-    const std::int32_t to = half_open
-                                ? static_cast<std::int32_t>(std::ceil(east - kRounding)) - 1
-                                : static_cast<std::int32_t>(std::floor(east + kRounding));
+    const std::int32_t to = half_open ? static_cast<std::int32_t>(std::ceil(east - kRounding)) - 1
+                                      : static_cast<std::int32_t>(std::floor(east + kRounding));
     if (from <= to) visit(r, from, to, z + per_row * (r - row0) - per_col * col0, per_col);
   }
 }

@@ -94,9 +94,9 @@ ModelField fractal(std::ptrdiff_t n) {
         const double x = static_cast<double>(c) / length;
         const auto j = static_cast<std::ptrdiff_t>(x);
         const double u = smooth(x - static_cast<double>(j));
-        f.z_mm(r, c) += static_cast<float>(
-            high * ((1 - u) * (1 - v) * at(i, j) + u * (1 - v) * at(i, j + 1) +
-                    (1 - u) * v * at(i + 1, j) + u * v * at(i + 1, j + 1)));
+        f.z_mm(r, c) +=
+            static_cast<float>(high * ((1 - u) * (1 - v) * at(i, j) + u * (1 - v) * at(i, j + 1) +
+                                       (1 - u) * v * at(i + 1, j) + u * v * at(i + 1, j + 1)));
       }
     }
   };
@@ -123,8 +123,7 @@ double stream_through(const GridSolidStream& solid) {
   const std::uint64_t pieces = (solid.triangle_count() + kPiece - 1) / kPiece;
   std::vector<double> sums(pieces);
   oneapi::tbb::parallel_for(std::uint64_t{0}, pieces, [&](std::uint64_t p) {
-    std::vector<MeshStream::Corners> corners(
-        std::min(kPiece, solid.triangle_count() - p * kPiece));
+    std::vector<MeshStream::Corners> corners(std::min(kPiece, solid.triangle_count() - p * kPiece));
     solid.corners(p * kPiece, corners);
     for (const auto& c : corners) sums[p] += c[0].z + c[1].z + c[2].z;
   });
@@ -147,8 +146,8 @@ void solid_case(std::ptrdiff_t cells, int bands, const fs::path& folder) {
   const double held = peak_mib();
   std::uint64_t triangles = 0;
   double make = 0.0, make_cpu = 0.0, prove_cpu = 0.0, write = 0.0, plain = 0.0;
-  const auto parts = split_into_bands(field, BandAxis::y,
-                                      Millimetres{0.5 * static_cast<double>(cells / bands)});
+  const auto parts =
+      split_into_bands(field, BandAxis::y, Millimetres{0.5 * static_cast<double>(cells / bands)});
   for (const Band& band : *parts) {
     const ModelField part = bands == 1 ? ModelField{} : band_field(field, band);
     const auto solid = GridSolidStream::create(bands == 1 ? field : part);
@@ -176,10 +175,11 @@ void solid_case(std::ptrdiff_t cells, int bands, const fs::path& folder) {
     fs::remove(folder / "meshing_bench.raw");
   }
   const double m = million(triangles);
-  fmt::print("{:6.1f} M quads, {:6.2f} M triangles: made {:6.1f} M/s ({:.1f} M per CPU s), proven "
-             "{:.1f} M per CPU s, {:5.2f} MiB per M beside the heights",
-             million(static_cast<std::uint64_t>(cells * cells)), m, m / make, m / make_cpu,
-             m / prove_cpu, beside / m);
+  fmt::print(
+      "{:6.1f} M quads, {:6.2f} M triangles: made {:6.1f} M/s ({:.1f} M per CPU s), proven "
+      "{:.1f} M per CPU s, {:5.2f} MiB per M beside the heights",
+      million(static_cast<std::uint64_t>(cells * cells)), m, m / make, m / make_cpu, m / prove_cpu,
+      beside / m);
   if (bands == 1)
     fmt::print(", STL {:.1f} M/s = {:.0f} MB/s, plain bytes {:.0f} MB/s", m / write,
                50.0 * m / write, 50.0 * m / plain);
@@ -391,10 +391,10 @@ void decimate_case(std::ptrdiff_t nodes, std::uint64_t triangles) {
     const double cpu = now().cpu - start.cpu, memory = peak_mib() - held;
     double rms = 0.0;
     const double worst = plain.errors(rms);
-    fmt::print("  plain greedy {:9} triangles, max {:.5f} mm, rms {:.5f} mm, {:.2f} M/s, {:.0f} "
-               "MiB per M\n",
-               plain.size(), worst, rms, million(plain.size()) / cpu,
-               memory / million(plain.size()));
+    fmt::print(
+        "  plain greedy {:9} triangles, max {:.5f} mm, rms {:.5f} mm, {:.2f} M/s, {:.0f} "
+        "MiB per M\n",
+        plain.size(), worst, rms, million(plain.size()) / cpu, memory / million(plain.size()));
   });
   in_its_own_process([&] {
     const double held = touched_mib(field);
@@ -403,10 +403,11 @@ void decimate_case(std::ptrdiff_t nodes, std::uint64_t triangles) {
     if (!mesh) return;
     const double cpu = now().cpu - start.cpu;
     const std::uint64_t count = mesh->mesh.triangles.size();
-    fmt::print("  decimate     {:9} triangles, max {:.5f} mm, rms {:.5f} mm, {:.2f} M/s, {:.0f} "
-               "MiB per M\n",
-               count, mesh->max_vertical_error_mm, mesh->rms_vertical_error_mm,
-               million(count) / cpu, (peak_mib() - held) / million(count));
+    fmt::print(
+        "  decimate     {:9} triangles, max {:.5f} mm, rms {:.5f} mm, {:.2f} M/s, {:.0f} "
+        "MiB per M\n",
+        count, mesh->max_vertical_error_mm, mesh->rms_vertical_error_mm, million(count) / cpu,
+        (peak_mib() - held) / million(count));
   });
 }
 

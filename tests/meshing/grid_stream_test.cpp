@@ -50,8 +50,8 @@ TEST_P(GridStreamOnTerrain, IsTheMeshInMemoryInAnyPieces) {
   std::uint64_t draw = 10;
   const auto pieces = [&](std::size_t count, auto&& take) {
     for (std::size_t at = 0; at < count;) {
-      const std::size_t n = std::min<std::size_t>(1 + random_bits(GetParam(), ++draw) % 97,
-                                                  count - at);
+      const std::size_t n =
+          std::min<std::size_t>(1 + random_bits(GetParam(), ++draw) % 97, count - at);
       take(at, n);
       at += n;
     }
@@ -114,8 +114,8 @@ TEST(GridStream, CountsTheRoundingOfXIntoTheHeight) {
     for (std::ptrdiff_t r = 0; r < 3; ++r) field.z_mm(r, c) = 3.0F * 0.3F * static_cast<float>(c);
     if (c > 0 && c < 106)
       expected = std::fmax(
-          expected, 3.0 * std::abs(static_cast<double>(static_cast<float>(field.x_mm(c))) -
-                                   field.x_mm(c)));
+          expected,
+          3.0 * std::abs(static_cast<double>(static_cast<float>(field.x_mm(c))) - field.x_mm(c)));
   }
   const auto stream = GridSolidStream::create(field, {.base_z = Millimetres{-2}});
   ASSERT_THAT(stream, Succeeds());
@@ -135,7 +135,8 @@ TEST(GridStream, RefusesAFormatThatMakesNodesOne) {
   ASSERT_THAT(stream, Succeeds());
   auto refused = stream->certify(CoordinateRounding::float32);
   ASSERT_THAT(refused, FailsWith(kRoundingCollapses));
-  EXPECT_THAT(refused.error().message, testing::HasSubstr("columns 0 and 1 both become x = 1000000 mm"));
+  EXPECT_THAT(refused.error().message,
+              testing::HasSubstr("columns 0 and 1 both become x = 1000000 mm"));
   EXPECT_THAT(stream->certify(CoordinateRounding::none), Succeeds());
   std::swap(field.x0, field.y0);
   refused = stream->certify(CoordinateRounding::float32);

@@ -14,6 +14,7 @@
 
 #include "assets/synthetic_products.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "support/program.hpp"
@@ -855,6 +856,44 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
   ASSERT_EQ(o.exit_code, 0) << o.err;
   EXPECT_EQ(json::parse(o.out).size(), 2U);
   EXPECT_EQ(o.err, "");
+}
+
+TEST_F(CommandLine, TilesAddUpToTheWholeAndStandInTheirOwnFrame) {
+  const std::string d = design().string();
+  ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);
+  const json whole = json::parse(slurp(scratch / "whole.certificate.json"));
+  ASSERT_EQ(run("bands " + d + " --quiet --max-width-mm 9 --max-length-mm 7 --own-frame --out " +
+                (scratch / "tiles").string())
+                .exit_code,
+            0);
+  const json tiles = json::parse(slurp(scratch / "tiles/tiles.json"));
+  EXPECT_GE(tiles["tiles"].size(), 4U);
+  const double volume = whole["volume_mm3"];
+  EXPECT_NEAR(tiles["volume_mm3"], volume, 1e-9 * volume);
+  for (const json& t : tiles["tiles"]) {
+    const auto mesh = meshing::read_mesh(scratch / "tiles" / t["file"].get<std::string>());
+    ASSERT_TRUE(mesh.has_value());
+    const Box3 box = mesh->bounds();
+    EXPECT_EQ(box.min, (Vec3{0.0, 0.0, 0.0}));
+    EXPECT_DOUBLE_EQ(box.max.x, t["x_mm"][1].get<double>() - t["x_mm"][0].get<double>());
+    EXPECT_DOUBLE_EQ(box.max.y, t["y_mm"][1].get<double>() - t["y_mm"][0].get<double>());
+  }
+  EXPECT_NE(slurp(scratch / "tiles/tiles.svg").find("<rect"), std::string::npos);
+}
+
+TEST_F(CommandLine, ACoatedSolidHasItsUndercoatBesideIt) {
+  const std::string d = design().string();
+  ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);
+  ASSERT_EQ(run("mesh " + d + " --quiet --coating-mm 0.2 --out " + (scratch / "bare.ply").string())
+                .exit_code,
+            0);
+  EXPECT_TRUE(fs::exists(scratch / "bare.undercoat.tif"));
+  // Lower by the coat along the normal everywhere, so by no less than the coat; the base
+  // follows the lowest node.
+  const auto top = [](const fs::path& path) { return meshing::read_mesh(path)->bounds().max.z; };
+  EXPECT_LE(top(scratch / "bare.ply"), top(scratch / "whole.ply") - 0.2 + 1e-5);
+  expect_refused(run("mesh " + d + " --coating-mm 100 --out " + (scratch / "x.ply").string()),
+                 HasSubstr("coat of 100 mm"));
 }
 
 TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {

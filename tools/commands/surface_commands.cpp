@@ -10,6 +10,8 @@
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_tiles.hpp"
+#include "tools/jobs_undercoat.hpp"
 #include "tools/machining_time.hpp"
 #include "tools/report.hpp"
 
@@ -135,23 +137,35 @@ Command add_stones(CLI::App& root, const CommonOptions& common) {
 Command add_mesh(CLI::App& root, const CommonOptions&) {
   struct Options {
     fs::path design, out = "surface.ply", stones;
-    double base_thickness_mm = 10.0;
+    double base_thickness_mm = 10.0, coating_mm = 0.0;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
       "mesh",
-      "A designed surface (and stones) to a checked closed solid, with certificate.\n"
+      "A designed surface (and stones) to a checked closed solid, with certificate; with\n"
+      "--coating-mm one that meets the design once it is coated (surface.undercoat.tif is for "
+      "mill).\n"
       "Example: maquette mesh design.tif --stones stones.json --out surface.ply");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "PLY file")->capture_default_str();
-  app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
+  auto* stones = app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
+  app->add_option("--coating-mm", o->coating_mm,
+                  "thickness of the coat that the terrain gets, along its normal")
+      ->check(CLI::PositiveNumber)
+      ->excludes(stones);
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 1000.0));
-  return {app, [o](Console& console) {
+  return {app, [o](Console& console) -> Result<int> {
+            fs::path surface = o->design;
+            if (o->coating_mm > 0.0) {
+              surface = fs::path(o->out).replace_extension(".undercoat.tif");
+              MAQUETTE_TRY_VOID(finish(console, "undercoat", [&](const RunContext& run) {
+                return undercoat_job(o->design, Millimetres{o->coating_mm}, surface, run);
+              }));
+            }
             return finish(console, "mesh", [&](const RunContext& run) {
-              return mesh_job(o->design,
-                              o->stones.empty() ? std::nullopt : std::optional(o->stones),
+              return mesh_job(surface, o->stones.empty() ? std::nullopt : std::optional(o->stones),
                               Millimetres{o->base_thickness_mm}, o->out, run);
             });
           }};
@@ -161,21 +175,50 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   struct Options {
     fs::path design, out = "bands";
     double max_width_mm = 500.0, base_thickness_mm = 10.0;
+    double max_length_mm = INFINITY, clearance_mm = 1.0;
+    fs::path stones;
+    bool own_frame = false;
     std::string shard;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
       "bands",
-      "Splits a designed surface into bands, each a closed solid with certificate.\n"
-      "Example: maquette bands design.tif --max-width-mm 500 --out bands");
+      "Splits a designed surface into bands, each a closed solid with certificate; with\n"
+      "--max-length-mm or --stones into tiles whose joints keep off the stones (tile_01.ply ...,\n"
+      "tiles.json, tiles.svg).\n"
+      "Example: maquette bands design.tif --max-width-mm 500 --out bands\n"
+      "         maquette bands design.tif --max-width-mm 500 --max-length-mm 700 --stones "
+      "stones.json --out tiles");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
   app->add_option("--max-width-mm", o->max_width_mm, "of a band, in y")->capture_default_str();
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 1000.0));
-  app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
+  auto* length = app->add_option("--max-length-mm", o->max_length_mm, "of a tile, in x");
+  auto* stones = app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
+  app->add_option("--clearance-mm", o->clearance_mm, "from joints to stones")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1000.0))
+      ->needs(stones);
+  auto* own = app->add_flag("--own-frame", o->own_frame,
+                            "tiles with their south-western corner and base at the origin");
+  auto* shards =
+      app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
+  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own})
+    shards->excludes(tiles_only);
   return {app, [o](Console& console) -> Result<int> {
+            if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame) {
+              TilesJob job{.design = o->design,
+                           .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
+                           .options = {.max_width = Millimetres{o->max_length_mm},
+                                       .max_length = Millimetres{o->max_width_mm},
+                                       .clearance = Millimetres{o->clearance_mm}},
+                           .base_thickness = Millimetres{o->base_thickness_mm},
+                           .own_frame = o->own_frame};
+              return finish(console, "tiles",
+                            [&](const RunContext& run) { return tiles_job(job, o->out, run); });
+            }
             Shard shard;
             if (!o->shard.empty()) {
               MAQUETTE_TRY(shard, parse_shard(o->shard));

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// maquette bands with tiles: joints that no stone stands on, solids that share their walls
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/mesh_checks.hpp"
+#include "meshing/mesh_io.hpp"
+#include "tools/jobs_tiles.hpp"
+
+namespace maquette::tools {
+namespace {
+
+using meshing::GridSolidStream;
+using meshing::MeshCertificate;
+using meshing::Tile;
+using nlohmann::json;
+
+/// The same mesh with its south-western corner and base at the origin.
+class OwnFrame final : public MeshStream {
+ public:
+  OwnFrame(const MeshStream& mesh, Vec3 origin) : mesh_(mesh), origin_(origin) {}
+  [[nodiscard]] std::uint64_t vertex_count() const override { return mesh_.vertex_count(); }
+  [[nodiscard]] std::uint64_t triangle_count() const override { return mesh_.triangle_count(); }
+  void vertices(std::uint64_t first, std::span<Vec3> out) const override {
+    mesh_.vertices(first, out);
+    for (Vec3& v : out) v = v - origin_;
+  }
+  void triangles(std::uint64_t first, std::span<Triangle> out) const override {
+    mesh_.triangles(first, out);
+  }
+  void corners(std::uint64_t first, std::span<Corners> out) const override {
+    mesh_.corners(first, out);
+    for (Corners& c : out)
+      for (Vec3& v : c) v = v - origin_;
+  }
+
+ private:
+  const MeshStream& mesh_;
+  Vec3 origin_;
+};
+
+/// What the construction proves, and where it is not too large CGAL's word on it, too.
+Result<MeshCertificate> prove(const GridSolidStream& solid, const RunContext& run) {
+  MAQUETTE_TRY(MeshCertificate proven, solid.certify(meshing::CoordinateRounding::none, run));
+  if (proven.triangles > meshing::MeshCheckOptions{}.self_intersection_limit) return proven;
+  TriMesh mesh;
+  mesh.vertices_mm.resize(solid.vertex_count());
+  mesh.triangles.resize(solid.triangle_count());
+  solid.vertices(0, mesh.vertices_mm);
+  solid.triangles(0, mesh.triangles);
+  MAQUETTE_TRY(const MeshCertificate found, meshing::check_mesh(mesh, nullptr, {}, run));
+  if (!found.passed())
+    return fail(kMeshFailed, fmt::format("CGAL does not find the solid valid: {}", to_json(found)));
+  proven.proof = "graph of a height, and CGAL";
+  return proven;
+}
+
+/// From above: tiles with their numbers, stones with theirs. Millimetres.
+std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile>& tiles,
+                     const std::vector<meshing::PlacedStone>& stones) {
+  const double x0 = design.x_mm(0), y1 = design.y_mm(design.z_mm.rows() - 1);
+  const double width = design.x_mm(design.z_mm.cols() - 1) - x0, height = y1 - design.y_mm(0);
+  const double line = 0.002 * std::max(width, height), letter = 15.0 * line;
+  std::string svg = fmt::format(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0}mm\" height=\"{1}mm\" "
+      "viewBox=\"{2} {2} {3} {4}\" font-family=\"sans-serif\" text-anchor=\"middle\">\n"
+      "<g fill=\"none\" stroke=\"black\" stroke-width=\"{5}\">\n",
+      width, height, -line, width + 2 * line, height + 2 * line, line);
+  std::string texts = fmt::format("<g font-size=\"{}\">\n", letter);
+  for (const Tile& t : tiles) {
+    const double west = design.x_mm(t.nodes.col0) - x0, east = design.x_mm(t.nodes.col1) - x0;
+    const double north = y1 - design.y_mm(t.nodes.row1), south = y1 - design.y_mm(t.nodes.row0);
+    svg += fmt::format("<rect x=\"{:.4f}\" y=\"{:.4f}\" width=\"{:.4f}\" height=\"{:.4f}\"/>\n",
+                       west, north, east - west, south - north);
+    texts += fmt::format("<text x=\"{:.4f}\" y=\"{:.4f}\">{}</text>\n", 0.5 * (west + east),
+                         south - 0.5 * letter, t.number);
+  }
+  svg += "</g>\n<g fill=\"#b08050\">\n";
+  for (const auto& s : stones) {
+    const Box3 box = meshing::stone_mesh(s).bounds();
+    svg += fmt::format("<ellipse cx=\"{:.4f}\" cy=\"{:.4f}\" rx=\"{:.4f}\" ry=\"{:.4f}\"/>\n",
+                       0.5 * (box.min.x + box.max.x) - x0, y1 - 0.5 * (box.min.y + box.max.y),
+                       0.5 * (box.max.x - box.min.x), 0.5 * (box.max.y - box.min.y));
+    texts += fmt::format("<text x=\"{:.4f}\" y=\"{:.4f}\" font-size=\"{}\">{}</text>\n",
+                         box.max.x - x0 + 0.4 * letter, y1 - box.max.y, 0.6 * letter, s.number);
+  }
+  return svg + "</g>\n" + texts + "</g>\n</svg>\n";
+}
+
+}  // namespace
+
+Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const RunContext& run) {
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
+  std::vector<meshing::PlacedStone> stones;
+  if (job.stones) {
+    MAQUETTE_TRY(stones, meshing::read_stone_plan(*job.stones));
+  }
+  auto tiles = meshing::split_into_tiles(design, stones, job.options);
+  if (!tiles) return tl::unexpected(std::move(tiles.error()).within(job.design.string()));
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  const meshing::SolidOptions solid_options{
+      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
+                job.base_thickness};
+
+  JobResult result;
+  json list = json::array();
+  double volume = 0.0;
+  for (std::size_t i = 0; i < tiles->size(); ++i) {
+    if (run.stopped()) return fail(kCancelled, "cutting into tiles was stopped");
+    const Tile& t = (*tiles)[i];
+    MAQUETTE_TRY(const auto solid, GridSolidStream::create(design, t.nodes, solid_options));
+    MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, run));
+    const Vec3 corner{design.x_mm(t.nodes.col0), design.y_mm(t.nodes.row0),
+                      solid_options.base_z.value()};
+    const Vec3 origin = job.own_frame ? corner : Vec3{};
+    const std::string name = fmt::format("tile_{:02}", t.number);
+    result.outputs.push_back(folder / (name + ".ply"));
+    MAQUETTE_TRY_VOID(job.own_frame
+                          ? meshing::write_ply(OwnFrame(solid, origin), result.outputs.back())
+                          : meshing::write_ply(solid, result.outputs.back()));
+    result.outputs.push_back(folder / (name + ".certificate.json"));
+    MAQUETTE_TRY_VOID(write_file(result.outputs.back(), meshing::to_json(certificate)));
+    volume += certificate.volume_mm3;
+    list.push_back({{"file", name + ".ply"},
+                    {"number", t.number},
+                    {"strip", t.strip},
+                    {"place", t.place},
+                    {"x_mm", {corner.x, design.x_mm(t.nodes.col1)}},
+                    {"y_mm", {corner.y, design.y_mm(t.nodes.row1)}},
+                    {"origin_mm", {origin.x, origin.y, origin.z}},
+                    {"volume_mm3", certificate.volume_mm3}});
+    run.progress(static_cast<double>(i + 1) / static_cast<double>(tiles->size()));
+  }
+  result.outputs.push_back(folder / "tiles.svg");
+  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones)));
+  const json figures{{"tiles", list}, {"volume_mm3", volume}};
+  result.outputs.push_back(folder / "tiles.json");
+  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), figures.dump(2) + "\n"));
+  result.figures_json = figures.dump();
+  result.note = fmt::format("{} tiles", tiles->size());
+  return result;
+}
+
+}  // namespace maquette::tools

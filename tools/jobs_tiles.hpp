@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <optional>
+
+#include "meshing/tiles.hpp"
+#include "tools/jobs.hpp"
+
+namespace maquette::tools {
+
+struct TilesJob {
+  fs::path design;
+  std::optional<fs::path> stones;  ///< joints keep off them
+  meshing::TileOptions options;
+  Millimetres base_thickness{10.0};
+  bool own_frame = false;  ///< each with its south-western corner and base at the origin
+};
+/// tile_01.ply with certificate ..., tiles.json (place, origin, volume), tiles.svg (plan from
+/// above with stones, 1:1).
+[[nodiscard]] Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder,
+                                          const RunContext& run);
+
+}  // namespace maquette::tools

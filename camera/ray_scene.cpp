@@ -21,7 +21,7 @@ namespace {
 /// step in each of three coordinates: sqrt(3) steps; the rest is for the ray's own
 /// arithmetic.
 constexpr double kOffsetSteps = 4.0;
-/// Terrain is traced in double: 2^-29 of a float step is less than 1e-9 of it.
+/// Terrain is traced in double, whose steps are 2^-29 of a float's: a millionth is ample.
 constexpr double kFieldShare = 1e-6;
 
 struct Span {
@@ -389,8 +389,7 @@ bool RayScene::blocked(const ShadowRay& ray) const {
     const Vec3 start = ray.point_mm + kFieldShare * s.offset_mm * ray.normal;
     const Vec3 way = ray.to_mm - start;
     const double length = norm(way);
-    const auto hit = terrain.tracer.trace(start, (1.0 / length) * way);
-    if (hit && hit->distance_mm < length) return true;
+    if (terrain.tracer.blocked(start, (1.0 / length) * way, length)) return true;
   }
   return s.mesh_blocks(ray.point_mm + s.offset_mm * ray.normal - s.middle, ray.to_mm - s.middle);
 }

@@ -101,6 +101,7 @@ struct Block {
   std::array<Bands, kLanes> sum;
   std::array<double, kLanes> square;  ///< sum of squares of the middle band, per sample
   std::array<int, kLanes> samples;
+  std::array<bool, kLanes> lit;              ///< by the first lamp, in the last sample
   bool open = true;                          ///< wants more samples
   std::vector<std::vector<DiscPoint>> lens;  ///< points of one pass, per light and lane
   std::vector<DiscPoint> points;
@@ -127,6 +128,7 @@ class Renderer {
     std::int64_t taken = 0;
     for (std::size_t i = 0; i < b.lanes; ++i) {
       taken += b.samples[i];
+      if (lit_by_sample()) image.lit(b.row[i], b.col[i]) = b.lit[i] ? 1 : 0;
       const double scale = options_.exposure_scale / b.samples[i];
       if (image.bands.size() == 1) {
         image.bands[0](b.row[i], b.col[i]) = static_cast<float>(scale * b.sum[i][1]);
@@ -154,11 +156,18 @@ class Renderer {
                      view_.direction(static_cast<double>(c) + 0.5, static_cast<double>(r) + 0.5)};
         b.sum[i] = {};
         b.square[i] = 0.0;
+        b.lit[i] = false;
         b.samples[i] = 0;
       }
     trace(b);
     for (std::size_t i = 0; i < b.lanes; ++i)
       if (b.hits[i]) record(image, b.row[i], b.col[i], b.rays[i].direction, *b.hits[i]);
+  }
+
+  /// The one sample is the pixel's centre and the lamp is a point: its light is the mask.
+  [[nodiscard]] bool lit_by_sample() const {
+    return side_ == 1 && options_.noise_target <= 0.0 && !shader_.lights().empty() &&
+           !shader_.lights().front().extended();
   }
 
   void trace(Block& b) const {
@@ -169,7 +178,11 @@ class Renderer {
               const RayHit& hit) const {
     image.depth_mm(r, c) = static_cast<float>(hit.distance_mm);
     const Light* light = shader_.lights().empty() ? nullptr : &shader_.lights().front();
-    if (light != nullptr) image.lit(r, c) = shader_.lit(hit, *light) ? 1 : 0;
+    if (light != nullptr && !lit_by_sample()) {
+      bool arrives = false;
+      (void)shader_.direct(hit, view, *light, {}, arrives);
+      image.lit(r, c) = arrives ? 1 : 0;
+    }
     if (!options_.geometry) return;
     const auto put = [&](std::array<Grid<float>, 3>& to, Vec3 v) {
       to[0](r, c) = static_cast<float>(v.x);
@@ -237,7 +250,9 @@ class Renderer {
         const DiscPoint p = light.extended()
                                 ? b.lens[l * kLanes + i][static_cast<std::size_t>(s * count + k)]
                                 : DiscPoint{};
-        const Bands got = shader_.direct(hit, view, light, p);
+        bool arrives = false;
+        const Bands got = shader_.direct(hit, view, light, p, arrives);
+        if (l == 0) b.lit[i] = arrives;
         for (std::size_t j = 0; j < 3; ++j) sum[j] += got[j] / count;
       }
     }

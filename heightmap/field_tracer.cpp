@@ -13,14 +13,16 @@
 #if defined(__AVX2__)
 #include <immintrin.h>
 #endif
+#include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/check.hpp"
+#include "heightmap/detail/field_walk.hpp"
 
 namespace maquette::heightmap {
 namespace {
 
-constexpr std::ptrdiff_t kLeafCells = 8;  // side of a leaf, cells
+constexpr std::ptrdiff_t kLeafCells = 4;  // side of a leaf, cells
 constexpr std::ptrdiff_t kBranch = 4;     // side of a block, boxes
 constexpr double kInf = std::numeric_limits<double>::infinity();
 // Widening of boxes against rounding: a slab bound takes about five roundings, so
@@ -53,25 +55,38 @@ struct Level {
   }
 };
 
-void fill_leaves(Level& level, const Grid<float>& z) {
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, level.rows, [&](std::ptrdiff_t row) {
-    const std::ptrdiff_t r0 = row * kLeafCells;
-    const std::ptrdiff_t r1 = std::min(r0 + kLeafCells, z.rows() - 1);
-    for (std::ptrdiff_t col = 0; col < level.cols; ++col) {
-      const std::ptrdiff_t c0 = col * kLeafCells;
-      const std::ptrdiff_t c1 = std::min(c0 + kLeafCells, z.cols() - 1);
-      float low = INFINITY, high = -INFINITY;
-      for (std::ptrdiff_t r = r0; r <= r1; ++r)
-        for (const float h : z.row(r).subspan(static_cast<std::size_t>(c0),
-                                              static_cast<std::size_t>(c1 - c0 + 1))) {
-          if (!std::isfinite(h)) continue;
-          low = std::min(low, h);
-          high = std::max(high, h);
-        }
-      level.low[level.box(row, col)] = low;
-      level.high[level.box(row, col)] = high;
+/// Least and greatest of the five nodes along and across each leaf; what is not finite is left out.
+void fill_leaf_row(Level& level, const Grid<float>& z, std::ptrdiff_t row, std::vector<float>& low,
+                   std::vector<float>& high) {
+  const std::ptrdiff_t r0 = row * kLeafCells;
+  const std::ptrdiff_t r1 = std::min(r0 + kLeafCells, z.rows() - 1);
+  const auto cols = static_cast<std::size_t>(z.cols());
+  // A leaf beyond the last node takes that node again.
+  low.assign(static_cast<std::size_t>(level.cols * kLeafCells + 1), INFINITY);
+  high.assign(low.size(), -INFINITY);
+  for (std::ptrdiff_t r = r0; r <= r1; ++r) {
+    const float* from = z.row(r).data();
+    for (std::size_t c = 0; c < cols; ++c) {
+      // A comparison with what is no number is false and steps over it.
+      const float h = std::abs(from[c]) <= std::numeric_limits<float>::max() ? from[c] : NAN;
+      low[c] = h < low[c] ? h : low[c];
+      high[c] = h > high[c] ? h : high[c];
     }
-  });
+  }
+  for (std::ptrdiff_t col = 0; col < level.cols; ++col) {
+    const std::size_t c = static_cast<std::size_t>(col * kLeafCells), to = level.box(row, col);
+    level.low[to] = std::min({low[c], low[c + 1], low[c + 2], low[c + 3], low[c + 4]});
+    level.high[to] = std::max({high[c], high[c + 1], high[c + 2], high[c + 3], high[c + 4]});
+  }
+}
+
+void fill_leaves(Level& level, const Grid<float>& z) {
+  oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<std::ptrdiff_t>(0, level.rows, 16),
+                            [&](const auto& range) {
+                              std::vector<float> low, high;
+                              for (std::ptrdiff_t row = range.begin(); row < range.end(); ++row)
+                                fill_leaf_row(level, z, row, low, high);
+                            });
 }
 
 /// A box of `upper` is a block of `lower`.
@@ -322,14 +337,18 @@ struct Waiting {
 struct FieldTracer::Pyramid {
   std::vector<Level> levels;  // leaves first; the last one is a single block
   double low = INFINITY, high = -INFINITY;
+  std::vector<detail::WalkLevel> walk_levels;
+  detail::WalkField field{};
+  detail::Walk walk = detail::best_walk();
 };
 
-FieldTracer::FieldTracer(const ModelField& field)
+FieldTracer::FieldTracer(const ModelField& field, Instructions instructions)
     : field_(&field), pyramid_(std::make_unique<Pyramid>()) {
   const Grid<float>& z = field.z_mm;
   MAQUETTE_CHECK(z.rows() >= 2 && z.cols() >= 2 && field.spacing.value() > 0.0,
                  "a field of {} x {} nodes, spacing {} mm, has no triangles", z.rows(), z.cols(),
                  field.spacing.value());
+  if (instructions == Instructions::common) pyramid_->walk = detail::common_walk();
   auto& levels = pyramid_->levels;
   levels.emplace_back((z.rows() - 1 + kLeafCells - 1) / kLeafCells,
                       (z.cols() - 1 + kLeafCells - 1) / kLeafCells, kLeafCells);
@@ -344,6 +363,18 @@ FieldTracer::FieldTracer(const ModelField& field)
     pyramid_->low = std::min(pyramid_->low, static_cast<double>(h));
   for (const float h : levels.back().high)
     pyramid_->high = std::max(pyramid_->high, static_cast<double>(h));
+  for (const Level& level : levels)
+    pyramid_->walk_levels.push_back({level.low.data(), level.high.data(), level.block_cols});
+  pyramid_->field = {z.cells().data(),
+                     z.rows(),
+                     z.cols(),
+                     field.x0.value(),
+                     field.y0.value(),
+                     field.spacing.value(),
+                     pyramid_->walk_levels.data(),
+                     static_cast<std::int32_t>(levels.size()),
+                     pyramid_->low,
+                     pyramid_->high};
 }
 FieldTracer::FieldTracer(FieldTracer&&) noexcept = default;
 FieldTracer::~FieldTracer() = default;
@@ -439,17 +470,28 @@ void walk(const std::vector<Level>& levels, const Traversal& t, bool mirror_x, b
   }
 }
 
-std::optional<FieldHit> hit_of(const Traversal& t, Vec3 origin, Vec3 direction) {
-  if (t.best.row < 0) return std::nullopt;
-  const ModelField& f = t.field;
-  const std::ptrdiff_t r = t.best.row, c = t.best.col;
+FieldHit hit_at(const ModelField& f, const Best& best, Vec3 origin, Vec3 direction) {
+  const std::ptrdiff_t r = best.row, c = best.col;
   const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) {
     return static_cast<double>(f.z_mm(r + i, c + j));
   };
-  const double rise_x = t.best.lower_right ? z(0, 1) - z(0, 0) : z(1, 1) - z(1, 0);
-  const double rise_y = t.best.lower_right ? z(1, 1) - z(0, 1) : z(1, 0) - z(0, 0);
-  return FieldHit{t.best.distance, origin + t.best.distance * direction,
-                  normalized(Vec3{-rise_x, -rise_y, f.spacing.value()})};
+  const double rise_x = best.lower_right ? z(0, 1) - z(0, 0) : z(1, 1) - z(1, 0);
+  const double rise_y = best.lower_right ? z(1, 1) - z(0, 1) : z(1, 0) - z(0, 0);
+  return {best.distance, origin + best.distance * direction,
+          normalized(Vec3{-rise_x, -rise_y, f.spacing.value()})};
+}
+
+std::optional<FieldHit> hit_of(const Traversal& t, Vec3 origin, Vec3 direction) {
+  if (t.best.row < 0) return std::nullopt;
+  return hit_at(t.field, t.best, origin, direction);
+}
+
+}  // namespace
+
+namespace {
+
+detail::WalkRay walk_ray(Vec3 o, Vec3 d, double from_mm, double to_mm) {
+  return {{o.x, o.y, o.z}, {d.x, d.y, d.z}, from_mm, to_mm};
 }
 
 }  // namespace
@@ -457,13 +499,18 @@ std::optional<FieldHit> hit_of(const Traversal& t, Vec3 origin, Vec3 direction) 
 std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double from_mm) const {
   const Pyramid& p = *pyramid_;
   if (!(p.low <= p.high)) return std::nullopt;  // nothing but voids
-  Traversal t = make_traversal(*field_, p.low, p.high, origin, direction, from_mm, 0.0);
-  if (!(t.from <= t.end)) return std::nullopt;
-  walk(
-      p.levels, t, direction.x < 0.0, direction.y < 0.0,
-      [&](std::ptrdiff_t row, std::ptrdiff_t col) { t.leaf(p.levels.front(), row, col); },
-      [&] { return t.best.distance; });
-  return hit_of(t, origin, direction);
+  detail::WalkHit hit;
+  p.walk(p.field, walk_ray(origin, direction, from_mm, kInf), false, hit);
+  if (hit.row < 0) return std::nullopt;
+  return hit_at(*field_, {hit.distance_mm, hit.row, hit.col, hit.lower_right}, origin, direction);
+}
+
+bool FieldTracer::blocked(Vec3 origin, Vec3 direction, double to_mm, double from_mm) const {
+  const Pyramid& p = *pyramid_;
+  if (!(p.low <= p.high)) return false;
+  detail::WalkHit hit;
+  p.walk(p.field, walk_ray(origin, direction, from_mm, to_mm), true, hit);
+  return hit.row >= 0;
 }
 
 void FieldTracer::trace_bundle(const Ray& axis, double radius_mm, std::span<const Ray> rays,

@@ -44,24 +44,20 @@ Bands Shader::reflected(const RayHit& hit, const Angles& angles) const {
   return factor;
 }
 
-Bands Shader::direct(const RayHit& hit, Vec3 view, const Light& light, DiscPoint p) const {
+Bands Shader::direct(const RayHit& hit, Vec3 view, const Light& light, DiscPoint p,
+                     bool& arrives) const {
   const double mu = -dot(view, hit.normal);
   const Light::Arrival arrival = light.arrive(hit.point_mm, p);
   const double mu0 = dot(arrival.direction, hit.normal);
-  if (!hit.front || mu <= 0.0 || mu0 <= 0.0 || arrival.strength <= 0.0) return {};
+  if (mu0 <= 0.0 || arrival.strength <= 0.0) return {};
   const double reach = std::isinf(arrival.distance_mm) ? far_mm_ : arrival.distance_mm;
   if (scene_.blocked({hit.point_mm, hit.normal, hit.point_mm + reach * arrival.direction}))
     return {};
+  arrives = true;
+  if (!hit.front || mu <= 0.0) return {};
   Bands radiance = reflected(hit, {mu0, mu, -dot(view, arrival.direction)});
   for (std::size_t b = 0; b < 3; ++b) radiance[b] *= arrival.strength * light.colour()[b];
   return radiance;
-}
-
-bool Shader::lit(const RayHit& hit, const Light& light) const {
-  const Light::Arrival arrival = light.arrive(hit.point_mm, {});
-  if (dot(arrival.direction, hit.normal) <= 0.0 || arrival.strength <= 0.0) return false;
-  const double reach = std::isinf(arrival.distance_mm) ? far_mm_ : arrival.distance_mm;
-  return !scene_.blocked({hit.point_mm, hit.normal, hit.point_mm + reach * arrival.direction});
 }
 
 Bands Shader::background(Vec3 origin_mm, Vec3 direction) const {
@@ -95,7 +91,8 @@ Bands Shader::incoming(const RayHit& from, Vec3 direction, std::uint64_t stream)
     const DiscPoint p = lights_[i].extended() ? concentric_disc(random_uniform(stream, 2 * i),
                                                                 random_uniform(stream, 2 * i + 1))
                                               : DiscPoint{};
-    add(sum, direct(*hit, direction, lights_[i], p), 1.0);
+    bool arrives = false;
+    add(sum, direct(*hit, direction, lights_[i], p, arrives), 1.0);
   }
   return sum;
 }

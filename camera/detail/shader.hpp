@@ -28,9 +28,9 @@ class Shader {
   [[nodiscard]] bool gathers() const { return gathers_; }
 
   /// Light of one lamp at a point, from the place `p` of its lens.
-  [[nodiscard]] Bands direct(const RayHit& hit, Vec3 view, const Light& light, DiscPoint p) const;
-  /// Does light of the lamp's centre arrive?
-  [[nodiscard]] bool lit(const RayHit& hit, const Light& light) const;
+  /// @param arrives  becomes true if light arrives, whether or not it goes on to the camera
+  [[nodiscard]] Bands direct(const RayHit& hit, Vec3 view, const Light& light, DiscPoint p,
+                             bool& arrives) const;
   /// Mean over `directions` of light from the surroundings and other surfaces.
   /// @param stream  of random numbers for this point
   [[nodiscard]] Bands gathered(const RayHit& hit, Vec3 view,

@@ -3,10 +3,8 @@
 
 #if defined(__AVX2__)
 #include <immintrin.h>
-#define MAQUETTE_WALK walk_avx2
-#else
-#define MAQUETTE_WALK walk_plain
 #endif
+#define MAQUETTE_WALK walk_common
 #include "heightmap/detail/field_walk.inc"
 
 namespace maquette::heightmap::detail {
@@ -18,7 +16,11 @@ Walk best_walk() {
       __builtin_cpu_supports("avx512cd"))
     return walk_avx512;
 #endif
-  return MAQUETTE_WALK;
+  return walk_common;
+}
+
+Walk common_walk() {
+  return walk_common;
 }
 
 }  // namespace maquette::heightmap::detail

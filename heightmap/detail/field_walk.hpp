@@ -42,11 +42,12 @@ struct WalkHit {
 /// test in double precision that field_tracer.hpp describes. So the answer is that of the test in
 /// double over all triangles.
 using Walk = void (*)(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
-void walk_avx2(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
+void walk_common(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
 void walk_avx512(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
-void walk_plain(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
 
 /// The fastest that this processor can run.
 [[nodiscard]] Walk best_walk();
+/// What the rest of the program is compiled for.
+[[nodiscard]] Walk common_walk();
 
 }  // namespace maquette::heightmap::detail

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// Terrain under the renderer: our tracer and Embree's robust grid on the same 4000 x 4000 quads of
+// 0.5 mm, the same rays. Build, memory, rays per CPU second of a picture and of its shadows, and
+// how many rays the two do not agree on; then a picture of 4256 x 2832 pixels with a hard shadow.
+//
+//   render_bench [pixels on a side]     3200 unless given
+
+#include <cstdio>
+#include <cstdlib>
+
+#include <embree3/rtcore.h>
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <sys/resource.h>
+
+#include "camera/render.hpp"
+#include "heightmap/field_tracer.hpp"
+#include "support/scan_terrain.hpp"
+
+namespace maquette {
+namespace {
+
+/// CPU time of all threads: the machine may have other work.
+double cpu_seconds() {
+  rusage u{};
+  ::getrusage(RUSAGE_SELF, &u);
+  return static_cast<double>(u.ru_utime.tv_sec) + 1e-6 * static_cast<double>(u.ru_utime.tv_usec);
+}
+double peak_mib() {
+  rusage u{};
+  ::getrusage(RUSAGE_SELF, &u);
+  return static_cast<double>(u.ru_maxrss) / 1024.0;
+}
+template <class F>
+double cost(const F& f) {
+  const double start = cpu_seconds();
+  f();
+  return cpu_seconds() - start;
+}
+
+struct EmbreeTerrain {
+  RTCDevice device = rtcNewDevice(nullptr);
+  RTCScene scene = rtcNewScene(device);
+
+  explicit EmbreeTerrain(const heightmap::ModelField& f) {
+    rtcSetDeviceMemoryMonitorFunction(
+        device,
+        [](void* sum, ssize_t change, bool) {
+          __atomic_fetch_add(static_cast<ssize_t*>(sum), change, __ATOMIC_RELAXED);
+          return true;
+        },
+        &bytes);
+    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+    RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_GRID);
+    const auto rows = static_cast<std::size_t>(f.z_mm.rows()),
+               cols = static_cast<std::size_t>(f.z_mm.cols());
+    auto* v = static_cast<float*>(
+        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, rows * cols));
+    for (std::ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < f.z_mm.cols(); ++c) {
+        *v++ = static_cast<float>(f.x_mm(c));
+        *v++ = static_cast<float>(f.y_mm(r));
+        *v++ = f.z_mm(r, c);
+      }
+    auto* grid = static_cast<RTCGrid*>(
+        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof(RTCGrid), 1));
+    *grid = {0, static_cast<unsigned>(cols), static_cast<unsigned short>(cols),
+             static_cast<unsigned short>(rows)};
+    rtcCommitGeometry(g);
+    rtcAttachGeometry(scene, g);
+    rtcReleaseGeometry(g);
+    rtcCommitScene(scene);
+  }
+  ~EmbreeTerrain() {
+    rtcReleaseScene(scene);
+    rtcReleaseDevice(device);
+  }
+  static RTCRay ray(Vec3 o, Vec3 d, double length) {
+    RTCRay r{};
+    r.org_x = static_cast<float>(o.x);
+    r.org_y = static_cast<float>(o.y);
+    r.org_z = static_cast<float>(o.z);
+    r.dir_x = static_cast<float>(d.x);
+    r.dir_y = static_cast<float>(d.y);
+    r.dir_z = static_cast<float>(d.z);
+    r.tfar = static_cast<float>(length);
+    r.mask = ~0U;
+    return r;
+  }
+  [[nodiscard]] bool trace(Vec3 o, Vec3 d) const {
+    RTCRayHit q{};
+    q.ray = ray(o, d, 1e9);
+    q.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(scene, &context, &q);
+    return q.hit.geomID != RTC_INVALID_GEOMETRY_ID;
+  }
+  [[nodiscard]] bool blocked(Vec3 o, Vec3 d, double length) const {
+    RTCRay r = ray(o, d, length);
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(scene, &context, &r);
+    return r.tfar < 0.0F;
+  }
+
+  ssize_t bytes = 0;
+};
+
+int run(int side) {
+  const heightmap::ModelField part = testing_support::rough_part(1, 4001, 4001, 0.5);
+  const double cells = 4000.0 * 4000.0;
+  std::optional<heightmap::FieldTracer> own;
+  const double own_build = cost([&] { own.emplace(part); });
+  std::optional<EmbreeTerrain> peer;
+  const double peer_build = cost([&] { peer.emplace(part); });
+  const double own_bytes = 4.0 * 4001.0 * 4001.0 + static_cast<double>(own->memory_bytes());
+  fmt::print("{:<26}{:>12}{:>16}\n", "4000 x 4000 quads", "ours", "Embree robust");
+  fmt::print("{:<26}{:>12.2f}{:>16.2f}\n", "build, CPU s", own_build, peer_build);
+  fmt::print("{:<26}{:>12.2f}{:>16.2f}\n", "bytes per quad", own_bytes / cells,
+             static_cast<double>(peer->bytes) / cells);
+
+  // A camera beyond the south edge that sees sky, too.
+  const Vec3 eye{1000.0, -700.0, 900.0}, lamp{-3000.0, 500.0, 1200.0};
+  const RigidTransform pose = camera::look_at(eye, {1000.0, 700.0, 0.0});
+  const std::size_t rays = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
+  std::vector<Vec3> way(rays), point(rays), to_lamp(rays);
+  std::vector<double> length(rays);
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c)
+      way[static_cast<std::size_t>(r) * static_cast<std::size_t>(side) +
+          static_cast<std::size_t>(c)] =
+          normalized(pose.direction({(c + 0.5) / side - 0.5, 0.5 - (r + 0.5) / side, -1.0}));
+  std::vector<unsigned char> ours(rays), theirs(rays);
+  const double own_primary = cost([&] {
+    for (std::size_t i = 0; i < rays; ++i) {
+      const auto hit = own->trace(eye, way[i]);
+      ours[i] = hit ? 1 : 0;
+      if (hit) point[i] = hit->point_mm + 0.02 * hit->normal;
+    }
+  });
+  const double peer_primary = cost([&] {
+    for (std::size_t i = 0; i < rays; ++i) theirs[i] = peer->trace(eye, way[i]) ? 1 : 0;
+  });
+  const auto report = [&](const char* what, double a, double b, std::size_t n) {
+    std::size_t differ = 0, hits = 0;
+    for (std::size_t i = 0; i < rays; ++i)
+      differ += ours[i] != theirs[i] ? 1U : 0U, hits += std::size_t{ours[i]};
+    fmt::print("{:<26}{:>12.2f}{:>16.2f}   {} of {} differ, {} hit\n", what,
+               1e-6 * static_cast<double>(n) / a, 1e-6 * static_cast<double>(n) / b, differ, n,
+               hits);
+  };
+  report("primary, M rays per CPU s", own_primary, peer_primary, rays);
+  std::vector<std::size_t> seen;
+  for (std::size_t i = 0; i < rays; ++i) {
+    if (ours[i] == 0) continue;
+    const Vec3 l = lamp - point[i];
+    length[i] = norm(l);
+    to_lamp[i] = normalized(l);
+    seen.push_back(i);
+  }
+  std::fill(ours.begin(), ours.end(), static_cast<unsigned char>(0));
+  std::fill(theirs.begin(), theirs.end(), static_cast<unsigned char>(0));
+  const double own_shadow = cost([&] {
+    for (const std::size_t i : seen)
+      ours[i] = own->blocked(point[i], to_lamp[i], length[i]) ? 1 : 0;
+  });
+  const double peer_shadow = cost([&] {
+    for (const std::size_t i : seen)
+      theirs[i] = peer->blocked(point[i], to_lamp[i], length[i]) ? 1 : 0;
+  });
+  report("shadow, M rays per CPU s", own_shadow, peer_shadow, seen.size());
+  peer.reset();
+  own.reset();
+
+  camera::SceneObject ground;
+  ground.field = &part;
+  ground.base_mm = -20.0;
+  const double before = peak_mib();
+  const auto scene = camera::PreparedScene::build({ground});
+  const camera::Lamp bulb{lamp, {1000.0, 1000.0, 0.0}, 0.0, 90.0};
+  double samples = 0.0;
+  const double picture = cost([&] {
+    const auto image =
+        scene->render({4256, 2832, 8.45, 34.5}, pose, {{bulb}, {}, {}}, {.samples_per_pixel = 1});
+    samples = image ? image->mean_samples : 0.0;
+  });
+  fmt::print(
+      "picture of 4256 x 2832 pixels, hard shadow, {} sample: {:.1f} CPU s, peak {:.0f} MiB more\n",
+      samples, picture, peak_mib() - before);
+  return 0;
+}
+
+}  // namespace
+}  // namespace maquette
+
+int main(int count, char** words) {
+  return maquette::run(count > 1 ? std::atoi(words[1]) : 3200);
+}

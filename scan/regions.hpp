@@ -15,6 +15,7 @@
 #include "core/grid.hpp"
 #include "core/result.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/stones.hpp"
 #include "scan/deviate.hpp"
 #include "scan/significance.hpp"
 
@@ -42,6 +43,9 @@ struct Region {
 /// Strips along x, as the part is milled: bands of at most this width.
 [[nodiscard]] std::vector<Region> band_regions(const heightmap::ModelField& design,
                                                double max_width_mm);
+
+/// What each planned stone covers from above: the convex hull of its mesh, "stone NUMBER".
+[[nodiscard]] std::vector<Region> stone_regions(std::span<const meshing::PlacedStone> plan);
 
 /// Decision by ISO 14253-1 with the expanded uncertainty (k = 2) of cell means as guard band.
 enum class Verdict { none, pass, fail, undecided };

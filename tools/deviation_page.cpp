@@ -26,7 +26,8 @@ constexpr std::size_t kMostRows = 40;       // of a table; summary.json has all
 /// As a person reads it: no exponents of a computer.
 std::string figure(double v, int digits) {
   const double size = std::abs(v);
-  if (size >= 1e4 && size < 1e15) return fmt::format("{:.0f}", v);
+  if (size >= std::fmin(1e4, std::pow(10.0, digits)) && size < 1e15)
+    return fmt::format("{:.0f}", v);
   if (size >= 1e-4 || size == 0.0 || !std::isfinite(v)) return fmt::format("{:.{}g}", v, digits);
   if (size < 1e-12) return v > 0.0 ? "< 10\u207b\u00b9\u00b2" : "0";
   constexpr std::array kDigits{"\u2070", "\u00b9", "\u00b2", "\u00b3", "\u2074",
@@ -124,7 +125,9 @@ std::string view_data(const scan::Deviation& deviation, const heightmap::ModelFi
 std::string view(const scan::Deviation& deviation, const heightmap::ModelField& design,
                  double limit_mm) {
   return "<div><canvas id='part' style='width:100%;height:560px;"
-         "touch-action:none;cursor:grab'></canvas>\n"
+         "touch-action:none;cursor:grab'></canvas>\n" +
+         signed_legend_svg(limit_mm, "mm") +
+         "\n"
          "<p class='value'>Drag to turn, with shift to move, wheel to come nearer, click for a "
          "value.</p>\n"
          "<label>height &times; <input type='range' name='exaggeration' min='0' max='10' "
@@ -173,6 +176,22 @@ void add_findings(Document& doc, const json& s) {
                {"volume_mm3", "volume, mm\u00b3"},
                {"certainty", "sigmas"}});
   }
+  if (!s["worst"].empty()) {
+    doc.emplace_back(Heading{2, "Worst places"});
+    doc.emplace_back(Paragraph{fmt::format(
+        "Means of cells of {} mm that are farthest from the design beyond their own limit of "
+        "detection (95 %), whatever was expected. Of that many cells some go beyond it by "
+        "chance; the last column says which do not.",
+        figure(s["worst"]["cell_mm"], 3))});
+    json places = s["worst"]["places"];
+    for (json& p : places) p["significant"] = p["significant"].get<bool>() ? "yes" : "no";
+    add_table(doc, places,
+              {{"x_mm", "x, mm"},
+               {"y_mm", "y, mm"},
+               {"mean_mm", "mean, mm"},
+               {"detection_limit_mm", "limit of detection, mm"},
+               {"significant", "significant"}});
+  }
   if (!s["objects"].empty()) {
     doc.emplace_back(Heading{2, "Objects that are in no plan"});
     add_table(doc, s["objects"],
@@ -220,7 +239,43 @@ void add_findings(Document& doc, const json& s) {
   }
 }
 
+void add_profiles(Document& doc, const json& profiles) {
+  if (profiles.empty()) return;
+  doc.emplace_back(Heading{2, "Profiles"});
+  doc.emplace_back(
+      Paragraph{"Measured minus design along the normal, mean of each stretch; the shade is two "
+                "standard deviations of the mean. Gaps: fewer than three points."});
+  for (const json& p : profiles) {
+    doc.emplace_back(Heading{3, p["name"].get<std::string>()});
+    Curve curve{{}, {}, {}, "way along the line, mm", "deviation, mm"};
+    for (const json& v : p["values"]) {
+      const auto number = [&](const char* key) {
+        return v[key].is_number() ? v[key].get<double>() : NAN;
+      };
+      curve.x.push_back(number("along_mm"));
+      curve.y.push_back(number("mean_mm"));
+      curve.half_width.push_back(2.0 * number("sigma_mm"));
+    }
+    doc.emplace_back(std::move(curve));
+    const json& first = p["values"].front();
+    const json& last = p["values"].back();
+    doc.emplace_back(Paragraph{fmt::format("From x {}, y {} to x {}, y {} mm, stretches of {} mm.",
+                                           figure(first["x_mm"], 4), figure(first["y_mm"], 4),
+                                           figure(last["x_mm"], 4), figure(last["y_mm"], 4),
+                                           figure(p["step_mm"], 3))});
+  }
+}
+
 void add_registration(Document& doc, const json& s) {
+  doc.emplace_back(Heading{2, "Scans"});
+  add_table(doc, s["stations"],
+            {{"points", "scan"},
+             {"points_compared", "points compared"},
+             {"at_mm", "scanner at x, y, z, mm"},
+             {"range_mm", "range, mm"},
+             {"incidence_deg", "incidence, \u00b0"},
+             {"beam_diameter_mm", "beam, mm"},
+             {"mixed", "mixed points left out"}});
   doc.emplace_back(Heading{2, "Registration"});
   add_table(doc, s["registrations"],
             {{"points", "scan"},
@@ -318,12 +373,13 @@ Document document_of(const scan::Deviation& deviation, const heightmap::ModelFie
   doc.emplace_back(Heading{2, "Deviation"});
   doc.emplace_back(Picture{map_png,
                            "measured minus design along the normal, over the hillshade of the "
-                           "design; dark grey: not measured"});
+                           "design; dark grey: not measured",
+                           SignedLegend{limit_mm, "mm"}});
   doc.emplace_back(Picture{significant_png,
                            fmt::format("{}, where it is more than noise (1 % false discoveries); "
                                        "without colour: not significant",
-                                       expected ? "measured minus expected" : "the same")});
-  doc.emplace_back(SignedLegend{limit_mm, "mm"});
+                                       expected ? "measured minus expected" : "the same"),
+                           SignedLegend{limit_mm, "mm"}});
   if (expected) {
     doc.emplace_back(Heading{2, "Beside what was expected"});
     doc.emplace_back(Paragraph{
@@ -342,6 +398,7 @@ Document document_of(const scan::Deviation& deviation, const heightmap::ModelFie
   }
   doc.emplace_back(Interactive{"<h2>On the part</h2>\n" + view(deviation, design, limit_mm)});
   add_findings(doc, s);
+  add_profiles(doc, s["profiles"]);
   add_registration(doc, s);
   if (s.contains("corrections")) add_corrections(doc, s["corrections"]);
   doc.emplace_back(Heading{2, "Uncertainty"});

@@ -144,6 +144,30 @@ json regions_json(const std::vector<scan::RegionResult>& regions) {
   return rows;
 }
 
+json worst_places_json(const std::vector<scan::WorstPlace>& places) {
+  json rows = json::array();
+  for (const scan::WorstPlace& p : places)
+    rows.push_back({{"x_mm", p.at_mm.x},
+                    {"y_mm", p.at_mm.y},
+                    {"mean_mm", p.mean_mm},
+                    {"detection_limit_mm", p.lod_mm},
+                    {"significant", p.significant}});
+  return rows;
+}
+
+json profile_json(const scan::Profile& p) {
+  json rows = json::array();
+  for (std::size_t k = 0; k < p.along_mm.size(); ++k)
+    rows.push_back({{"along_mm", p.along_mm[k]},
+                    {"x_mm", p.at_mm[k].x},
+                    {"y_mm", p.at_mm[k].y},
+                    {"design_z_mm", p.at_mm[k].z},
+                    {"mean_mm", p.mean_mm[k]},
+                    {"sigma_mm", p.sigma_mm[k]},
+                    {"points", p.points[k]}});
+  return {{"name", p.name}, {"step_mm", p.step_mm}, {"values", rows}};
+}
+
 json dependence_json(const scan::Dependence& d) {
   json bins = json::array();
   for (std::size_t k = 0; k < d.points.size(); ++k)

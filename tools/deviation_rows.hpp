@@ -13,8 +13,10 @@
 #include "scan/find_objects.hpp"
 #include "scan/find_spheres.hpp"
 #include "scan/find_stones.hpp"
+#include "scan/profiles.hpp"
 #include "scan/regions.hpp"
 #include "scan/significance.hpp"
+#include "scan/worst_places.hpp"
 #include "tools/corrections_file.hpp"
 
 namespace maquette::tools {
@@ -28,6 +30,8 @@ namespace maquette::tools {
 [[nodiscard]] nlohmann::json stones_json(const std::vector<scan::StoneFinding>& stones);
 [[nodiscard]] nlohmann::json objects_json(const std::vector<scan::ExtraObject>& objects);
 [[nodiscard]] nlohmann::json regions_json(const std::vector<scan::RegionResult>& regions);
+[[nodiscard]] nlohmann::json worst_places_json(const std::vector<scan::WorstPlace>& places);
+[[nodiscard]] nlohmann::json profile_json(const scan::Profile& profile);
 [[nodiscard]] nlohmann::json dependence_json(const scan::Dependence& d);
 [[nodiscard]] nlohmann::json budget_json(const scan::Budget& budget);
 [[nodiscard]] nlohmann::json corrections_json(const Corrections& corrections);

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -31,14 +32,20 @@ struct Table {
   std::vector<std::string> head;  ///< may be empty
   std::vector<std::vector<Cell>> rows;
 };
-struct Picture {
-  std::filesystem::path png;
-  std::string caption;
-};
 /// The colours of signed pictures, blue below, red above.
 struct SignedLegend {
   double limit = 1.0;
   std::string unit;
+};
+struct Picture {
+  std::filesystem::path png;
+  std::string caption;
+  std::optional<SignedLegend> legend = std::nullopt;  ///< between picture and caption
+};
+/// A curve with what it is known to: y with +- half_width about it. NaN leaves a gap.
+struct Curve {
+  std::vector<double> x, y, half_width;
+  std::string x_label, y_label;
 };
 /// With the normal distribution of the same mean and standard deviation.
 struct Histogram {
@@ -51,7 +58,7 @@ struct Interactive {
   std::string html;
 };
 using Block =
-    std::variant<Heading, Paragraph, Table, Picture, SignedLegend, Histogram, Interactive>;
+    std::variant<Heading, Paragraph, Table, Picture, SignedLegend, Histogram, Curve, Interactive>;
 using Document = std::vector<Block>;
 
 /// Body of a page; pictures inside.

@@ -3,6 +3,7 @@
 
 #include "core/files.hpp"
 #include "core/markup.hpp"
+#include "tools/curve_drawing.hpp"
 #include "tools/document.hpp"
 #include "tools/pictures.hpp"
 
@@ -38,9 +39,10 @@ struct ToHtml {
       return fmt::format("<p class='warn'>{} is missing</p>", markup_escaped(p.png.string()));
     return fmt::format(
         "<figure style='width:480px'><img width='480' alt='{0}' "
-        "src='data:image/png;base64,{1}'><figcaption>{0}"
+        "src='data:image/png;base64,{1}'>{2}<figcaption>{0}"
         "</figcaption></figure>\n",
-        markup_escaped(p.caption), base64(*data));
+        markup_escaped(p.caption), base64(*data),
+        p.legend ? signed_legend_svg(p.legend->limit, p.legend->unit) : "");
   }
   std::string operator()(const SignedLegend& l) const {
     return signed_legend_svg(l.limit, l.unit) + "\n";
@@ -48,6 +50,7 @@ struct ToHtml {
   std::string operator()(const Histogram& h) const {
     return histogram_svg(h.bins, h.limit, h.mean, h.sigma, h.unit) + "\n";
   }
+  std::string operator()(const Curve& c) const { return curve_svg(c) + "\n"; }
   std::string operator()(const Interactive& i) const { return i.html; }
 };
 

@@ -13,6 +13,7 @@
 
 #include "core/check.hpp"
 #include "core/files.hpp"
+#include "tools/curve_drawing.hpp"
 #include "tools/document.hpp"
 
 namespace maquette::tools {
@@ -93,7 +94,10 @@ class Sheet {
       highest = std::fmax(highest, high);
       lines = std::max(lines, wrapped(p->caption, wide).size());
     }
-    room(highest + static_cast<double>(lines) * kLine + 2.0 * kLine);
+    const bool legends =
+        std::any_of(row.begin(), row.end(), [](const Picture* p) { return p->legend.has_value(); });
+    const double legend_high = legends ? 2.6 * kLine : 0.0;
+    room(highest + legend_high + static_cast<double>(lines) * kLine + 2.0 * kLine);
     const double top = y_ + 0.6 * kLine;
     double x = kMargin;
     for (std::size_t k = 0; k < row.size(); ++k, x += wide + kGap) {
@@ -110,6 +114,8 @@ class Sheet {
         cairo_restore(c_);
       }
       y_ = top + highest + 0.4 * kLine;
+      if (row[k]->legend && shown[k].high > 0.0) colour_bar(*row[k]->legend, x, wide);
+      y_ = top + highest + legend_high + 0.4 * kLine;
       font(0.9 * kText, false);
       const std::string text =
           shown[k].high > 0.0 ? row[k]->caption : row[k]->png.filename().string() + " is missing";
@@ -119,23 +125,69 @@ class Sheet {
       }
       cairo_surface_destroy(shown[k].image);
     }
-    y_ = top + highest + static_cast<double>(lines) * kLine + 0.8 * kLine;
+    y_ = top + highest + legend_high + static_cast<double>(lines) * kLine + 0.8 * kLine;
   }
   void operator()(const Picture& p) { pictures({&p}); }
 
   void operator()(const SignedLegend& l) {
     room(4.0 * kLine);
-    cairo_pattern_t* colours =
-        cairo_pattern_create_linear(kMargin, 0.0, kMargin + 0.6 * kColumn, 0);
+    colour_bar(l, kMargin, 0.6 * kColumn);
+  }
+
+  void operator()(const Curve& c) {
+    constexpr double kHigh = 120.0, kLabels = 34.0;
+    room(kHigh + 4.0 * kLine);
+    const CurveLayout layout = layout_of(c);
+    const double left = kMargin + kLabels, wide = kColumn - kLabels, top = y_ - kText;
+    const auto follow = [&](const CurveLayout::Line& line) {
+      for (const auto& [u, v] : line) cairo_line_to(c_, left + wide * u, top + kHigh * (1.0 - v));
+    };
+    font(0.9 * kText, false);
+    cairo_set_line_width(c_, 0.5);
+    for (const auto& [at, value] : layout.y_ticks) {
+      y_ = top + kHigh * (1.0 - at);
+      cairo_set_source_rgb(c_, 0.7, 0.7, 0.7);
+      cairo_move_to(c_, left, y_);
+      cairo_line_to(c_, left + wide, y_);
+      cairo_stroke(c_);
+      const std::string text = fmt::format("{:.3g}", value);
+      y_ += 0.35 * kText;
+      put(left - 4.0 - width(text), text);
+    }
+    cairo_set_source_rgba(c_, 0.48, 0.61, 0.78, 0.5);
+    for (const auto& shade : layout.shades) {
+      follow(shade);
+      cairo_fill(c_);
+    }
+    cairo_set_source_rgb(c_, 0.70, 0.09, 0.17);
+    cairo_set_line_width(c_, 1.0);
+    for (const auto& line : layout.lines) {
+      follow(line);
+      cairo_stroke(c_);
+    }
+    y_ = top + kHigh + kLine;
+    for (const auto& [at, value] : layout.x_ticks) {
+      const std::string text = fmt::format("{:g}", value);
+      put(std::fmin(left + wide * at - 0.5 * width(text), kWidth - kMargin - width(text)), text);
+    }
+    y_ += kLine;
+    const std::string under = c.y_label + ", against " + c.x_label;
+    put(left + 0.5 * (wide - width(under)), under);
+    y_ += 1.6 * kLine;
+  }
+
+  /// @param left, wide  of the bar, points
+  void colour_bar(const SignedLegend& l, double left, double wide) {
+    cairo_pattern_t* colours = cairo_pattern_create_linear(left, 0.0, left + wide, 0);
     cairo_pattern_add_color_stop_rgb(colours, 0.0, 0.13, 0.40, 0.67);
     cairo_pattern_add_color_stop_rgb(colours, 0.5, 0.97, 0.97, 0.97);
     cairo_pattern_add_color_stop_rgb(colours, 1.0, 0.70, 0.09, 0.17);
     cairo_set_source(c_, colours);
-    cairo_rectangle(c_, kMargin, y_ - kText, 0.6 * kColumn, kText);
+    cairo_rectangle(c_, left, y_ - kText, wide, kText);
     cairo_fill(c_);
     cairo_pattern_destroy(colours);
     y_ += kLine;
-    scale(l.limit, l.unit, 0.6 * kColumn);
+    scale(l.limit, l.unit, left, wide);
   }
 
   void operator()(const Histogram& h) {
@@ -168,7 +220,7 @@ class Sheet {
       cairo_stroke(c_);
     }
     y_ = top + kHigh + kLine;
-    scale(h.limit, h.unit, wide);
+    scale(h.limit, h.unit, kMargin, wide);
   }
 
   void operator()(const Interactive&) {}
@@ -409,12 +461,13 @@ class Sheet {
     }
     return part;
   }
-  void scale(double limit, const std::string& unit, double wide) {
+  void scale(double limit, const std::string& unit, double left, double wide) {
     font(0.9 * kText, false);
-    for (const double share : {-1.0, -0.5, 0.0, 0.5, 1.0}) {
+    const double apart = wide < 0.5 * kColumn ? 1.0 : 0.5;  // halves only where there is room
+    for (double share = -1.0; share <= 1.0; share += apart) {
       const std::string text = fmt::format("{:+.3g} {}", share * limit, unit);
-      const double at = kMargin + 0.5 * (share + 1.0) * wide;
-      put(std::clamp(at - 0.5 * width(text), kMargin, kWidth - kMargin - width(text)), text);
+      const double at = left + 0.5 * (share + 1.0) * wide;
+      put(std::clamp(at - 0.5 * width(text), left, left + wide - width(text)), text);
     }
     y_ += 1.6 * kLine;
   }

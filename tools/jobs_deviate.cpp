@@ -17,9 +17,11 @@
 #include "scan/find_objects.hpp"
 #include "scan/find_stones.hpp"
 #include "scan/joint_pose.hpp"
+#include "scan/profiles.hpp"
 #include "scan/regions.hpp"
 #include "scan/significance.hpp"
 #include "scan/statistics.hpp"
+#include "scan/worst_places.hpp"
 #include "tools/corrections_file.hpp"
 #include "tools/deviation_page.hpp"
 #include "tools/deviation_rows.hpp"
@@ -73,11 +75,14 @@ json expected_json(const scan::DeviationStatistics& s, const NominalPart& nomina
           {"p95_mm", s.p95_mm}};
 }
 
-Result<std::vector<scan::Region>> regions_of(const Case& input, const ModelField& design) {
+Result<std::vector<scan::Region>> regions_of(const Case& input, const ModelField& design,
+                                             std::span<const meshing::PlacedStone> stones) {
   std::vector<scan::Region> regions;
   if (!input.regions.empty()) {
     MAQUETTE_TRY(regions, scan::read_regions(input.regions));
   }
+  // Stones have their own table of poses; here is how far each is off as a whole.
+  for (scan::Region& stone : scan::stone_regions(stones)) regions.push_back(std::move(stone));
   if (input.band_width_mm > 0.0)
     for (scan::Region& band : scan::band_regions(design, input.band_width_mm))
       regions.push_back(std::move(band));
@@ -169,6 +174,33 @@ Result<json> dependences_of(const MeasuredPart& all, const NominalPart& nominal,
   return rows;
 }
 
+/// Deviations along the lines of the case.
+json profiles_of(const MeasuredPart& all, const Comparison& c, const Case& input,
+                 const ModelField& design, const scan::Registration& joint) {
+  const auto& maps = c.by_design.maps;
+  const double inflation = maps.empty() ? 1.0 : maps.back().inflation;
+  json rows = json::array();
+  for (const CaseProfile& line : input.profiles)
+    rows.push_back(profile_json(scan::profile_along(all.cloud.points_mm, c.deviation.per_point_mm,
+                                                    {line.name,
+                                                     {line.from_mm[0], line.from_mm[1], 0.0},
+                                                     {line.to_mm[0], line.to_mm[1], 0.0},
+                                                     line.width_mm,
+                                                     line.step_mm},
+                                                    design, inflation, &joint)));
+  return rows;
+}
+
+/// The farthest from the design. Cells of the finest map hold a few points each: those of the next
+/// say more than their noise.
+json worst_of(const scan::Significance& s) {
+  constexpr std::size_t kMost = 12;
+  if (s.maps.empty()) return json::array();
+  const scan::CellMap& map = s.maps[std::min<std::size_t>(1, s.maps.size() - 1)];
+  json worst = worst_places_json(scan::worst_places(map, kMost, 4.0 * map.cell_mm));
+  return {{"cell_mm", map.cell_mm}, {"places", worst}};
+}
+
 /// What can be said of part and axes as a whole: none without datums and axes.
 Result<std::optional<Corrections>> find_corrections(const MeasuredPart& all, const Case& input,
                                                     const ModelField& design) {
@@ -180,6 +212,33 @@ Result<std::optional<Corrections>> find_corrections(const MeasuredPart& all, con
     corrections.axes.push_back({axis.name, fit});
   }
   return corrections;
+}
+
+/// Where each scan was taken from, in the model frame, and how it saw the part.
+json stations_json(const MeasuredPart& all) {
+  json rows = json::array();
+  std::size_t i = 0, scan = 0, left = all.scans.front().points;
+  for (const scan::Viewpoint& v : all.views) {
+    while (left == 0 && scan + 1 < all.scans.size()) left = all.scans[++scan].points;
+    left -= v.points;
+    const ScanFigures& f = all.figures[scan];
+    json row = {{"points", f.name}, {"points_compared", v.points}, {"mixed", f.mixed}};
+    if (v.beam_diameter_mm > 0.0) row["beam_diameter_mm"] = v.beam_diameter_mm;
+    if (v.station_mm && v.points > 0) {
+      row["at_mm"] = {v.station_mm->x, v.station_mm->y, v.station_mm->z};
+      const auto of = [&](const std::vector<float>& values) {
+        return std::minmax_element(values.begin() + static_cast<std::ptrdiff_t>(i),
+                                   values.begin() + static_cast<std::ptrdiff_t>(i + v.points));
+      };
+      const auto [near, far] = of(all.range_mm);
+      const auto [steep, oblique] = of(all.incidence_deg);
+      row["range_mm"] = {*near, *far};
+      row["incidence_deg"] = {*steep, *oblique};
+    }
+    rows.push_back(std::move(row));
+    i += v.points;
+  }
+  return rows;
 }
 
 /// summary.json, but for what needs the case's other files.
@@ -211,6 +270,8 @@ json summary_of(const MeasuredPart& all, const Comparison& c, const NominalPart&
   summary["objects"] = objects_json(c.objects);
   summary["regions"] = regions_json(scan::judge_regions(
       all.cloud.points_mm, c.deviation.per_point_mm, regions, c.by_design, &joint));
+  summary["stations"] = stations_json(all);
+  summary["worst"] = worst_of(c.by_design);
   summary["budget"] = budget_json({});
   if (!c.findings().maps.empty()) {
     const scan::CellMap& cells = c.findings().maps.front();
@@ -227,11 +288,16 @@ std::string note_of(const Comparison& c) {
   const auto& s = c.deviation.statistics;
   const auto off = std::count_if(c.stones.begin(), c.stones.end(), [](const scan::StoneFinding& f) {
     return f.state != scan::StoneState::as_planned && f.state != scan::StoneState::present &&
-           f.state != scan::StoneState::unseen;
+           f.state != scan::StoneState::unseen && f.state != scan::StoneState::unclear;
   });
+  const auto unclear = std::count_if(
+      c.stones.begin(), c.stones.end(),
+      [](const scan::StoneFinding& f) { return f.state == scan::StoneState::unclear; });
+  std::string stones;
+  if (!c.stones.empty()) stones = fmt::format(", {} stones not as planned", off);
+  if (unclear > 0) stones += fmt::format(", {} unclear", unclear);
   return fmt::format("mean {:+.3f} mm, rms {:.3f} mm over {} points; {} significant patches{}",
-                     s.mean_mm, s.rms_mm, s.points, c.findings().findings.size(),
-                     c.stones.empty() ? "" : fmt::format(", {} stones not as planned", off));
+                     s.mean_mm, s.rms_mm, s.points, c.findings().findings.size(), stones);
 }
 
 }  // namespace
@@ -247,7 +313,7 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   NominalPart nominal;  // its search tree points at its mesh: it stays where it is
   MAQUETTE_TRY_VOID(read_nominal(nominal, *input, run));
   const ModelField& design = nominal.design;
-  MAQUETTE_TRY(const auto regions, regions_of(*input, design));
+  MAQUETTE_TRY(const auto regions, regions_of(*input, design, nominal.stone_plan));
   MeasuredPart all;
   for (const CaseScan& entry : input->scans)
     MAQUETTE_TRY_VOID(add_scan(all, entry, *input, nominal, run));
@@ -262,6 +328,7 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   Comparison c;
   MAQUETTE_TRY_VOID(compare(c, all, nominal, *input, joint, run));
   json summary = summary_of(all, c, nominal, regions, joint);
+  summary["profiles"] = profiles_of(all, c, *input, design, joint);
   MAQUETTE_TRY(summary["dependences"],
                dependences_of(all, nominal, *input, c.deviation.per_point_mm, run));
 

@@ -30,7 +30,7 @@ td, th {{ padding: .2em .8em; text-align: left; border-bottom: 1px solid #8884; 
 td.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
 figure {{ margin: 1em 0; display: inline-block; vertical-align: top; max-width: 100%; }}
 figcaption {{ font-size: .85em; opacity: .8; }}
-img {{ max-width: 100%; height: auto; image-rendering: auto; }}
+img, svg {{ max-width: 100%; height: auto; }}
 svg text {{ fill: currentColor; }}
 .wide {{ overflow-x: auto; }}
 .warn {{ color: #b2182b; font-weight: 600; }}

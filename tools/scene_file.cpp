@@ -137,6 +137,16 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
            true});
     return e;
   });
+  t.array("profile", "lines over the part along which deviations are shown", [&c] {
+    CaseProfile& line = c.profiles.emplace_back();
+    Schema e;
+    e.add({"name", &line.name, ""});
+    e.add({"from_mm", &line.from_mm, "x, y of the model frame", -1e5, 1e5, {}, true});
+    e.add({"to_mm", &line.to_mm, "x, y of the model frame", -1e5, 1e5, {}, true});
+    e.add({"width_mm", &line.width_mm, "points up to half of it to either side count", 1e-3, 1e4});
+    e.add({"step_mm", &line.step_mm, "of one value; 0: as some 30 points need", 0, 1e4});
+    return e;
+  });
   t.array("probe", "probed or CMM points", [&c] {
     CaseProbe& probe = c.probes.emplace_back();
     Schema e;
@@ -187,6 +197,13 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     Schema more;
     more.array("datum", "", datum_schema);
     MAQUETTE_TRY_VOID(more.read(c.datum_file));
+  }
+  for (CaseProfile& line : c.profiles) {
+    if (line.name.empty()) line.name = fmt::format("profile {}", &line - &c.profiles.front() + 1);
+    if (line.from_mm.size() != 2 || line.to_mm.size() != 2 || line.from_mm == line.to_mm)
+      return fail(kConfigInvalid,
+                  fmt::format("{}: {}: from_mm and to_mm must be two different places [x, y]",
+                              path.string(), line.name));
   }
   if (c.scans.empty() && c.probes.empty() && c.photos.empty())
     return fail(kConfigInvalid,

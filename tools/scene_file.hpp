@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "camera/render.hpp"
 #include "core/result.hpp"
@@ -66,6 +67,12 @@ struct CaseAxis {
   std::string name;
   std::filesystem::path stops;
 };
+/// A line over the part along which deviations are shown, in the plan.
+struct CaseProfile {
+  std::string name;
+  std::vector<double> from_mm, to_mm;
+  double width_mm = 2.0, step_mm = 0.0;
+};
 struct CaseProbe {
   std::filesystem::path points;
 };
@@ -104,6 +111,7 @@ struct Case {
   std::deque<CaseScan> scans;
   std::deque<CaseDatum> datums;
   std::deque<CaseAxis> axes;
+  std::deque<CaseProfile> profiles;
   std::deque<CaseProbe> probes;
   std::deque<CaseCause> causes;
   std::deque<CasePhoto> photos;

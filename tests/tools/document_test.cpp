@@ -26,6 +26,7 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "support/matchers.hpp"
+#include "tools/curve_drawing.hpp"
 #include "tools/path_under.hpp"
 
 namespace maquette::tools {
@@ -54,6 +55,7 @@ TEST(Document, PageAndPdfSayTheSame) {
                            false}});
   doc.emplace_back(table);
   doc.emplace_back(Histogram{{1, 5, 9, 5, 1}, 1.0, 0.0, 0.4, "mm"});
+  doc.emplace_back(Curve{{0, 1, 2}, {0.1, NAN, 0.2}, {0.01, NAN, 0.02}, "way, mm", "height, mm"});
   doc.emplace_back(Interactive{"<b>only here</b>"});
   const std::string html = to_html(doc);
   for (const char* text : {"Deviation &lt; &amp; &gt;", "\u00b1 one", "row119", "<b>only here</b>",
@@ -91,6 +93,25 @@ std::string pages_of(const Document& doc, const std::string& option) {
                 ("pdftotext " + option + " '" + folder + "/a.pdf' '" + folder + "/a.txt'").c_str()),
             0);
   return *read_file(scratch / "a.txt");
+}
+
+// Two pieces beside a gap; zero and all that the curve may be are on the drawing.
+TEST(Curve, IsLaidOutWithItsGaps) {
+  const CurveLayout l = layout_of(
+      {{0, 10, 20, 30, 40}, {1, 2, NAN, 3, 3}, {0.5, 0.5, NAN, 1, 0}, "way, mm", "height, mm"});
+  ASSERT_EQ(l.lines.size(), 2U);
+  EXPECT_EQ(l.lines[0].size(), 2U);
+  EXPECT_EQ(l.lines[1].size(), 2U);
+  // From 0 to 4, a twentieth of that more to either side.
+  const auto share = [](double y) { return (y + 0.2) / 4.4; };
+  EXPECT_NEAR(l.lines[0][1][0], 0.25, 1e-12);
+  EXPECT_NEAR(l.lines[0][1][1], share(2.0), 1e-12);
+  ASSERT_EQ(l.shades[1].size(), 4U);
+  EXPECT_NEAR(l.shades[1][0][1], share(4.0), 1e-12);
+  EXPECT_NEAR(l.shades[1][3][1], share(2.0), 1e-12);
+  ASSERT_GE(l.y_ticks.size(), 3U);
+  for (const auto& t : l.y_ticks) EXPECT_NEAR(t.at, share(t.value), 1e-12);
+  EXPECT_TRUE(layout_of({{0, 1}, {NAN, NAN}, {NAN, NAN}, "", ""}).lines.empty());
 }
 
 TEST(Document, AHeadIsWithItsRows) {

@@ -24,6 +24,7 @@
 #include <pugixml.hpp>
 
 #include "core/files.hpp"
+#include "support/browser.hpp"
 #include "support/matchers.hpp"
 #include "support/terrain.hpp"
 #include "tools/path_view.hpp"
@@ -232,12 +233,6 @@ TEST(ProgramPictures, ASinkThatFailsIsHeard) {
 
 // ---- the page --------------------------------------------------------------
 
-std::optional<std::string> browser() {
-  for (const char* name : {"chromium", "chromium-browser", "google-chrome"})
-    if (std::system(fmt::format("command -v {} >/dev/null 2>&1", name).c_str()) == 0) return name;
-  return std::nullopt;
-}
-
 TEST(PathView, IsOneFileThatAsksNobody) {
   const auto design = testing_support::flat_field(41, 41, 0.5, 0.0F);
   ProgramPicturesOptions o = all_colours();
@@ -255,8 +250,7 @@ TEST(PathView, IsOneFileThatAsksNobody) {
 
 // What a page draws is told by a script that is added to it.
 TEST(PathView, DrawsInABrowser) {
-  const auto program = browser();
-  if (!program) GTEST_SKIP() << "no chromium here: the page is not looked at";
+  if (!testing_support::browser()) GTEST_SKIP() << "no chromium here: the page is not looked at";
   // From above 100 mm of x fill the canvas; two passes at the southern and the northern edge.
   const std::string cuts =
       "G21 G90\nG0 X0 Y0 Z0\nG1 X100 F1000\nG0 Z30\nX0 Y40 Z30\nZ0\nG1 X100 F3000\nG0 Z30\n";
@@ -335,26 +329,7 @@ addEventListener('load', () => {
 </script>)js";
   ASSERT_THAT(write_file(folder / "q.html", page), Succeeds());
   for (const char* size : {"1200,900", "500,800"}) {
-    const auto dom = folder / "dom.html", said = folder / "said.txt";
-    const int status = std::system(
-        fmt::format("timeout 100 {} --headless --no-sandbox --use-gl=angle --use-angle=swiftshader "
-                    "--enable-unsafe-swiftshader --window-size={} --user-data-dir='{}' "
-                    "--virtual-time-budget=8000 --enable-logging=stderr --dump-dom 'file://{}' "
-                    ">'{}' 2>'{}'",
-                    *program, size, (folder / "profile").string(), (folder / "q.html").string(),
-                    dom.string(), said.string())
-            .c_str());
-    ASSERT_EQ(status, 0) << *read_file(said);
-    std::istringstream lines(*read_file(said));
-    for (std::string line; std::getline(lines, line);) {
-      // Reading the canvas, as this test does, may be remarked upon.
-      if (line.find("CONSOLE") == std::string::npos) continue;
-      EXPECT_THAT(line, HasSubstr("GPU stall due to ReadPixels"));
-    }
-    const std::string text = *read_file(dom);
-    const std::size_t at = text.find("id=\"told\">");
-    ASSERT_NE(at, std::string::npos) << "the page's script did not come to its end";
-    const json out = json::parse(text.substr(at + 10, text.find("</pre>", at) - at - 10));
+    const json out = json::parse(testing_support::told_by(folder / "q.html", size, folder.path()));
     SCOPED_TRACE(out.dump());
     const auto number = [&](const char* picture, const char* key) {
       return out[picture][key].get<double>();

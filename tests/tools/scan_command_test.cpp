@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdio>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -15,6 +16,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "scan/cloud_stream.hpp"
+#include "support/browser.hpp"
 #include "support/matchers.hpp"
 #include "support/program.hpp"
 #include "support/scan_terrain.hpp"
@@ -177,6 +179,110 @@ TEST_F(ScanCommand, SpheresGiveThePoseAndThePartsPlace) {
   EXPECT_EQ(c["axes"][0]["name"], "rail");
   EXPECT_EQ(slurp(scratch / "d" / "report.pdf").substr(0, 5), "%PDF-");
   EXPECT_THAT(slurp(scratch / "d" / "corrections.toml"), HasSubstr("maquette.corrections/1"));
+}
+
+// A report of a part with a bump of 0.3 mm, 30 mm wide, in its middle: seen from above in a browser
+// the middle is red, a click there tells its place and height, cutting takes half of the part away.
+TEST_F(ScanCommand, TheReportsPartTurnsInABrowser) {
+  if (!testing_support::browser()) GTEST_SKIP() << "no chromium here: the page is not looked at";
+  const auto part = heightmap::read_model_field(scratch / "design.tif");
+  ASSERT_TRUE(part.has_value());
+  scan::Cloud cloud = testing_support::points_on(*part, 100'000, 5, 0.05);
+  for (Vec3& p : cloud.points_mm)
+    if (std::hypot(p.x - 75.0, p.y - 75.0) < 15.0) p.z += 0.3;
+  ASSERT_TRUE(scan::write_cloud(cloud, scratch / "s.ply"));
+  ASSERT_TRUE(write_file(scratch / "case.toml",
+                         "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\n[[profile]]\nname "
+                         "= \"across\"\nfrom_mm = [10, 75]\nto_mm = [140, 75]\nstep_mm = "
+                         "2.0\n[[scan]]\npoints = \"s.ply\"\n"));
+  const Outcome o = run("deviate case.toml --out d --quiet");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json s = json::parse(slurp(scratch / "d" / "summary.json"));
+  ASSERT_EQ(s["profiles"][0]["values"].size(), 65U);
+  for (const json& v : s["profiles"][0]["values"]) {
+    const double x = v["x_mm"], mean = v["mean_mm"], sigma = v["sigma_mm"];
+    if (std::abs(std::abs(x - 75.0) - 15.0) < 1.1) continue;  // half in it
+    // What is moved along z is less along the normal; the best fit takes 0.01 mm of it.
+    const auto height = [&](double dx, double dy) {
+      return heightmap::height_at(*part, x + dx, 75.0 + dy);
+    };
+    const double slope =
+        std::hypot(height(1, 0) - height(-1, 0), height(0, 1) - height(0, -1)) / 2.0;
+    EXPECT_NEAR(mean, std::abs(x - 75.0) < 15.0 ? 0.3 / std::hypot(1.0, slope) - 0.01 : -0.01,
+                4.0 * sigma + 0.02)
+        << x;
+  }
+  EXPECT_LT(std::hypot(s["worst"]["places"][0]["x_mm"].get<double>() - 75.0,
+                       s["worst"]["places"][0]["y_mm"].get<double>() - 75.0),
+            15.0);
+  std::string page = slurp(scratch / "d" / "report.html");
+  for (const char* address : {"http:", "https:", "//cdn", "import(", "fetch(", "XMLHttp"})
+    EXPECT_THAT(page, testing::Not(HasSubstr(address)));
+  page += R"js(<script>
+addEventListener('load', () => {
+  const canvas = document.getElementById('part'), gl = canvas.getContext('webgl'), out = {};
+  canvas.setPointerCapture = () => {};  // there is no real pointer
+  const box = () => canvas.getBoundingClientRect();
+  const send = (kind, dx, dy) => canvas.dispatchEvent(new PointerEvent(kind, {pointerId: 1,
+    clientX: box().left + box().width / 2 + dx, clientY: box().top + box().height / 2 + dy}));
+  const look = () => {
+    const w = gl.drawingBufferWidth, h = gl.drawingBufferHeight, p = new Uint8Array(4 * w * h);
+    gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);
+    let ink = 0;
+    for (let k = 3; k < p.length; k += 4) ink += p[k] > 0 ? 1 : 0;
+    const m = 4 * (Math.floor(h / 2) * w + Math.floor(w / 2));
+    return {ink, middle: [...p.slice(m, m + 4)]};
+  };
+  const slide = (name, value) => {
+    const input = document.querySelector(`input[name=${name}]`);
+    input.value = value; input.dispatchEvent(new Event('input'));
+  };
+  out.oblique = look();
+  send('pointerdown', 0, 0); send('pointermove', 0, 400); send('pointerup', 0, 400);
+  out.above = look();
+  send('pointerdown', 0, 0); send('pointerup', 0, 0);
+  out.clicked = document.querySelector('.value').textContent;
+  const corner = [-box().width / 2 + 2, -box().height / 2 + 2];
+  send('pointerdown', ...corner); send('pointerup', ...corner);
+  out.beside = document.querySelector('.value').textContent;
+  slide('cutX', 0.3); out.cut = look(); slide('cutX', 1);
+  slide('bend', 0.05); send('pointerdown', 0, 0); send('pointermove', 0, -150);
+  send('pointerup', 0, -150);
+  out.bent = look();
+  out.bars = document.querySelectorAll('svg[aria-label="colour scale"]').length;
+  out.curves = document.querySelectorAll('svg polyline').length;
+  out.wide = document.documentElement.scrollWidth <= innerWidth;
+  document.body.append(Object.assign(document.createElement('pre'),
+    {id: 'told', textContent: JSON.stringify(out)}));
+});
+</script>)js";
+  ASSERT_TRUE(write_file(scratch / "q.html", page));
+  for (const char* size : {"1200,900", "500,800"}) {
+    const json out =
+        json::parse(testing_support::told_by(scratch / "q.html", size, scratch.path()));
+    SCOPED_TRACE(out.dump());
+    const auto ink = [&](const char* picture) { return out[picture]["ink"].get<double>(); };
+    EXPECT_GT(ink("oblique"), 10'000.0);
+    EXPECT_GT(ink("above"), 1.1 * ink("oblique")) << "from above more of the part is seen";
+    const json red = out["above"]["middle"];
+    EXPECT_GT(red[0].get<int>(), red[2].get<int>() + 60) << "the bump";
+    double x = 0.0, y = 0.0, z = 0.0, d = 0.0;
+    const std::string text = out["clicked"];
+    ASSERT_EQ(std::sscanf(text.c_str(), "x %lf, y %lf, z %lf mm: %lf mm", &x, &y, &z, &d), 4);
+    EXPECT_NEAR(x, 75.0, 3.0);
+    EXPECT_NEAR(y, 75.0, 3.0);
+    EXPECT_NEAR(z, heightmap::height_at(*part, x, y), 0.02);
+    // A node's mean of some four points of 0.05 mm.
+    EXPECT_NEAR(d, 0.29, 0.12);
+    EXPECT_EQ(out["beside"], "nothing there");
+    // 0.3 of the width stays; the view is turned, but from above areas keep their ratio, as far as
+    // perspective and relief let them.
+    EXPECT_NEAR(ink("cut") / ink("above"), 0.3, 0.03);
+    EXPECT_NE(out["bent"], out["oblique"]);
+    EXPECT_EQ(out["bars"], 3) << "beside each map and the part";
+    EXPECT_EQ(out["curves"], 2) << "profile, normal distribution";
+    EXPECT_TRUE(out["wide"]) << "nothing sticks out sideways";
+  }
 }
 
 }  // namespace

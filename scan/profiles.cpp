@@ -87,9 +87,9 @@ Profile profile_along(std::span<const Vec3> points, std::span<const float> devia
       p.sigma_mm.push_back(NAN);
       continue;
     }
-    const double variance =
-        s.freedom() < kFewPoints ? (s.scatter() + kFewPoints * pooled) / (s.freedom() + kFewPoints)
-                                 : s.scatter() / s.freedom();
+    const double variance = s.freedom() < kFewPoints
+                                ? (s.scatter() + kFewPoints * pooled) / (s.freedom() + kFewPoints)
+                                : s.scatter() / s.freedom();
     const double pose =
         registration != nullptr ? pose_sigma_mm(*registration, at, {0.0, 0.0, 1.0}) : 0.0;
     p.sigma_mm.push_back(

@@ -33,10 +33,10 @@ struct ProfileLine {
 struct Profile {
   std::string name;
   double step_mm = 0.0;
-  std::vector<Vec3> at_mm;        ///< middle of the stretch; z: the design's
-  std::vector<double> along_mm;   ///< of the middle, from the line's beginning
-  std::vector<double> mean_mm;    ///< deviation along the normal
-  std::vector<double> sigma_mm;   ///< of the mean
+  std::vector<Vec3> at_mm;       ///< middle of the stretch; z: the design's
+  std::vector<double> along_mm;  ///< of the middle, from the line's beginning
+  std::vector<double> mean_mm;   ///< deviation along the normal
+  std::vector<double> sigma_mm;  ///< of the mean
   std::vector<std::size_t> points;
 };
 

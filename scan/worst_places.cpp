@@ -17,7 +17,8 @@ std::vector<WorstPlace> worst_places(const CellMap& map, std::size_t most, doubl
       if (const float m = map.mean_mm(r, c); !std::isnan(m))
         cells.push_back({std::abs(m) - map.lod_mm(r, c), r, c});
   std::sort(cells.begin(), cells.end(), [](const Entry& a, const Entry& b) {
-    return a.beyond_mm != b.beyond_mm ? a.beyond_mm > b.beyond_mm : (a.r != b.r ? a.r < b.r : a.c < b.c);
+    return a.beyond_mm != b.beyond_mm ? a.beyond_mm > b.beyond_mm
+                                      : (a.r != b.r ? a.r < b.r : a.c < b.c);
   });
   std::vector<WorstPlace> places;
   for (const Entry& e : cells) {

@@ -89,18 +89,18 @@ std::string curve_svg(const Curve& curve) {
   for (const auto& shade : layout.shades)
     svg += "<polygon fill='#7a9cc6' fill-opacity='0.45' points='" + path(shade) + "'/>";
   for (const auto& line : layout.lines)
-    svg += "<polyline fill='none' stroke='#b2182b' stroke-width='1.5' points='" + path(line) +
-           "'/>";
+    svg +=
+        "<polyline fill='none' stroke='#b2182b' stroke-width='1.5' points='" + path(line) + "'/>";
   for (const auto& [at, value] : layout.x_ticks)
-    svg += fmt::format(
-        "<text x='{:.1f}' y='{:.1f}' font-size='12' text-anchor='middle'>{:g}</text>", across(at),
-        down(0.0) + 16.0, value);
-  return svg +
-         fmt::format("<text x='{:.1f}' y='{:.1f}' font-size='12' text-anchor='middle'>{}</text>"
-                     "<text x='14' y='{:.1f}' font-size='12' text-anchor='middle' "
-                     "transform='rotate(-90 14 {:.1f})'>{}</text></svg>",
-                     across(0.5), down(0.0) + 36.0, markup_escaped(curve.x_label), down(0.5),
-                     down(0.5), markup_escaped(curve.y_label));
+    svg +=
+        fmt::format("<text x='{:.1f}' y='{:.1f}' font-size='12' text-anchor='middle'>{:g}</text>",
+                    across(at), down(0.0) + 16.0, value);
+  return svg + fmt::format(
+                   "<text x='{:.1f}' y='{:.1f}' font-size='12' text-anchor='middle'>{}</text>"
+                   "<text x='14' y='{:.1f}' font-size='12' text-anchor='middle' "
+                   "transform='rotate(-90 14 {:.1f})'>{}</text></svg>",
+                   across(0.5), down(0.0) + 36.0, markup_escaped(curve.x_label), down(0.5),
+                   down(0.5), markup_escaped(curve.y_label));
 }
 
 }  // namespace maquette::tools

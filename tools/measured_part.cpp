@@ -12,6 +12,7 @@
 
 #include "meshing/stones.hpp"
 #include "scan/beam_shift.hpp"
+#include "scan/check_stations.hpp"
 #include "scan/clean.hpp"
 #include "scan/datums.hpp"
 #include "scan/find_spheres.hpp"
@@ -130,6 +131,19 @@ Result<scan::Cloud> read_scan(const CaseScan& entry, std::uint64_t most_points,
   return cloud;
 }
 
+/// Stations of one file have the poses that it states; nobody else would say that one is wrong.
+void warn_of_strays(const std::vector<scan::StrayStation>& strays, const std::string& name,
+                    const RunContext& run) {
+  for (const scan::StrayStation& s : strays)
+    run.warn(std::isnan(s.off_mm)
+                 ? fmt::format("{}: {} is not on the part where its pose in the file puts it; "
+                               "`maquette merge` brings stations together",
+                               name, s.name)
+                 : fmt::format("{}: {} would lie {:.3f} mm (+- {:.3f}) elsewhere by itself: is its "
+                               "pose in the file right? `maquette merge` brings stations together",
+                               name, s.name, s.off_mm, s.sigma_mm));
+}
+
 void scale_by(double factor, scan::Cloud& cloud) {
   for (Vec3& p : cloud.points_mm) p = factor * p;
   if (cloud.station_mm) *cloud.station_mm = factor * *cloud.station_mm;
@@ -229,6 +243,11 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
   if (!best && spheres && best.error().code != kCancelled) best = spheres->registration;
   if (!best) return within(std::move(best.error()));
   figures.best = *best;
+  if (!input.scale && !nominal.mesh) {
+    if (auto seen = scan::check_viewpoints(cloud, best->model_from_scan, nominal.to_meet()); !seen)
+      return within(std::move(seen.error()));
+    warn_of_strays(scan::stray_stations(cloud, *best, nominal.to_meet(), run), figures.name, run);
+  }
   if (input.scale) scale_by(best->scale, cloud);
   scan::Registration used = *best;
   if (!datums.empty()) {

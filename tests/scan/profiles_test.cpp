@@ -6,8 +6,9 @@
 //   sigma ............ many lines over independent noise: normalised errors have rms 1; correlation
 //                      and a pose's covariance by their formulas
 //   which points ..... by hand: width, ends, gaps
-//   worst places ..... the farthest beyond the level of detection first, none beside one before, ties in a fixed order
-//   stones ........... each vertex of a stone is in its outline, what is beside it is not
+//   worst places ..... the farthest beyond the level of detection first, none beside one before,
+//   ties in a fixed order stones ........... each vertex of a stone is in its outline, what is
+//   beside it is not
 
 #include "scan/profiles.hpp"
 
@@ -42,12 +43,12 @@ TEST(Profiles, OfAWaveIsTheWave) {
       d.push_back(static_cast<float>(
           std::sin(2.0 * std::numbers::pi * (0.6 * (p.x - 10.0) + 0.8 * (p.y - 10.0)) / kLong)));
     }
-  const Profile p = profile_along(points, d, {"w", {10, 10, 0}, {64, 82, 0}, 4.0, 2.0}, kFlat, 1.0,
-                                  nullptr);
+  const Profile p =
+      profile_along(points, d, {"w", {10, 10, 0}, {64, 82, 0}, 4.0, 2.0}, kFlat, 1.0, nullptr);
   ASSERT_EQ(p.mean_mm.size(), 45U);  // 90 mm
   EXPECT_DOUBLE_EQ(p.step_mm, 2.0);
-  // A stretch of 2 mm holds some 800 places: the mean of a wave over it is sinc(2/40) = 0.996 of its
-  // middle; places 0.1 mm apart leave the middle uncertain by 0.005 mm, 0.0008 of the wave.
+  // A stretch of 2 mm holds some 800 places: the mean of a wave over it is sinc(2/40) = 0.996 of
+  // its middle; places 0.1 mm apart leave the middle uncertain by 0.005 mm, 0.0008 of the wave.
   const double part = std::sin(std::numbers::pi * 2.0 / kLong) / (std::numbers::pi * 2.0 / kLong);
   for (std::size_t k = 0; k < p.mean_mm.size(); ++k) {
     EXPECT_NEAR(p.along_mm[k], 2.0 * static_cast<double>(k) + 1.0, 1e-9);
@@ -65,13 +66,13 @@ TEST(Profiles, StateTheirUncertainty) {
     std::vector<Vec3> points;
     std::vector<float> d;
     for (std::uint64_t i = 0; i < 100'000; ++i) {
-      points.push_back({100.0 * random_uniform(seed, 2 * i), 100.0 * random_uniform(seed, 2 * i + 1),
-                        5.0});
+      points.push_back(
+          {100.0 * random_uniform(seed, 2 * i), 100.0 * random_uniform(seed, 2 * i + 1), 5.0});
       d.push_back(static_cast<float>(0.3 + 0.2 * random_normal(seed + 100, i)));
     }
     const double y = 20.0 + 3.0 * static_cast<double>(seed);
-    const Profile p = profile_along(points, d, {"n", {1, y, 0}, {99, 100.0 - y, 0}, 2.0, 0.0}, kFlat,
-                                    1.0, nullptr);
+    const Profile p = profile_along(points, d, {"n", {1, y, 0}, {99, 100.0 - y, 0}, 2.0, 0.0},
+                                    kFlat, 1.0, nullptr);
     EXPECT_GT(p.mean_mm.size(), 50U);
     for (std::size_t k = 0; k < p.mean_mm.size(); ++k, n += 1.0)
       square += std::pow((p.mean_mm[k] - 0.3) / p.sigma_mm[k], 2);
@@ -90,7 +91,8 @@ TEST(Profiles, CountPointsWithinTheirWidth) {
       points.push_back({10.0 + stretch + 0.05 * k + 0.01, 50.0 + (k % 2 == 0 ? 0.9 : -0.9), 5.0});
       d.push_back(k % 2 == 0 ? 0.1F : -0.1F);
     }
-  for (const Vec3 beside : {Vec3{9.9, 50, 5}, Vec3{20.1, 50, 5}, Vec3{15, 51.1, 5}, Vec3{15, 48.9, 5}}) {
+  for (const Vec3 beside :
+       {Vec3{9.9, 50, 5}, Vec3{20.1, 50, 5}, Vec3{15, 51.1, 5}, Vec3{15, 48.9, 5}}) {
     points.push_back(beside);
     d.push_back(9.0F);
   }
@@ -172,8 +174,7 @@ TEST(StoneRegions, CoverTheStone) {
                    s = std::sin(a * std::numbers::pi / 180.0);
       double most = -INFINITY, outline = -INFINITY;
       for (const Vec3& v : mesh.vertices_mm) most = std::fmax(most, c * v.x + s * v.y);
-      for (const auto& [x, y] : regions[k].rings_mm[0])
-        outline = std::fmax(outline, c * x + s * y);
+      for (const auto& [x, y] : regions[k].rings_mm[0]) outline = std::fmax(outline, c * x + s * y);
       EXPECT_EQ(outline, most);
     }
   }

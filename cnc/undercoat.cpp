@@ -81,16 +81,18 @@ Result<Undercoat> undercoat(const ModelField& design, Millimetres thickness,
   constexpr double kMostCells = 24.0;  // DropCutter's own way for balls
   const double t = thickness.value(), most = kMostCells * design.spacing.value();
   if (!(t > 0.0 && t <= most))
-    return fail(kCoatThickness,
-                fmt::format("coat of {} mm: must be above 0 and at most {} mm at a spacing of {} mm",
-                            t, most, design.spacing.value()));
+    return fail(
+        kCoatThickness,
+        fmt::format("coat of {} mm: must be above 0 and at most {} mm at a spacing of {} mm", t,
+                    most, design.spacing.value()));
   for (std::ptrdiff_t r = 0; r < design.z_mm.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < design.z_mm.cols(); ++c)
       if (!std::isfinite(design.z_mm(r, c)))
-        return fail(kHeightNotFinite,
-                    fmt::format("the design has a void at row {}, column {} (x = {} mm, y = {} mm); "
-                                "fill voids first",
-                                r, c, design.x_mm(c), design.y_mm(r)));
+        return fail(
+            kHeightNotFinite,
+            fmt::format("the design has a void at row {}, column {} (x = {} mm, y = {} mm); "
+                        "fill voids first",
+                        r, c, design.x_mm(c), design.y_mm(r)));
   // Twice the ball's reach: the undercoat must be right where the coat is put back on.
   const auto more = 2 * static_cast<std::ptrdiff_t>(std::ceil(t / design.spacing.value()) + 1.0);
   const ModelField wider = upside_down(rolled(upside_down(continued(design, more)), t, run));

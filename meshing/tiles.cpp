@@ -97,14 +97,12 @@ Result<std::vector<std::ptrdiff_t>> cut(const Axis& axis, std::span<const Stretc
       if (from.parts == std::numeric_limits<std::ptrdiff_t>::max()) continue;
       const auto cells = static_cast<double>(i - j);
       const double squares = from.squares + cells * cells;
-      if (from.parts + 1 < here.parts ||
-          (from.parts + 1 == here.parts && squares < here.squares))
+      if (from.parts + 1 < here.parts || (from.parts + 1 == here.parts && squares < here.squares))
         here = {from.parts + 1, j, squares};
     }
     if (here.before >= 0) reached = i;
   }
-  if (best.back().before < 0)
-    return tl::unexpected(no_joint(axis, stones, blocked, reached, most));
+  if (best.back().before < 0) return tl::unexpected(no_joint(axis, stones, blocked, reached, most));
   std::vector<std::ptrdiff_t> lines;
   for (std::ptrdiff_t i = axis.count - 1; i >= 0; i = best[static_cast<std::size_t>(i)].before)
     lines.push_back(i);

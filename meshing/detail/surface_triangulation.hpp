@@ -79,7 +79,7 @@ class SurfaceTriangulation {
 
   /// Finds every triangle's worst node; those with one farther off than `error_mm` wait.
   void scan_all(double error_mm);
-  /// Inserts worst nodes until no triangle waits, there are `most_triangles` (or 0.2 % fewer,
+  /// Inserts worst nodes until no triangle waits, there are `most_triangles` (or 0.05 % fewer,
   /// if the worst is then what it was lowest) or the run is stopped. @pre scan_all()
   void refine(std::uint64_t most_triangles, const RunContext& run);
   /// The most that a node is off, over all triangles. After scan_all() or refine().
@@ -105,7 +105,7 @@ class SurfaceTriangulation {
   void for_rows(const Triangle& t, bool half_open, Visit visit) const;
 
  private:
-  static constexpr std::uint64_t kStopEarly = 500;
+  static constexpr std::uint64_t kStopEarly = 2000;
   static constexpr int kMantissaBits = 7;  // 128 lists per doubling
   static std::uint32_t list_of(float error_mm);
   [[nodiscard]] std::int64_t doubled_area(const Vertex& a, const Vertex& b, const Vertex& c) const {

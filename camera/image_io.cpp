@@ -32,6 +32,15 @@ Result<void> write_file(OIIO::ImageSpec spec, const void* pixels, OIIO::TypeDesc
   };
   auto out = OIIO::ImageOutput::create(partial.path().string());
   if (!out) return because(OIIO::geterror());
+  // Some of its writers say nothing when the disk is full: the file is made in memory.
+  OIIO::Filesystem::IOVecOutput memory;
+  if (out->supports("ioproxy") && out->set_ioproxy(&memory)) {
+    const bool made = out->open(partial.path().string(), spec) && out->write_image(type, pixels);
+    if (!out->close() || !made) return because(out->geterror());
+    const auto& bytes = memory.buffer();
+    return ::maquette::write_file(
+        path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  }
   if (!out->open(partial.path().string(), spec)) return because(out->geterror());
   const bool written = out->write_image(type, pixels);
   if (!out->close() || !written) return because(out->geterror());

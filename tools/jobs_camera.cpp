@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 
 #include "assets/devices.hpp"
-#include "camera/compare.hpp"
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
@@ -76,27 +75,6 @@ Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const
   MAQUETTE_TRY_VOID(write_file(scene, text));
   JobResult result;
   result.outputs = {scene};
-  return result;
-}
-
-Result<JobResult> compare_job(const fs::path& real_path, const fs::path& rendered_path,
-                              const fs::path& folder, const RunContext&) {
-  MAQUETTE_TRY(const auto real, camera::read_image(real_path));
-  MAQUETTE_TRY(const auto rendered, camera::read_image(rendered_path));
-  auto comparison = camera::compare_images(real, rendered);
-  if (!comparison)
-    return tl::unexpected(
-        std::move(comparison.error())
-            .within(fmt::format("{} and {}", real_path.string(), rendered_path.string())));
-  std::error_code ec;
-  fs::create_directories(folder, ec);
-  if (ec) return tl::unexpected(write_error(folder, ec.value()));
-  JobResult result;
-  result.outputs = {folder / "compare.json", folder / "difference.png"};
-  result.figures_json = camera::to_json(*comparison);
-  MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json));
-  MAQUETTE_TRY_VOID(camera::write_png(comparison->difference, result.outputs[1]));
-  result.note = fmt::format("mean difference {:.2f}/255", comparison->mean_abs_diff_255);
   return result;
 }
 

@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.hpp"
-#include "tools/commands/commands.hpp"
+#include "tools/commands/camera_commands.hpp"
 #include "tools/version.hpp"
 
 namespace maquette::tools {
@@ -51,7 +51,7 @@ int run_program(int argc, char** argv) {
       add_compare(root, common),       add_scan(root, common),       add_clean(root, common),
       add_merge(root, common),         add_deviate(root, common),    add_diagnose(root, common),
       add_detectability(root, common), add_compensate(root, common), add_info(root, common),
-      add_doctor(root, common)};
+      add_doctor(root, common),        add_expose(root, common),     add_stack(root, common)};
   for (CLI::App* verb : root.get_subcommands({})) verb->fallthrough();
 
   try {

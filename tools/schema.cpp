@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "tools/schema_text.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
@@ -353,6 +354,9 @@ struct SchemaReader {
     return nullptr;
   }
 
+  static Result<void> read(Schema& schema, const std::string& text, const std::string& place,
+                           const fs::path& folder, const std::vector<std::string>& overrides);
+
   void override_one(Schema& schema, const std::string& text) {
     const std::size_t equals = text.find('=');
     if (equals == std::string::npos || equals == 0) {
@@ -396,32 +400,37 @@ Schema& Schema::array(std::string name, std::string doc, std::function<Schema()>
 Result<void> Schema::read(const fs::path& file, const std::vector<std::string>& overrides) {
   constexpr std::size_t kLargestConfiguration = 16 << 20;
   MAQUETTE_TRY(const std::string text, read_file(file, kLargestConfiguration));
+  return read_schema_text(*this, text, file.string(), fs::absolute(file).parent_path(), overrides);
+}
+
+Result<void> SchemaReader::read(Schema& schema, const std::string& text, const std::string& place,
+                                const fs::path& folder, const std::vector<std::string>& overrides) {
   SchemaReader reader;
-  reader.place = file.string();
-  reader.folder = fs::absolute(file).parent_path();
+  reader.place = place;
+  reader.folder = folder;
   try {
-    const toml::table table = toml::parse(text, file.string());
+    const toml::table table = toml::parse(text, place);
     std::set<std::string> seen;
-    reader.table(*this, table, "", "", seen);
+    reader.table(schema, table, "", "", seen);
     for (const std::string& o : overrides) seen.insert(o.substr(0, o.find('=')));
-    reader.required(*this, seen, table, "");
+    reader.required(schema, seen, table, "");
   } catch (const toml::parse_error& e) {
     return fail(kConfigSyntax,
-                fmt::format("{}:{}:{}: not valid TOML: {}", file.string(), e.source().begin.line,
+                fmt::format("{}:{}:{}: not valid TOML: {}", place, e.source().begin.line,
                             e.source().begin.column, e.description()));
   }
   reader.place = "--set";
   reader.folder = fs::current_path();
-  for (const std::string& o : overrides) reader.override_one(*this, o);
+  for (const std::string& o : overrides) reader.override_one(schema, o);
   // A source that --set names makes the variable it replaces unnecessary.
   if (reader.missing_variable && !overrides.empty())
     std::erase_if(reader.findings, [&](const std::string& f) {
       return std::any_of(overrides.begin(), overrides.end(), [&](const std::string& o) {
         std::string name = o.substr(0, o.find('='));
         const std::string last = name.substr(name.rfind('.') + 1);
-        Schema* holder = reader.element(*this, name);
+        Schema* holder = reader.element(schema, name);
         if (holder == nullptr || f.find("environment variable") == std::string::npos) return false;
-        for (const Array& a : arrays_)
+        for (const Schema::Array& a : schema.arrays_)
           for (std::size_t i = 0; i < a.elements.size(); ++i)
             if (&a.elements[i] == holder &&
                 f.find(fmt::format("'{}[{}].{}'", a.name, i, last)) != std::string::npos)
@@ -433,6 +442,11 @@ Result<void> Schema::read(const fs::path& file, const std::vector<std::string>& 
     return fail(reader.missing_variable ? kVariableNotSet : kConfigInvalid,
                 fmt::format("{}", fmt::join(reader.findings, "\n")));
   return {};
+}
+
+Result<void> read_schema_text(Schema& schema, const std::string& text, const std::string& place,
+                              const fs::path& folder, const std::vector<std::string>& overrides) {
+  return SchemaReader::read(schema, text, place, folder, overrides);
 }
 
 std::string Schema::template_text() const {

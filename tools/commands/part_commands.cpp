@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// verify, backplot, export, render, compare, deviate
+// verify, backplot, export, render, deviate
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -188,24 +188,6 @@ Command add_render(CLI::App& root, const CommonOptions&) {
   return {app, [o](Console& console) {
             return finish(console, "render",
                           [&](const RunContext& run) { return render_job(o->scene, o->out, run); });
-          }};
-}
-
-Command add_compare(CLI::App& root, const CommonOptions&) {
-  struct Options {
-    fs::path real, rendered, out = "compare";
-  };
-  auto o = std::make_shared<Options>();
-  auto* app = root.add_subcommand("compare",
-                                  "Photograph against rendering: compare.json, difference.png.\n"
-                                  "Example: maquette compare photo.png picture.exr --out compare");
-  app->add_option("real", o->real, "photograph")->required();
-  app->add_option("rendered", o->rendered, "rendering")->required();
-  app->add_option("--out", o->out, "folder")->capture_default_str();
-  return {app, [o](Console& console) {
-            return finish(console, "compare", [&](const RunContext& run) {
-              return compare_job(o->real, o->rendered, o->out, run);
-            });
           }};
 }
 

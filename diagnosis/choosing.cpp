@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/choosing.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+/// A cause that explains this share of all that is explained is no error of the others' signatures.
+constexpr double kMuch = 0.1;
+/// In -2 log likelihood: what is missed by more to first order is missed cut anew, too.
+constexpr double kClose = 500.0;
+/// Causes that are tried in the place of a chosen one, the closest to first order.
+constexpr std::size_t kRivals = 3;
+/// Of a lag and lost motion made one after the other of the sizes that were fitted last, until they
+/// change by no more than a fiftieth; sizes below the last are none.
+constexpr int kSizeRounds = 6;
+constexpr double kSameSize = 0.02, kLeastSize_mm = 0.01;
+/// Of choosing, cutting anew and pruning.
+constexpr int kRounds = 4;
+
+/// The same causes.
+bool alike(const Members& a, const Members& b) {
+  return a.size() == b.size() && std::all_of(a.begin(), a.end(), [&](const Member& x) {
+           return has(b, x.effect);
+         });
+}
+
+/// The causes closest to the k-th to first order, in its place.
+Members rivals_of(const Members& with, std::size_t k, const Search& search, const Bank& bank,
+                  Linearised& residuals) {
+  const auto others = without(with, k);
+  residuals.about(others);
+  const double now = residuals.score_as_is(with);
+  const Screen beside = screen(bank, others, {kChoose});
+  std::vector<std::pair<double, Member>> rivals;
+  for (const Candidate& other : search.candidates) {
+    if (has(with, other.effect)) continue;
+    const auto found = best_form(bank, others, other, {kChoose}, true, beside);
+    if (found.objective < now + kClose)
+      rivals.emplace_back(found.objective, Member{other.effect, other.forms[found.form]});
+  }
+  std::sort(rivals.begin(), rivals.end(),
+            [](const auto& a, const auto& b) { return a.first < b.first; });
+  Members closest;
+  for (std::size_t r = 0; r < std::min(rivals.size(), kRivals); ++r)
+    closest.push_back(std::move(rivals[r].second));
+  return closest;
+}
+
+/// A member in whose place another cause, cut anew, does better was only found first.
+Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals) {
+  for (int round = 0; round < kRounds; ++round) {
+    double best = residuals.score(with) - kPricePerCause;
+    Members better;
+    for (std::size_t k = 0; k < with.size(); ++k)
+      for (const Member& rival : rivals_of(with, k, search, bank, residuals)) {
+        auto instead = with;
+        instead[k] = rival;
+        if (const double s = residuals.score(instead); s < best) {
+          best = s;
+          better = std::move(instead);
+        }
+      }
+    if (better.empty()) break;
+    with = polished(search, bank, std::move(better), residuals.settle());
+  }
+  residuals.about(with);
+  return with;
+}
+
+/// Members without which the rest, cut anew, does as well: straightened residuals favour what they
+/// were straightened for.
+Members pruned(Members with, Linearised& residuals) {
+  const double null = residuals.score({}), null_left = residuals.left_by({});
+  while (!with.empty()) {
+    const double all = residuals.score(with), left = residuals.left_by(with);
+    const double price = kPriceOfGain * std::fmax(0.0, null - all);
+    double least = 0.0;
+    std::size_t drop = with.size();
+    // Without one, to first order: only those that are missed little are cut anew.
+    std::vector<double> linear;
+    for (std::size_t k = 0; k < with.size(); ++k)
+      linear.push_back(residuals.score_as_is(without(with, k)));
+    for (std::size_t k = 0; k < with.size(); ++k) {
+      if (linear[k] - all > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
+      const auto others = without(with, k);
+      double worth = residuals.score(others) - all - price;
+      if (!(worth < least)) continue;
+      // What moves much is not what another's signature is wrong by, however well that one shows
+      // (a warp beside chatter): it need not earn the share of the gain.
+      if (residuals.left_by(others) - left > kMuch * (null_left - left)) worth += price;
+      if (!(worth < least)) continue;
+      least = worth;
+      drop = k;
+    }
+    if (drop == with.size()) break;
+    with = without(with, drop);
+  }
+  residuals.about(with);
+  return with;
+}
+
+/// Forms of lag and lost motion made anew of the sizes that fit.
+/// @return whether any has changed
+bool resize(Members& now, const Search& search, Bank& bank, const Linearised& residuals) {
+  const auto model = columns_of(bank, now);
+  const Fit f = residuals.fit_of(now);
+  bool moved = false;
+  for (Member& k : now) {
+    const auto what = k.form.columns[0].follows;
+    if (!what) continue;
+    const auto at =
+        std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) - model.begin();
+    const double size = size_mm({*what, f.coefficients(at)});
+    if (!(size > kLeastSize_mm) || std::abs(std::log(size / what->size_mm)) < kSameSize) continue;
+    moved = true;
+    k.form = k.form.of_size(size);
+    add_columns(bank, search.observations, k.form.columns);
+  }
+  return moved;
+}
+
+/// Of a lag and lost motion in one machine sizes are what their forms are made of: what the two do
+/// together hangs on both, and on which is nearer to the tool.
+Members in_one_machine(const Members& start, const Search& search, Bank& bank,
+                       Linearised& residuals) {
+  if (!follows_any(start, true) || !follows_any(start, false)) return start;
+  Members best = start;
+  double least = INFINITY;
+  bool order = residuals.lag_first();
+  for (const bool lag_first : {true, false}) {
+    residuals.take_order(lag_first);
+    Members now = start;
+    for (int round = 0; round < kSizeRounds; ++round) {
+      if (const double s = residuals.score(now); s < least) {
+        least = s;
+        best = now;
+        order = lag_first;
+      }
+      if (!resize(now, search, bank, residuals)) break;
+    }
+  }
+  residuals.take_order(order);
+  residuals.about(best);
+  return best;
+}
+
+}  // namespace
+
+bool follows_any(const Members& members, bool lag) {
+  return std::any_of(members.begin(), members.end(), [&](const Member& k) {
+    const auto& what = k.form.columns[0].follows;
+    return what && what->lag == lag;
+  });
+}
+
+Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
+                         std::vector<Ranked>& ranking, const RunContext& run) {
+  // What details are worth, from what the nuisances leave and again from what the chosen leave.
+  const auto weigh = [&](const Members& with) {
+    bank.weight = effective_weights(bank, columns_of(bank, with), residuals.fit_of(with));
+  };
+  weigh({});
+  Members members;
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<Ranked> alone;
+    auto chosen = choose(search, bank, alone, run);
+    ranking = std::move(alone);
+    if (chosen.empty() && members.empty()) break;
+    residuals.about(chosen);
+    chosen = polished(search, bank, std::move(chosen), residuals.settle());
+    if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals);
+    chosen = pruned(std::move(chosen), residuals);
+    if (auto other = exchanged(chosen, search, bank, residuals); !alike(other, chosen))
+      chosen = pruned(std::move(other), residuals);
+    weigh(chosen);
+    const bool settled = round > 0 && alike(chosen, members);
+    members = std::move(chosen);
+    if (settled || run.stopped()) break;
+  }
+  return in_one_machine(members, search, bank, residuals);
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// Which causes the choosing blocks ask for, cut anew with each other.
+
+#include "diagnosis/detail/linearised.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// Chosen, cut anew, refined, dropped where not missed, changed for rivals that do better; again
+/// from nothing with the residuals which that leaves, until the causes stay. Residuals are about
+/// the model that comes back, and the weights of the bank's details those that it leaves.
+/// @param ranking  what each candidate gains alone, best first
+[[nodiscard]] Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
+                                       std::vector<Ranked>& ranking, const RunContext& run);
+
+/// Is a lag (or lost motion) among them?
+[[nodiscard]] bool follows_any(const Members& members, bool lag);
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// Residuals as a model sees them.
+//
+// Signatures are of first order and of one cause alone. What the cut of a model's causes together
+// moves beyond them is taken off the residuals, so that what is left answers to coefficients in
+// straight lines: Gauss and Newton with a fixed Jacobian. So residuals belong to a model, and are
+// those of the model asked for last.
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "diagnosis/detail/residuals.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// Causes that make a model.
+using Members = std::vector<Member>;
+
+class Linearised {
+ public:
+  /// All three are kept by reference; `observations` and `bank` get the residuals.
+  Linearised(const Scene& scene, std::vector<Observation>& observations, Bank& bank);
+
+  /// Makes the residuals those of a model; nothing where they are that already. Models asked for
+  /// before begin where they came to rest.
+  void about(const Members& model);
+  /// As a Settle.
+  [[nodiscard]] Settle settle() {
+    return [this](const Members& model) { about(model); };
+  }
+
+  /// Fit of a model on all blocks, with residuals as they are.
+  [[nodiscard]] Fit fit_of(const Members& model) const;
+  /// -2 log likelihood on the choosing blocks with the price of a model, residuals as they are;
+  /// less is better.
+  [[nodiscard]] double score_as_is(const Members& model) const;
+  /// The same with residuals about the model.
+  [[nodiscard]] double score(const Members& model);
+  /// Squares that a model leaves, all points alike, residuals as they are.
+  /// @param points  how many, or nullptr
+  [[nodiscard]] double left_by(const Members& model, double* points = nullptr) const;
+
+  /// Whether slack is behind the drive that lags, where a model has both.
+  [[nodiscard]] bool lag_first() const { return lag_and_slack_.lag_first; }
+  void take_order(bool lag_first);
+
+ private:
+  using Keys = std::vector<std::string>;
+  void recut(const Members& model, const Eigen::VectorXd& coefficients);
+
+  const Scene& scene_;
+  std::vector<Observation>& observations_;
+  Bank& bank_;
+  std::vector<double> given_;  // residuals as measured
+  Keys about_;                 // columns that second order hangs on
+  bool rows_moved_ = false;    // and where rows lie hangs on all
+  std::map<Keys, Eigen::VectorXd> rested_;
+  Signatures signatures_;
+  LagAndSlack lag_and_slack_;
+};
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// What remains beside confirmed causes, and which of them stand beside that; then their names.
+
+#include "diagnosis/detail/linearised.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// What signatures may be wrong by, as a share of what all causes together move.
+inline constexpr double kSignatureError = 0.08;
+
+[[nodiscard]] Members members_of(const std::vector<Confirmed>& confirmed);
+
+/// What a model leaves, in squares of mm over all points.
+struct Left {
+  double squares = 0.0, points = 0.0;
+  double moved_mm = 0.0;    ///< rms of what the model explains
+  double structured = 0.0;  ///< squares of what nothing explains
+  double excess = 0.0;      ///< explained and structured together, above 0
+};
+/// @param null_squares  what the nuisances alone leave
+[[nodiscard]] Left left_of(const Linearised& residuals, const Members& members,
+                           double null_squares, const Remainder& remainder);
+
+/// Judges what remains (diagnosis.remainder) and takes those causes from `confirmed` that are
+/// smaller than what the simulation may be wrong by, explain less than what nothing explains, or
+/// hang on a few odd places (diagnosis.rejected); residuals are about those that stay.
+void keep_what_stands(const Search& search, const Bank& bank, Linearised& residuals,
+                      double null_squares, std::vector<Confirmed>& confirmed,
+                      Diagnosis& diagnosis);
+
+/// Makes confirmed causes those of the diagnosis, with what would do as well in their place. Small
+/// ones that several others could stand for get no name: they become a remainder.
+void name_causes(const Search& search, const Bank& bank, Linearised& residuals,
+                 double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "diagnosis/detail/choosing.hpp"
+#include "diagnosis/detail/standing.hpp"
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+/// Or a hundredth of the gain: no data tell such causes apart honestly.
+constexpr double kEquivalentShare = 0.01;
+/// Two causes whose fits differ by less are not told apart: the simulation of what they differ in
+/// (ridges, creases, the steepest slopes) is not better than that, mm rms.
+constexpr double kTellApart_mm = 0.0015;
+/// A rival within this many times what is told apart to first order is cut anew.
+constexpr double kCloseGain = 10.0, kCloseSquares = 4.0;
+/// A rival that gains less in an empty place is not worth a line.
+constexpr double kWorthALine = 20.0;
+/// A cause that explains less of the excess than this, and in whose place two others would do, is
+/// not named: what several causes look like is also what the error of a large one looks like.
+constexpr double kVagueShare = 0.25;
+constexpr std::size_t kVagueRivals = 2;
+/// As many in its place make any cause nameless.
+constexpr std::size_t kNameless = 8;
+
+/// The model whose causes get names.
+struct Model {
+  const Members& members;
+  Fit fit;
+  std::vector<int> columns;
+  Left left;
+  double tell_apart_mm;
+};
+
+struct Scored {
+  double objective, squares;
+};
+Scored scored(const Linearised& residuals, const Members& with) {
+  return {residuals.fit_of(with).objective, residuals.left_by(with)};
+}
+
+/// Sizes as fitted, with standard errors.
+std::vector<Estimate> sizes_of(const Bank& bank, const Model& model, std::size_t k) {
+  const double wider = std::sqrt(
+      overstated(bank, model.columns, columns_of(bank, without(model.members, k)), model.fit));
+  std::vector<Estimate> sizes;
+  for (const Column& column : model.members[k].form.columns) {
+    const auto at =
+        std::find(model.columns.begin(), model.columns.end(), bank.index.at(column.key)) -
+        model.columns.begin();
+    sizes.push_back({column.parameter.name,
+                     model.fit.coefficients(at) * column.parameter.per_column,
+                     wider * std::sqrt(std::fmax(0.0, model.fit.covariance(at, at))) *
+                         std::abs(column.parameter.per_column)});
+  }
+  return sizes;
+}
+
+/// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
+std::vector<std::string> equivalents_of(const Model& model, std::size_t k, const Search& search,
+                                        const Bank& bank, Linearised& residuals,
+                                        std::vector<Rejected>& ruled_out) {
+  const auto others = without(model.members, k);
+  residuals.about(others);
+  const double missed = residuals.fit_of(others).objective;
+  // Rivals are compared with the member as it is without its own second order, and where they come
+  // close with that of each.
+  const Scored linear = scored(residuals, model.members);
+  const double far =
+      std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
+  const double far_squares = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
+  const Screen beside = screen(bank, others, kAll);
+  std::vector<std::string> equivalent;
+  for (const Candidate& other : search.candidates) {
+    if (has(model.members, other.effect)) continue;
+    const auto found = best_form(bank, others, other, kAll, false, beside);
+    if (!std::isfinite(found.objective)) continue;
+    auto instead = others;
+    instead.push_back({other.effect, other.forms[found.form]});
+    const Scored first = scored(residuals, instead);
+    double worse = first.objective - linear.objective, apart = first.squares - linear.squares;
+    if (worse < kCloseGain * far || apart < kCloseSquares * far_squares) {
+      residuals.about(instead);
+      const Scored anew = scored(residuals, instead);
+      worse = anew.objective - model.fit.objective;
+      apart = anew.squares - model.left.squares;
+      residuals.about(others);
+    }
+    if (worse < far || apart < far_squares)
+      equivalent.push_back(other.effect->name);
+    else if (missed - found.objective > kWorthALine)
+      ruled_out.push_back(
+          {other.effect->name,
+           fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
+                       model.members[k].effect->name, worse / 4.605)});
+  }
+  return equivalent;
+}
+
+Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& search,
+               const Bank& bank, Linearised& residuals, std::vector<Rejected>& ruled_out) {
+  const Member& member = model.members[k];
+  Cause c;
+  c.effect = member.effect->name;
+  c.law = member.form.law;
+  c.fixed = member.form.fixed;
+  if (const auto& what = member.form.columns[0].follows;
+      what && !what->lag && follows_any(model.members, true))
+    c.fixed.emplace_back(kSlackBehindLag, residuals.lag_first() ? 1.0 : 0.0);
+  c.separate_by = member.effect->separate_by;
+  c.p_value = std::fmax(p_value, 1e-300);
+  const auto others = without(model.members, k);
+  residuals.about(others);
+  c.share = std::clamp((residuals.left_by(others) - model.left.squares) / model.left.excess, 0.0,
+                       1.0);
+  c.equivalent = equivalents_of(model, k, search, bank, residuals, ruled_out);
+  return c;
+}
+
+/// The smallest of those that no name is certain enough for; causes.size(): none.
+std::size_t nameless(const std::vector<Cause>& causes) {
+  std::size_t drop = causes.size();
+  double least = INFINITY;
+  for (std::size_t k = 0; k < causes.size(); ++k) {
+    const Cause& c = causes[k];
+    const bool small =
+        causes.size() > 1 && c.share < kVagueShare &&
+        (c.equivalent.size() >= kVagueRivals || c.share < kSignatureError * kSignatureError);
+    if ((small || c.equivalent.size() >= kNameless) && c.share < least) {
+      least = c.share;
+      drop = k;
+    }
+  }
+  return drop;
+}
+
+}  // namespace
+
+void name_causes(const Search& search, const Bank& bank, Linearised& residuals,
+                 double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& d) {
+  double vague = 0.0;
+  while (true) {
+    const Members members = members_of(confirmed);
+    residuals.about(members);
+    Model model{members, residuals.fit_of(members), columns_of(bank, members),
+                left_of(residuals, members, null_squares, d.remainder), 0.0};
+    // Names hang on differences between fits: those must stand out of what nothing explains.
+    model.tell_apart_mm =
+        std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
+                  kSignatureError * model.left.moved_mm});
+    std::vector<Cause> causes;
+    std::vector<Rejected> ruled_out;
+    std::vector<std::vector<Estimate>> sizes;
+    for (std::size_t k = 0; k < members.size(); ++k) sizes.push_back(sizes_of(bank, model, k));
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      causes.push_back(
+          cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out));
+      causes.back().parameters = std::move(sizes[k]);
+    }
+    residuals.about(members);
+    const std::size_t drop = nameless(causes);
+    if (drop == members.size()) {
+      d.causes = std::move(causes);
+      d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());
+      break;
+    }
+    const Cause& c = causes[drop];
+    const bool several = c.equivalent.size() >= kVagueRivals;
+    if (several) vague += c.share;
+    d.rejected.push_back(
+        {c.effect,
+         several ? fmt::format("small beside the others, and {} other causes would do in its place",
+                               c.equivalent.size())
+                 : "smaller than what the signatures of the others may be wrong by"});
+    confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
+  }
+  if (vague > 0.0) {
+    d.remainder.found = true;
+    d.remainder.kinds.emplace_back("what several causes look like");
+    d.remainder.share = std::fmax(d.remainder.share, vague);
+  }
+  std::sort(d.causes.begin(), d.causes.end(),
+            [](const Cause& a, const Cause& b) { return a.share > b.share; });
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/standing.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "core/chi_squared.hpp"
+#include "diagnosis/detail/remainder.hpp"
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+/// What the simulated surface is not believed below, mm rms: ridges between passes, resampling.
+constexpr double kSimulationFloor_mm = 0.0025;
+/// Squares that a cause which is not the largest must explain, over those that nothing explains.
+constexpr double kBesideUnknown = 3.0;
+/// A cause this far above what would drop it needs no cutting anew of the others to be sure.
+constexpr double kClearly = 10.0;
+/// Chance that a cause which hangs on odd places would gain as much without them.
+constexpr double kWithoutOddPlaces = 1e-6;
+
+struct Drop {
+  std::size_t member;
+  std::string why;
+};
+
+/// Squares that come back without each of the members, the others cut anew where it is close.
+std::vector<double> explained_by(const Members& members, Linearised& residuals, const Left& left,
+                                 double floor) {
+  std::vector<double> explained;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    const auto fewer = without(members, k);
+    residuals.about(members);
+    explained.push_back(residuals.left_by(fewer) - left.squares);
+    if (explained[k] > kClearly * std::fmax(left.points * floor * floor, left.structured)) continue;
+    residuals.about(fewer);
+    explained[k] = residuals.left_by(fewer) - left.squares;
+  }
+  residuals.about(members);
+  return explained;
+}
+
+/// The weakest of those that explain too little.
+std::optional<Drop> too_small(const std::vector<double>& explained, const Left& left, double floor,
+                              bool beside_unknown) {
+  std::optional<Drop> drop;
+  for (std::size_t k = 0; k < explained.size(); ++k) {
+    if (drop && explained[k] >= explained[drop->member]) continue;
+    // Beside something unknown only the largest is taken for what it looks like.
+    const bool largest = explained[k] >= *std::max_element(explained.begin(), explained.end());
+    if (!(explained[k] > left.points * floor * floor))
+      drop = {k,
+              fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
+                          floor)};
+    else if (beside_unknown && explained[k] < (largest ? 1.0 : kBesideUnknown) * left.structured)
+      drop = {k, "explains less than what remains unexplained beside it"};
+  }
+  return drop;
+}
+
+/// The last that gains nothing once the odd squares are left out.
+std::optional<Drop> hangs_on(const Squares& odd, const Members& members, const Search& search) {
+  std::vector<Observation> kept;
+  for (const Observation& o : search.observations)
+    if (!odd.holds(o.place.x, o.place.y)) kept.push_back(o);
+  std::vector<Column> columns;
+  for (const Member& c : members)
+    columns.insert(columns.end(), c.form.columns.begin(), c.form.columns.end());
+  const Bank masked = sum_up(kept, search.nuisances, columns, search.layout);
+  const auto at = columns_of(masked, members);
+  const double full = fit(masked, at, kAll).objective;
+  std::optional<Drop> drop;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    const auto small = columns_of(masked, without(members, k));
+    const double gain = fit(masked, small, kAll).objective - full;
+    if (chi_squared_tail(gain, std::max(1, static_cast<int>(at.size() - small.size()))) >
+        kWithoutOddPlaces)
+      drop = {k, "hangs on a few odd places"};
+  }
+  return drop;
+}
+
+}  // namespace
+
+Members members_of(const std::vector<Confirmed>& confirmed) {
+  Members all;
+  for (const Confirmed& c : confirmed) all.push_back(c.member);
+  return all;
+}
+
+Left left_of(const Linearised& residuals, const Members& members, double null_squares,
+             const Remainder& remainder) {
+  Left l;
+  l.squares = residuals.left_by(members, &l.points);
+  l.moved_mm = std::sqrt(std::fmax(0.0, null_squares - l.squares) / l.points);
+  if (remainder.found)
+    l.structured = l.points * remainder.structured_rms_mm * remainder.structured_rms_mm;
+  l.excess = std::fmax(1e-300, null_squares - l.squares + l.structured);
+  return l;
+}
+
+void keep_what_stands(const Search& search, const Bank& bank, Linearised& residuals,
+                      double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& d) {
+  Squares odd;
+  while (true) {
+    const Members members = members_of(confirmed);
+    residuals.about(members);
+    const Fit f = residuals.fit_of(members);
+    const auto r = residuals_of(search.observations, members, bank, f);
+    d.remainder = judge(search.observations, r, search.layout, bank, f, odd);
+    Left left = left_of(residuals, members, null_squares, d.remainder);
+    const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * left.moved_mm);
+    if (d.remainder.structured_rms_mm < floor) {
+      d.remainder.found = false;
+      left = left_of(residuals, members, null_squares, d.remainder);
+    }
+    d.remainder.share = left.structured / left.excess;
+    auto drop = too_small(explained_by(members, residuals, left, floor), left, floor,
+                          d.remainder.found);
+    if (!drop && d.remainder.found && odd.count() > 0 && !members.empty())
+      drop = hangs_on(odd, members, search);
+    if (!drop) return;
+    d.rejected.push_back({members[drop->member].effect->name, drop->why});
+    confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop->member));
+  }
+}
+
+}  // namespace maquette::diagnosis::detail

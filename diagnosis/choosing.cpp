@@ -13,8 +13,8 @@ constexpr double kMuch = 0.1;
 constexpr double kClose = 500.0;
 /// Causes that are tried in the place of a chosen one, the closest to first order.
 constexpr std::size_t kRivals = 3;
-/// Of a lag and lost motion made one after the other of the sizes that were fitted last, until they
-/// change by no more than a fiftieth; sizes below the last are none.
+/// Of a lag and lost motion, or lost motion alone, made one after the other of the sizes that were
+/// fitted last, until they change by no more than a fiftieth; sizes below the last are none.
 constexpr int kSizeRounds = 6;
 constexpr double kSameSize = 0.02, kLeastSize_mm = 0.01;
 /// Of choosing, cutting anew and pruning.
@@ -22,9 +22,8 @@ constexpr int kRounds = 4;
 
 /// The same causes.
 bool alike(const Members& a, const Members& b) {
-  return a.size() == b.size() && std::all_of(a.begin(), a.end(), [&](const Member& x) {
-           return has(b, x.effect);
-         });
+  return a.size() == b.size() &&
+         std::all_of(a.begin(), a.end(), [&](const Member& x) { return has(b, x.effect); });
 }
 
 /// The causes closest to the k-th to first order, in its place.
@@ -103,23 +102,37 @@ Members pruned(Members with, Linearised& residuals) {
 }
 
 /// Forms of lag and lost motion made anew of the sizes that fit.
+/// @param make  Form::of_size or at_size
 /// @return whether any has changed
-bool resize(Members& now, const Search& search, Bank& bank, const Linearised& residuals) {
+bool resize(Members& now, const Search& search, Bank& bank, const Linearised& residuals,
+            std::function<Form(double)> Form::*make) {
   const auto model = columns_of(bank, now);
   const Fit f = residuals.fit_of(now);
   bool moved = false;
   for (Member& k : now) {
     const auto what = k.form.columns[0].follows;
-    if (!what) continue;
+    if (!what || !(k.form.*make)) continue;
     const auto at =
         std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) - model.begin();
     const double size = size_mm({*what, f.coefficients(at)});
     if (!(size > kLeastSize_mm) || std::abs(std::log(size / what->size_mm)) < kSameSize) continue;
     moved = true;
-    k.form = k.form.of_size(size);
+    k.form = (k.form.*make)(size);
     add_columns(bank, search.observations, k.form.columns);
   }
   return moved;
+}
+
+/// Lost motion alone is followed at the width that is found, and answers there as it does: with
+/// the secant of another width what the machine or the scanner does to the ridges has a say.
+Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
+  if (follows_any(now, true)) return now;
+  for (int round = 0; round < kSizeRounds; ++round) {
+    residuals.about(now);
+    if (!resize(now, search, bank, residuals, &Form::at_size)) break;
+  }
+  residuals.about(now);
+  return now;
 }
 
 /// Of a lag and lost motion in one machine sizes are what their forms are made of: what the two do
@@ -139,7 +152,7 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
         best = now;
         order = lag_first;
       }
-      if (!resize(now, search, bank, residuals)) break;
+      if (!resize(now, search, bank, residuals, &Form::of_size)) break;
     }
   }
   residuals.take_order(order);
@@ -180,7 +193,8 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     members = std::move(chosen);
     if (settled || run.stopped()) break;
   }
-  return in_one_machine(members, search, bank, residuals);
+  members = in_one_machine(members, search, bank, residuals);
+  return at_own_size(std::move(members), search, bank, residuals);
 }
 
 }  // namespace maquette::diagnosis::detail

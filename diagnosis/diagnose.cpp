@@ -82,8 +82,9 @@ void report_before(const Bank& bank, Diagnosis& d) {
 void report_after(const Bank& bank, const Members& members, Diagnosis& d) {
   const auto model = detail::columns_of(bank, members);
   const Fit trained = detail::fit(bank, model, {kChoose, kConfirm});
-  d.rms_after_mm = std::sqrt(detail::squares(bank, model, trained.coefficients, {kReport}, nullptr) /
-                             std::fmax(1.0, static_cast<double>(d.n_report)));
+  d.rms_after_mm =
+      std::sqrt(detail::squares(bank, model, trained.coefficients, {kReport}, nullptr) /
+                std::fmax(1.0, static_cast<double>(d.n_report)));
   const Fit free_fit = detail::fit(bank, model, {kReport});
   d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kPointGroup]);
 }

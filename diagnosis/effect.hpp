@@ -57,6 +57,8 @@ struct Form {
   std::function<std::vector<Form>()> finer{};
   /// The form of a cause that follows the motion, of another size (Follows::size_mm).
   std::function<Form(double size_mm)> of_size{};
+  /// The same with the tangent at that size for a signature; empty: none.
+  std::function<Form(double size_mm)> at_size{};
 };
 
 enum class Needs { nothing, path, station };

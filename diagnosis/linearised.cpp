@@ -32,9 +32,9 @@ Linearised::Linearised(const Scene& scene, std::vector<Observation>& observation
 void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients) {
   // Rows are where a program has put them: where there is none, or where causes are taken off it
   // already, poses say nothing of them.
-  auto beyond = beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm,
-                              signatures_, lag_and_slack_,
-                              scene_.has_path && !scene_.causes_taken_off);
+  auto beyond =
+      beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm, signatures_,
+                    lag_and_slack_, scene_.has_path && !scene_.causes_taken_off);
   rows_moved_ = beyond.rows_moved;
   for (std::size_t i = 0; i < given_.size(); ++i)
     observations_[i].residual_mm = beyond.mm[i] = given_[i] - beyond.mm[i];

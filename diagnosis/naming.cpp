@@ -69,8 +69,7 @@ std::vector<std::string> equivalents_of(const Model& model, std::size_t k, const
   // Rivals are compared with the member as it is without its own second order, and where they come
   // close with that of each.
   const Scored linear = scored(residuals, model.members);
-  const double far =
-      std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
+  const double far = std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
   const double far_squares = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
   const Screen beside = screen(bank, others, kAll);
   std::vector<std::string> equivalent;
@@ -114,8 +113,8 @@ Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& 
   c.p_value = std::fmax(p_value, 1e-300);
   const auto others = without(model.members, k);
   residuals.about(others);
-  c.share = std::clamp((residuals.left_by(others) - model.left.squares) / model.left.excess, 0.0,
-                       1.0);
+  c.share =
+      std::clamp((residuals.left_by(others) - model.left.squares) / model.left.excess, 0.0, 1.0);
   c.equivalent = equivalents_of(model, k, search, bank, residuals, ruled_out);
   return c;
 }
@@ -139,8 +138,8 @@ std::size_t nameless(const std::vector<Cause>& causes) {
 
 }  // namespace
 
-void name_causes(const Search& search, const Bank& bank, Linearised& residuals,
-                 double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& d) {
+void name_causes(const Search& search, const Bank& bank, Linearised& residuals, double null_squares,
+                 std::vector<Confirmed>& confirmed, Diagnosis& d) {
   double vague = 0.0;
   while (true) {
     const Members members = members_of(confirmed);

@@ -53,6 +53,20 @@ struct Rival {
   double above_mm = 0.0;  ///< its underside over the surface
 };
 
+/// The program's pass through a state, for changes that bend it: where an axis stands still until
+/// lost motion is taken up, a straight pass would cut on below what the ball really leaves.
+class Pass {
+ public:
+  virtual ~Pass() = default;
+  /// Underside at (x, y) of the pass around a state, its tips displaced by off(state), mm; not
+  /// finite where the ball is elsewhere.
+  [[nodiscard]] virtual double height_mm(const CutState& s, double x_mm, double y_mm,
+                                         double radius_mm,
+                                         const std::function<Vec3(const CutState&)>& off) const = 0;
+};
+/// How far along the way a bend is felt: a ball of 3 mm over a bend of 0.4.
+inline constexpr double kBendReach_mm = 1.2;
+
 struct Observation : CutState {
   Vec3 place;   ///< on the simulated surface
   Vec3 normal;  ///< outward
@@ -67,6 +81,7 @@ struct Observation : CutState {
 
   /// Passes within kRivalHeight_mm above; shared, for most causes do not look at them.
   std::shared_ptr<const std::vector<Rival>> rivals;
+  std::shared_ptr<const Pass> pass;  ///< of the program; none without
 
   // The view.
   bool has_station = false;
@@ -82,15 +97,17 @@ struct Observation : CutState {
 struct CutChange {
   Vec3 tip_mm;
   double radius_mm = 0.0;
-  Vec3 tip_per_mm{};  ///< by how much more elsewhere with each mm of way; small changes need none
+  Vec3 tip_per_mm{};   ///< by how much more elsewhere with each mm of way; small changes need none
+  bool bends = false;  ///< within kBendReach_mm of the way `tip_per_mm` jumps
   CutChange& operator+=(const CutChange& o) {
     tip_mm += o.tip_mm;
     radius_mm += o.radius_mm;
     tip_per_mm += o.tip_per_mm;
+    bends |= o.bends;
     return *this;
   }
   friend CutChange operator*(double k, const CutChange& c) {
-    return {k * c.tip_mm, k * c.radius_mm, k * c.tip_per_mm};
+    return {k * c.tip_mm, k * c.radius_mm, k * c.tip_per_mm, c.bends && k != 0.0};
   }
 };
 
@@ -119,21 +136,32 @@ inline constexpr double kSteepPass = 0.8;
 }
 
 /// By how much the residual moves if each pass is changed by change(state, normal of its ball at
-/// the place): the lowest is what remains.
+/// the place): the lowest is what remains. Passes that bend there are swept as they are, others as
+/// straight ones.
 template <class Change>
 [[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change) {
   if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
-  double lowest = rise_mm(o, o.normal, radius_mm, change(o, o.normal));
+  const auto rise = [&](const CutState& s, Vec3 n, double above_mm) {
+    const CutChange c = change(s, n);
+    if (c.bends && o.pass) {
+      const double height =
+          o.pass->height_mm(s, o.place.x, o.place.y, radius_mm + c.radius_mm,
+                            [&](const CutState& at) { return change(at, n).tip_mm; });
+      if (std::isfinite(height)) return height - o.place.z;
+    }
+    return above_mm + rise_mm(s, n, radius_mm, c);
+  };
+  double lowest = rise(o, o.normal, 0.0);
   if (o.rivals)
     for (const Rival& r : *o.rivals)
-      lowest = std::fmin(
-          lowest, r.above_mm + rise_mm(r.state, r.normal, radius_mm, change(r.state, r.normal)));
+      lowest = std::fmin(lowest, rise(r.state, r.normal, r.above_mm));
   return lowest * dot(o.along, o.normal) * o.normal.z;
 }
 
 /// Off the command by `at`, and by `per_mm` more with each mm of way.
 struct Drift {
   Vec3 at, per_mm;
+  std::array<bool, 3> bends{};  ///< by axis: `per_mm` jumps within kBendReach_mm of the way
 };
 /// What follows the command all along the program: where it stands at a state.
 using Trail = std::function<Drift(const CutState&)>;

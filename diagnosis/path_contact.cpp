@@ -82,11 +82,37 @@ struct CutPath::Moves {
   void bin();
   template <class Visit>
   void each_near(double x, double y, const double& limit, const Visit& visit) const;
+  [[nodiscard]] std::vector<std::array<bool, 3>> bends(const std::vector<Small>& side) const;
   [[nodiscard]] CutState state(std::uint32_t index, double share) const;
   [[nodiscard]] Vec3 normal(const CutState& s, double x, double y, double height) const;
 };
 
 CutPath::CutPath(std::shared_ptr<const Moves> moves) : moves_(std::move(moves)) {}
+
+/// Ends of moves, by axis: is a place within kBendReach_mm of the way where `side` begins or ceases
+/// to change?
+std::vector<std::array<bool, 3>> CutPath::Moves::bends(const std::vector<Small>& side) const {
+  const std::size_t n = command.size();
+  std::vector<std::array<bool, 3>> near(n, {false, false, false});
+  const auto still = [&](std::size_t i, int axis) {
+    return detail::component(side[i], axis) == detail::component(side[i - 1], axis);
+  };
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto a = static_cast<std::size_t>(axis);
+    const auto sweep = [&](auto index) {
+      double since = INFINITY;
+      for (std::size_t k = 1; k < n; ++k) {
+        const std::size_t i = index(k);
+        if (!still(i, axis)) since = 0.0;
+        near[i][a] |= since < kBendReach_mm;
+        since += norm(command[i] - command[i - 1]);
+      }
+    };
+    sweep([](std::size_t k) { return k; });
+    sweep([n](std::size_t k) { return n - k; });
+  }
+  return near;
+}
 
 Trail CutPath::slack(double width) const {
   const Moves& m = *moves_;
@@ -98,7 +124,8 @@ Trail CutPath::slack(double width) const {
   Vec3 mean;
   for (const Move& move : m.moves)
     mean += ((move.end_mm - move.start_mm) / std::fmax(1e-9, m.total_mm)) * Vec3(at[move.end]);
-  return [=, at = std::move(at), moves = moves_](const CutState& s) {
+  auto bends = m.bends(at);
+  return [=, at = std::move(at), bends = std::move(bends), moves = moves_](const CutState& s) {
     const Move& move = moves->moves[s.move];
     const Vec3 way = move.to - move.from, before = at[move.end - 1];
     // Slack is taken up at once, not evenly along the move.
@@ -107,7 +134,9 @@ Trail CutPath::slack(double width) const {
     const auto going = [&](double side, double step) {
       return std::abs(side) < 1.0 ? per_mm * step : 0.0;
     };
-    return Drift{here - mean, {going(here.x, way.x), going(here.y, way.y), going(here.z, way.z)}};
+    return Drift{here - mean,
+                 {going(here.x, way.x), going(here.y, way.y), going(here.z, way.z)},
+                 bends[move.end]};
   };
 }
 
@@ -366,6 +395,47 @@ CutState CutPath::Moves::state(std::uint32_t index, double share) const {
 
 Vec3 CutPath::Moves::normal(const CutState& s, double x, double y, double height) const {
   return (1.0 / radius) * (s.tip + Vec3{0.0, 0.0, radius} - Vec3{x, y, height});
+}
+
+namespace {
+/// Of the pieces a bent pass is swept in, per move: moves are at most kPiece_mm long.
+constexpr int kPiecesOfBend = 2;
+}  // namespace
+
+struct CutPath::Walk final : Pass {
+  std::shared_ptr<const Moves> moves;
+  explicit Walk(std::shared_ptr<const Moves> m) : moves(std::move(m)) {}
+
+  double height_mm(const CutState& s, double x, double y, double radius,
+                   const std::function<Vec3(const CutState&)>& off) const override {
+    const Moves& m = *moves;
+    const auto follows = [&](std::uint32_t i) { return m.moves[i].end == m.moves[i - 1].end + 1; };
+    const auto length = [&](std::uint32_t i) { return m.moves[i].end_mm - m.moves[i].start_mm; };
+    std::uint32_t first = s.move, last = s.move;
+    const auto share = static_cast<double>(s.move_share);
+    for (double d = share * length(first); d < kBendReach_mm && first > 0 && follows(first);)
+      d += length(--first);
+    for (double d = (1.0 - share) * length(last);
+         d < kBendReach_mm && last + 1 < m.moves.size() && follows(last + 1);)
+      d += length(++last);
+    const auto displaced = [&](std::uint32_t i, double at) {
+      const CutState t = m.state(i, at);
+      return t.tip + off(t);
+    };
+    double best = INFINITY;
+    Vec3 from = displaced(first, 0.0);
+    for (std::uint32_t i = first; i <= last; ++i)
+      for (int k = 1; k <= kPiecesOfBend; ++k) {
+        const Vec3 to = displaced(i, static_cast<double>(k) / kPiecesOfBend);
+        best = std::fmin(best, under(swath(from, to), x, y, radius * radius, radius, best).height);
+        from = to;
+      }
+    return best;
+  }
+};
+
+std::shared_ptr<const Pass> CutPath::pass() const {
+  return std::make_shared<Walk>(moves_);
 }
 
 std::optional<Contact> CutPath::at(double x, double y, std::vector<Rival>* rivals) const {

@@ -46,6 +46,8 @@ class CutPath {
                                           std::vector<Rival>* rivals = nullptr) const;
   /// Of the cut surface alone, in half the time.
   [[nodiscard]] std::optional<double> height(double x_mm, double y_mm) const;
+  /// The passes of these programs, for observations.
+  [[nodiscard]] std::shared_ptr<const Pass> pass() const;
   /// Scene::slack of these programs: play operators of that width, followed through rapids too.
   [[nodiscard]] Trail slack(double width_mm) const;
   /// Scene::lag of these programs: p' = (c - p) / e in arc length, compared at the same place.
@@ -60,6 +62,7 @@ class CutPath {
 
  private:
   struct Moves;
+  struct Walk;
   explicit CutPath(std::shared_ptr<const Moves> moves);
   std::shared_ptr<const Moves> moves_;  ///< trails keep it
 };

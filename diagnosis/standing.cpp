@@ -117,8 +117,8 @@ void keep_what_stands(const Search& search, const Bank& bank, Linearised& residu
       left = left_of(residuals, members, null_squares, d.remainder);
     }
     d.remainder.share = left.structured / left.excess;
-    auto drop = too_small(explained_by(members, residuals, left, floor), left, floor,
-                          d.remainder.found);
+    auto drop =
+        too_small(explained_by(members, residuals, left, floor), left, floor, d.remainder.found);
     if (!drop && d.remainder.found && odd.count() > 0 && !members.empty())
       drop = hangs_on(odd, members, search);
     if (!drop) return;

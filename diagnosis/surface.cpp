@@ -61,7 +61,7 @@ std::optional<SimulatedSurface::Place> SimulatedSurface::at(double x, double y,
 }
 
 SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path, const RunContext&)
-    : design_(design), path_(path) {
+    : design_(design), path_(path), pass_(path == nullptr ? nullptr : path->pass()) {
   const double wide = design.x_mm(design.z_mm.cols() - 1) - design.x0.value();
   const double high = design.y_mm(design.z_mm.rows() - 1) - design.y0.value();
   // Half the design's spacing: between passes as well as on them, or ridges would be missed.
@@ -105,6 +105,7 @@ std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
   if (place->contact) {
     static_cast<CutState&>(o) = *place->contact;
     o.rivals = std::move(rivals);
+    o.pass = pass_;
   }
   o.slope_normal = slope_normal(x, y).value_or(o.normal);
   o.levelled = levelled(x, y, o.place.z);

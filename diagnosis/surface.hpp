@@ -63,6 +63,7 @@ class SimulatedSurface {
  private:
   const heightmap::ModelField& design_;
   const CutPath* path_;
+  std::shared_ptr<const Pass> pass_;
   heightmap::ModelField cut_;
   std::optional<heightmap::FieldTracer> tracer_;  ///< of cut_
   std::array<heightmap::ModelField, kFilmLengths_mm.size()> smooth_;

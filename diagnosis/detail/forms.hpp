@@ -60,6 +60,22 @@ template <class Change>
   c.cut = change;
   return c;
 }
+/// The same, the tangent there: what one unit more moves once there are `size`. A ridge that is no
+/// longer cut whatever the size has no say in it, where in the secant it would.
+template <class Change>
+[[nodiscard]] Column tangent_column(std::string key, Parameter parameter, double size,
+                                    double radius_mm, Change change) {
+  constexpr double kShare = 0.1;  // of the size, to either side
+  Column c{std::move(key), std::move(parameter), [=](const Observation& o) {
+             const auto at = [&](double of) {
+               return recut_mm(o, radius_mm,
+                               [&](const CutState& s, Vec3 n) { return of * change(o, s, n); });
+             };
+             return (at((1.0 + kShare) * size) - at((1.0 - kShare) * size)) / (2.0 * kShare * size);
+           }};
+  c.cut = change;
+  return c;
+}
 /// Form::finer of make(value, step), a form of one positive parameter whose grid has the ratio
 /// `step`: three neighbours on either side at the `parts`-th root of it; none from `least` on.
 template <class Make>

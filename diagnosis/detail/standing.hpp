@@ -20,19 +20,18 @@ struct Left {
   double excess = 0.0;      ///< explained and structured together, above 0
 };
 /// @param null_squares  what the nuisances alone leave
-[[nodiscard]] Left left_of(const Linearised& residuals, const Members& members,
-                           double null_squares, const Remainder& remainder);
+[[nodiscard]] Left left_of(const Linearised& residuals, const Members& members, double null_squares,
+                           const Remainder& remainder);
 
 /// Judges what remains (diagnosis.remainder) and takes those causes from `confirmed` that are
 /// smaller than what the simulation may be wrong by, explain less than what nothing explains, or
 /// hang on a few odd places (diagnosis.rejected); residuals are about those that stay.
 void keep_what_stands(const Search& search, const Bank& bank, Linearised& residuals,
-                      double null_squares, std::vector<Confirmed>& confirmed,
-                      Diagnosis& diagnosis);
+                      double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
 
 /// Makes confirmed causes those of the diagnosis, with what would do as well in their place. Small
 /// ones that several others could stand for get no name: they become a remainder.
-void name_causes(const Search& search, const Bank& bank, Linearised& residuals,
-                 double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
+void name_causes(const Search& search, const Bank& bank, Linearised& residuals, double null_squares,
+                 std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
 
 }  // namespace maquette::diagnosis::detail

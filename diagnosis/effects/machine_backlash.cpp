@@ -16,20 +16,38 @@ struct Make {
   std::function<Trail(double)> slack;
   /// Play of one width; `step`: ratio to the next such width.
   Form operator()(double width_mm, double step) const {
+    Form f = form(width_mm, cut_column(key(width_mm), kParameter, 0.5 * width_mm, radius_mm,
+                                       change(width_mm)));
+    f.finer = finer_by_ratio(*this, width_mm, step, 3, 1.03);
+    return f;
+  }
+
+ private:
+  static inline const Parameter kParameter{"width_mm", 2.0, 1.0};
+  std::string key(double width_mm) const {
+    return fmt::format("backlash_{}{:.6f}", kAxisName[axis], width_mm);
+  }
+  std::function<CutChange(const Observation&, const CutState&, Vec3)> change(
+      double width_mm) const {
+    return [axis = axis, at = slack(width_mm)](const Observation&, const CutState& s, Vec3) {
+      const Drift off = at(s);
+      return CutChange{along_axis(axis, -component(off.at, axis)), 0.0,
+                       along_axis(axis, -component(off.per_mm, axis)),
+                       off.bends[static_cast<std::size_t>(axis)]};
+    };
+  }
+  Form form(double width_mm, Column column) const {
     Form f{fmt::format("play of about {:.3g} mm", width_mm),
-           {cut_column(
-               fmt::format("backlash_{}{:.6f}", kAxisName[axis], width_mm), {"width_mm", 2.0, 1.0},
-               0.5 * width_mm, radius_mm,
-               [axis = axis, at = slack(width_mm)](const Observation&, const CutState& s, Vec3) {
-                 const Drift off = at(s);
-                 return CutChange{along_axis(axis, -component(off.at, axis)), 0.0,
-                                  along_axis(axis, -component(off.per_mm, axis))};
-               })},
+           {std::move(column)},
            {{"followed_width_mm", width_mm}},
            1};
     f.columns[0].follows = {false, axis, width_mm};
     f.of_size = [make = *this](double size_mm) { return make(size_mm, 1.0); };
-    f.finer = finer_by_ratio(*this, width_mm, step, 3, 1.03);
+    f.at_size = [make = *this](double size_mm) {
+      return make.form(size_mm,
+                       tangent_column(make.key(size_mm) + " tangent", kParameter, 0.5 * size_mm,
+                                      make.radius_mm, make.change(size_mm)));
+    };
     return f;
   }
 };

@@ -9,8 +9,8 @@
 ///          squares (detail/height_fit.hpp). The last two never pass the error that insertion
 ///          has reached, so the bound holds.
 /// Accuracy measured at every node with the mesh as it is given out, in integers of rows and
-///          columns. Beside plain greedy insertion with as many triangles: the same maximum to 0.1 %,
-///          rms 0.76 to 0.84 of its (tools/bench meshing).
+///          columns. Beside plain greedy insertion with as many triangles: the same maximum to 0.1
+///          %, rms 0.76 to 0.84 of its (tools/bench meshing).
 /// Cost     about 4 us of processor time a triangle at 16 nodes each; 65 MiB a million triangles
 ///          beside the field, the result's 23 among them.
 

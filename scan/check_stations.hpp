@@ -27,7 +27,8 @@ inline constexpr ErrorCode kStationPose{"SCAN_STATION_POSE"};
 inline constexpr double kMostFromBehind = 0.25;
 
 /// @param model_from_scan  of the registered cloud
-/// @return SCAN_STATION_POSE with the place, in the model frame, and the share of its points that it
+/// @return SCAN_STATION_POSE with the place, in the model frame, and the share of its points that
+/// it
 ///   would see from behind. Stations whose place is not known pass.
 [[nodiscard]] Result<void> check_viewpoints(const Cloud& cloud,
                                             const RigidTransform& model_from_scan,

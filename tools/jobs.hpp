@@ -182,10 +182,6 @@ struct ScanJob {
 [[nodiscard]] Result<JobResult> detectability_job(const fs::path& case_file, const fs::path& folder,
                                                   std::uint64_t seed, const RunContext& run);
 
-/// compare.json and difference.png.
-[[nodiscard]] Result<JobResult> compare_job(const fs::path& real, const fs::path& rendered,
-                                            const fs::path& folder, const RunContext& run);
-
 /// A model field by its extension (.tif, .tiff); anything else is taken for a mesh.
 [[nodiscard]] bool is_field(const fs::path& surface);
 

@@ -87,9 +87,4 @@ Result<JobResult> compare_job(const CompareJob& job, const fs::path& folder, con
   return result;
 }
 
-Result<JobResult> compare_job(const fs::path& real, const fs::path& rendered,
-                              const fs::path& folder, const RunContext& run) {
-  return compare_job({real, rendered, {}, INFINITY}, folder, run);
-}
-
 }  // namespace maquette::tools

@@ -62,7 +62,8 @@ struct Mean {
 
 struct Height {
   double value = 0.0, sigma = 0.0;
-  int full = 0;  ///< the mean of cells so deep in the patch (Window::full); 0: of mixed ones
+  int full = 0;         ///< the mean of cells so deep in the patch (Window::full); 0: of mixed ones
+  double cosine = 1.0;  ///< of the design's slope, weighted as the height is
 };
 
 /// A window of the map round a patch, where its extent is found anew.
@@ -135,6 +136,17 @@ class Window {
         if (in(i, j)) p.cells.emplace_back(top_ + i, left_ + j);
     return p;
   }
+  /// Cells that make its base.
+  [[nodiscard]] const FoundPatch::Cells& around() const { return around_; }
+  /// Cells whose mean is its height; all of it where that is mixed.
+  [[nodiscard]] FoundPatch::Cells inside() const {
+    FoundPatch::Cells cells;
+    each([&](std::ptrdiff_t i, std::ptrdiff_t j) {
+      if (height.full > 0 ? full(i, j, height.full) : in(i, j))
+        cells.emplace_back(top_ + i, left_ + j);
+    });
+    return cells;
+  }
   [[nodiscard]] Vec3 middle(std::ptrdiff_t i, std::ptrdiff_t j) const {
     const CellMap& m = layer_->map;
     return {m.x0_mm + m.cell_mm * (static_cast<double>(left_ + j) + 0.5),
@@ -173,20 +185,28 @@ class Window {
     steps_ = count_steps([&](auto i, auto j) { return in(i, j); });
     depth_ = count_steps([&](auto i, auto j) { return !in(i, j); });
     measure_base();
-    Mean inside, far_inside;
+    // Cells on slopes scatter less along the normal and weigh more: so do their cosines.
+    struct Inside {
+      Mean height, cosine;
+    };
+    Inside inside, far_inside;
     each([&](std::ptrdiff_t i, std::ptrdiff_t j) {
       if (!in(i, j)) return;
-      const double step_here = step(i, j) - base;
-      if (full(i, j, 2)) far_inside.add(step_here, sigma(i, j));
-      if (full(i, j, 1)) inside.add(step_here, sigma(i, j));
+      const auto add = [&](Inside& to) {
+        to.height.add(step(i, j) - base, sigma(i, j));
+        to.cosine.add(cell(i, j).level / cell(i, j).n, sigma(i, j));
+      };
+      if (full(i, j, 2)) add(far_inside);
+      if (full(i, j, 1)) add(inside);
     });
     constexpr double kEnough = 9.0;
-    const int depth = far_inside.cells >= kEnough ? 2 : 1;
+    const int depth = far_inside.height.cells >= kEnough ? 2 : 1;
     if (depth == 2) inside = far_inside;
-    height = {inside.value(), std::hypot(inside.sigma(), sigma_base), depth};
-    if (inside.cells >= kEnough) return;
+    height = {inside.height.value(), std::hypot(inside.height.sigma(), sigma_base), depth,
+              inside.cosine.value()};
+    if (inside.height.cells >= kEnough) return;
     const Height mixed = of_mixed_cells();
-    if (inside.cells == 0.0 || mixed.sigma < height.sigma) height = mixed;
+    if (inside.height.cells == 0.0 || mixed.sigma < height.sigma) height = mixed;
   }
 
   void measure_base() {
@@ -199,6 +219,7 @@ class Window {
       if (around(i, j)) steps.push_back(step(i, j));
     });
     base = sigma_base = noise2_ = 0.0;
+    around_.clear();
     if (steps.empty()) return;
     const double middle = median(std::move(steps));
     constexpr double kOther = 4.0;  // standard deviations
@@ -207,6 +228,7 @@ class Window {
     each([&](std::ptrdiff_t i, std::ptrdiff_t j) {
       if (!around(i, j) || std::abs(step(i, j) - middle) > kOther * sigma(i, j)) return;
       mean.add(step(i, j), sigma(i, j));
+      around_.emplace_back(top_ + i, left_ + j);
       const Cell& c = cell(i, j);
       own += std::fmax(0.0, c.square - c.sum * c.sum / c.n);
       freedom += c.n - 1.0;
@@ -262,12 +284,19 @@ class Window {
   std::ptrdiff_t top_ = 0, left_ = 0;
   Grid<std::uint8_t> in_;
   Grid<int> steps_, depth_;
+  FoundPatch::Cells around_;
   double noise2_ = 0.0;  ///< variance of a point in the surroundings
 };
 
+/// Do the surroundings stand out rather than the patch? What lies as expected between two steps, or
+/// between a step and the rim, is lower than all around it.
+bool is_what_is_left(const Window& w) {
+  return std::abs(w.base + w.height.value) < 0.5 * std::abs(w.base);
+}
+
 /// Its window grows with the patch until that is whole. A patch beside a large step that grew over
-/// most of the part would be all that is not the step, and its height the step's with the wrong
-/// sign: such a one stays as it was met.
+/// all that is not the step would have its height with the wrong sign: such a one stays as it was
+/// met.
 Window whole_patch(const Layer& layer, Patch patch) {
   const auto cells = layer.cells.cells();
   const auto seen = static_cast<std::size_t>(
@@ -278,7 +307,7 @@ Window whole_patch(const Layer& layer, Patch patch) {
   for (int i = 0; i < 60; ++i) {
     Patch now = w.patch();
     if (now.cells == patch.cells) break;
-    if (2 * now.cells.size() > seen) return met;
+    if (2 * now.cells.size() > seen || is_what_is_left(w)) return met;
     patch = std::move(now);
     w = Window(layer, patch);
   }
@@ -315,8 +344,7 @@ double edge_sigma(const Window& w, std::ptrdiff_t i, std::ptrdiff_t j, double in
   return inflation * std::sqrt(own / c.n);
 }
 
-Finding describe(const Layer& layer, const Patch& patch) {
-  const Window w = whole_patch(layer, patch);
+Finding describe(const Layer& layer, const Window& w) {
   const double side = layer.map.cell_mm, area = side * side;
   Finding f;
   f.cell_mm = side;
@@ -358,7 +386,7 @@ Finding describe(const Layer& layer, const Patch& patch) {
   f.sigma_volume_mm3 = std::hypot(std::sqrt(variance), used * w.sigma_base);
   if (f.volume_mm3 == 0.0 || f.height_mm == 0.0 || points == 0.0) return f;
   f.certainty = std::abs(f.volume_mm3) / std::hypot(std::sqrt(noise), used * w.sigma_base);
-  f.along_z_mm = f.height_mm * points / level;
+  f.along_z_mm = f.height_mm / (w.height.full > 0 ? w.height.cosine : level / points);
   f.centre_mm = (1.0 / f.volume_mm3) * first;
   f.area_mm2 = std::fmax(0.0, f.volume_mm3 / f.height_mm);
   f.diameter_mm = 2.0 * std::sqrt(f.area_mm2 / std::numbers::pi);
@@ -373,10 +401,14 @@ Finding describe(const Layer& layer, const Patch& patch) {
 
 }  // namespace
 
-std::vector<Finding> find_patches(const Layer& layer) {
-  std::vector<Finding> findings;
-  for (const Patch& patch : patches_of(layer)) findings.push_back(describe(layer, patch));
-  return findings;
+std::vector<FoundPatch> find_patches(const Layer& layer) {
+  std::vector<FoundPatch> found;
+  for (const Patch& patch : patches_of(layer)) {
+    const Window w = whole_patch(layer, patch);
+    if (is_what_is_left(w)) continue;
+    found.push_back({describe(layer, w), w.patch().cells, w.inside(), w.around()});
+  }
+  return found;
 }
 
 }  // namespace maquette::scan::detail

@@ -9,6 +9,7 @@
 
 #include "core/check.hpp"
 #include "core/median.hpp"
+#include "scan/detail/patch_pose.hpp"
 #include "scan/detail/patches.hpp"
 
 namespace maquette::scan {
@@ -16,6 +17,7 @@ namespace {
 
 constexpr int kSizes = 5;
 constexpr double kFalseDiscoveries = 0.01;  // over all sizes
+constexpr double kCertain = 3.0;            // standard deviations of a finding's volume
 constexpr double kLevelOfDetection = 1.96;  // 95 %, two-sided
 constexpr double kDegree = std::numbers::pi / 180.0;
 
@@ -87,6 +89,7 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
               Grid<float>(rows, cols, NAN),
               Grid<float>(rows, cols, NAN),
               Grid<float>(rows, cols, NAN),
+              Grid<std::uint8_t>(rows, cols, 0),
               Grid<std::uint8_t>(rows, cols, 0),
               0.0};
   const double typical = typical_variance(cells);
@@ -281,6 +284,14 @@ Grid<float> coarser(const Grid<float>& share) {
   return sum;
 }
 
+/// Cells and their neighbours: what lies across the edge of a patch is neither.
+void mark_with_rim(const detail::FoundPatch::Cells& cells, Grid<std::uint8_t>& marked) {
+  for (const auto& [r, c] : cells)
+    for (std::ptrdiff_t a = -1; a <= 1; ++a)
+      for (std::ptrdiff_t b = -1; b <= 1; ++b)
+        if (marked.contains(r + a, c + b)) marked(r + a, c + b) = 1;
+}
+
 bool overlap(const Finding& a, const Finding& b) {
   return a.min_mm.x < b.max_mm.x && b.min_mm.x < a.max_mm.x && a.min_mm.y < b.max_mm.y &&
          b.min_mm.y < a.max_mm.y;
@@ -290,7 +301,7 @@ bool overlap(const Finding& a, const Finding& b) {
 
 Significance significance(std::span<const Vec3> points, std::span<const float> deviation,
                           std::span<const ScanPose> scans, double finest_mm,
-                          std::span<const float> slope_deg) {
+                          std::span<const float> slope_deg, const heightmap::ModelField* surface) {
   MAQUETTE_CHECK(points.size() == deviation.size(), "{} points, {} deviations", points.size(),
                  deviation.size());
   MAQUETTE_CHECK(slope_deg.empty() || slope_deg.size() == points.size(), "{} points, {} slopes",
@@ -331,7 +342,8 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
     c.n += 1.0;
     c.sum += d;
     c.square += d * d;
-    c.level += slope_deg.empty() ? 1.0 : std::cos(kDegree * static_cast<double>(slope_deg[i]));
+    const double slope = slope_deg.empty() ? 0.0 : static_cast<double>(slope_deg[i]);
+    c.level += std::isnan(slope) ? 1.0 : std::cos(kDegree * slope);
   }
   int sizes = 0;
   for (auto side = std::min(cells.rows(), cells.cols()); sizes < kSizes && side >= 8; ++sizes)
@@ -353,17 +365,23 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
     result.findings.push_back(
         whole_part(background, result.maps[std::min<std::size_t>(1, result.maps.size() - 1)]));
   }
-  std::vector<Finding> all;
+  std::vector<std::pair<detail::FoundPatch, std::size_t>> all;
   for (std::size_t k = 0; k < layers.size(); ++k)
-    for (Finding& f : detail::find_patches(layer_of(result.maps[k], layers[k], background, rate)))
-      all.push_back(std::move(f));
-  std::stable_sort(all.begin(), all.end(),
-                   [](const Finding& a, const Finding& b) { return a.certainty > b.certainty; });
-  for (const Finding& f : all)
-    if (f.certainty > 3.0 &&
-        std::none_of(result.findings.begin(), result.findings.end(),
-                     [&](const Finding& g) { return !g.whole_part && overlap(f, g); }))
-      result.findings.push_back(f);
+    for (auto& f : detail::find_patches(layer_of(result.maps[k], layers[k], background, rate)))
+      if (f.finding.certainty > kCertain) all.push_back({std::move(f), k});
+  std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
+    return a.first.finding.certainty > b.first.finding.certainty;
+  });
+  std::vector<detail::FoundPatch> kept;
+  for (auto& [f, size] : all) {
+    if (std::any_of(kept.begin(), kept.end(),
+                    [&](const auto& g) { return overlap(f.finding, g.finding); }))
+      continue;
+    mark_with_rim(f.all, result.maps[size].in_patch);
+    kept.push_back(std::move(f));
+  }
+  if (surface != nullptr) detail::add_pose(kept, result.maps, points, deviation, scans, *surface);
+  for (auto& f : kept) result.findings.push_back(std::move(f.finding));
   return result;
 }
 

@@ -34,11 +34,12 @@
 ///           (scallops, creases that the ball does not reach), and these are found too. Deviations
 ///           from the expected surface (expected_surface.hpp) contain only what was not.
 /// Size      Heights are steps against the surroundings, so what the registration absorbed of
-///           the whole does not enter them; along the normal, as deviations are: what was moved by
-///           0.6 mm along z on slopes of 13 degrees is 0.585 mm high (`along_z_mm` has the 0.6).
-///           Patches of one height from 3 mm (1.7 mm cells) to bands: normalised errors of 140
-///           heights have rms 0.96, of diameters 1.07 (scan/detail/patches.hpp says how). Of a
-///           patch that is not of one height it is a mean.
+///           the whole does not enter them (refit.hpp has the best fit follow the rest of the
+///           part alone; what its pose leaves open is part of what is stated); along the normal, as
+///           deviations are: what was moved by 0.6 mm along z on slopes of 13 degrees is 0.585 mm
+///           high (`along_z_mm` has the 0.6). Patches of one height from 3 mm (1.7 mm cells) to
+///           bands: normalised errors of 140 heights have rms 0.96, of diameters 1.07
+///           (scan/detail/patches.hpp says how). Of a patch that is not of one height it is a mean.
 
 #include <cstdint>
 #include <span>
@@ -46,6 +47,7 @@
 
 #include "core/grid.hpp"
 #include "core/vec.hpp"
+#include "heightmap/height_field.hpp"
 #include "scan/joint_pose.hpp"
 
 namespace maquette::scan {
@@ -57,6 +59,7 @@ struct CellMap {
   Grid<float> sigma_mm;            ///< of the mean: noise, roughness, density, correlation
   Grid<float> lod_mm;              ///< 1.96 times sigma and pose together
   Grid<std::uint8_t> significant;  ///< 1: |mean| beyond the false discovery threshold
+  Grid<std::uint8_t> in_patch;     ///< 1: in or beside one that stands out of its surroundings
   double significant_share = 0.0;  ///< of the cells with points
 };
 
@@ -85,11 +88,14 @@ struct Significance {
 /// @param scans         poses whose covariances count, in the order of the points, as many as
 ///                      all of them together; none: the poses are known
 /// @param finest_mm     side of the smallest cells; 0: some 6 points in each
-/// @param slope_deg     of the design at each point; none: level
+/// @param slope_deg     of the design at each point; none, NaN: level
+/// @param surface       what the deviations are from: with it a pose's error is part of what is
+///                      stated of each patch's height
 /// Five sizes of cells, as long as there are at least 8 a side.
 [[nodiscard]] Significance significance(std::span<const Vec3> points_mm,
                                         std::span<const float> deviation_mm,
                                         std::span<const ScanPose> scans, double finest_mm = 0.0,
-                                        std::span<const float> slope_deg = {});
+                                        std::span<const float> slope_deg = {},
+                                        const heightmap::ModelField* surface = nullptr);
 
 }  // namespace maquette::scan

@@ -291,6 +291,10 @@ void add_registration(Document& doc, const json& s) {
              {"sigma_rotation_rad", "rad"},
              {"effective_points", "independent points"},
              {"free_directions", "not determined"}});
+  if (s["fitted_without_findings"].get<bool>())
+    doc.emplace_back(Paragraph{
+        "The poses are best fits without the places that are significant: these would pull the "
+        "scans along the slopes that they lie on."});
   if (s.contains("beam"))
     doc.emplace_back(Paragraph{fmt::format(
         "A beam measures a mean over its width. What that does on the expected surface was taken "

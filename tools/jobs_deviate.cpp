@@ -100,6 +100,7 @@ struct Comparison {
   /// expected.
   scan::Significance by_design;
   std::optional<scan::Significance> by_expected;
+  bool fitted_again = false;  ///< without what was found
   [[nodiscard]] const scan::Significance& findings() const {
     return by_expected ? *by_expected : by_design;
   }
@@ -116,18 +117,9 @@ std::vector<scan::ExtraObject> objects_on(const MeasuredPart& all, const Nominal
                             nominal.stone_plan, missing, c.deviation.statistics.nmad_mm);
 }
 
-Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nominal,
-                     const Case& input, const scan::Registration& joint, const RunContext& run) {
-  // Of stones before what the beam does to the surface as it is expected is taken out: one that has
-  // moved is not where it is expected.
-  if (nominal.ground) {
-    MAQUETTE_TRY(c.stones, scan::find_stones(all.cloud.points_mm, all.views, *nominal.ground,
-                                             nominal.stone_plan, joint.noise_mm, &joint));
-  }
-  leave_out_overhung(all, nominal, input, joint.noise_mm);
-  if (!nominal.mesh) {  // of any shape: its upper side does not say what a beam meets
-    MAQUETTE_TRY(c.beam, take_out_beams(all, nominal.to_meet(), joint.noise_mm, run));
-  }
+/// Where the points lie, how far off, and what of it is significant.
+Result<void> judge(Comparison& c, const MeasuredPart& all, const NominalPart& nominal,
+                   const Case& input, const RunContext& run) {
   const RigidTransform in_model;  // every cloud has been brought there
   const Millimetres reach{input.reach_mm};
   if (nominal.mesh) {
@@ -140,12 +132,76 @@ Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nomina
   const auto& points = all.cloud.points_mm;
   const std::span<const float> slopes =
       all.slope_deg.size() == points.size() ? all.slope_deg : std::span<const float>{};
-  c.by_design = scan::significance(points, c.deviation.per_point_mm, all.scans, 0.0, slopes);
+  c.by_design =
+      scan::significance(points, c.deviation.per_point_mm, all.scans, 0.0, slopes, &nominal.design);
   if (nominal.expected) {
     MAQUETTE_TRY(const auto from_expected,
                  scan::deviate(all.cloud, in_model, *nominal.expected, reach, run));
-    c.by_expected = scan::significance(points, from_expected.per_point_mm, all.scans, 0.0, slopes);
+    c.by_expected = scan::significance(points, from_expected.per_point_mm, all.scans, 0.0, slopes,
+                                       &*nominal.expected);
     c.expected = expected_json(from_expected.statistics, nominal, input);
+  }
+  return {};
+}
+
+/// Points before their beams are taken into account: stones are compared with what a beam makes of
+/// them.
+struct AsMeasured {
+  std::vector<Vec3> points_mm;
+  std::vector<scan::Viewpoint> views;
+  std::vector<std::size_t> of_scan;  ///< points of each; none where no stones are asked for
+  void follow(std::span<const RigidTransform> steps) {
+    std::size_t i = 0, v = 0;
+    for (std::size_t k = 0; k < of_scan.size(); ++k) {
+      const std::size_t end = i + of_scan[k];
+      for (std::size_t seen = i; seen < end && v < views.size(); ++v) {
+        seen += views[v].points;
+        if (views[v].station_mm) views[v].station_mm = steps[k].point(*views[v].station_mm);
+      }
+      for (; i < end; ++i) points_mm[i] = steps[k].point(points_mm[i]);
+    }
+  }
+};
+
+/// Best fits are made again without what stands out, if anything does.
+Result<void> fit_again(Comparison& c, MeasuredPart& all, AsMeasured& before,
+                       const NominalPart& nominal, const Case& input, const RunContext& run) {
+  const auto& findings = c.findings().findings;
+  // A pose on datums is nobody's to change, and a part that lies off as a whole has no rest.
+  if (!all.part.empty() || nominal.mesh || findings.empty() || findings.front().whole_part)
+    return {};
+  MAQUETTE_TRY(const auto steps, fit_without_findings(
+                                     all, nominal.to_meet(), c.findings(),
+                                     [&]() -> Result<scan::Significance> {
+                                       MAQUETTE_TRY_VOID(judge(c, all, nominal, input, run));
+                                       return c.findings();
+                                     },
+                                     run));
+  before.follow(steps);
+  c.fitted_again = true;
+  return judge(c, all, nominal, input, run);
+}
+
+Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nominal,
+                     const Case& input, const RunContext& run) {
+  const double noise = scan::joint_pose(all.scans).noise_mm;
+  // Of stones before what the beam does to the surface as it is expected is taken out: one that has
+  // moved is not where it is expected.
+  AsMeasured before;
+  if (nominal.ground) {
+    before = {all.cloud.points_mm, all.views, {}};
+    for (const scan::ScanPose& s : all.scans) before.of_scan.push_back(s.points);
+  }
+  leave_out_overhung(all, nominal, input, noise);
+  if (!nominal.mesh) {  // of any shape: its upper side does not say what a beam meets
+    MAQUETTE_TRY(c.beam, take_out_beams(all, nominal.to_meet(), noise, run));
+  }
+  MAQUETTE_TRY_VOID(judge(c, all, nominal, input, run));
+  MAQUETTE_TRY_VOID(fit_again(c, all, before, nominal, input, run));
+  if (nominal.ground) {
+    const scan::Registration joint = scan::joint_pose(all.scans);
+    MAQUETTE_TRY(c.stones, scan::find_stones(before.points_mm, before.views, *nominal.ground,
+                                             nominal.stone_plan, joint.noise_mm, &joint));
   }
   c.objects = objects_on(all, nominal, c);
   return {};
@@ -227,13 +283,13 @@ json stations_json(const MeasuredPart& all) {
     if (v.station_mm && v.points > 0) {
       row["at_mm"] = {v.station_mm->x, v.station_mm->y, v.station_mm->z};
       const auto of = [&](const std::vector<float>& values) {
-        return std::minmax_element(values.begin() + static_cast<std::ptrdiff_t>(i),
-                                   values.begin() + static_cast<std::ptrdiff_t>(i + v.points));
+        float least = INFINITY, most = -INFINITY;
+        for (const float value : std::span(values).subspan(i, v.points))
+          least = std::fmin(least, value), most = std::fmax(most, value);  // NaN: beside the part
+        return json{least, most};
       };
-      const auto [near, far] = of(all.range_mm);
-      const auto [steep, oblique] = of(all.incidence_deg);
-      row["range_mm"] = {*near, *far};
-      row["incidence_deg"] = {*steep, *oblique};
+      row["range_mm"] = of(all.range_mm);
+      row["incidence_deg"] = of(all.incidence_deg);
     }
     rows.push_back(std::move(row));
     i += v.points;
@@ -270,6 +326,7 @@ json summary_of(const MeasuredPart& all, const Comparison& c, const NominalPart&
   summary["objects"] = objects_json(c.objects);
   summary["regions"] = regions_json(scan::judge_regions(
       all.cloud.points_mm, c.deviation.per_point_mm, regions, c.by_design, &joint));
+  summary["fitted_without_findings"] = c.fitted_again;
   summary["stations"] = stations_json(all);
   summary["worst"] = worst_of(c.by_design);
   summary["budget"] = budget_json({});
@@ -324,9 +381,9 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   if (all.passed_over > 0)
     run.warn(fmt::format("an even share of the points is compared; {} are passed over",
                          all.passed_over));
-  const scan::Registration joint = scan::joint_pose(all.scans);
   Comparison c;
-  MAQUETTE_TRY_VOID(compare(c, all, nominal, *input, joint, run));
+  MAQUETTE_TRY_VOID(compare(c, all, nominal, *input, run));
+  const scan::Registration joint = scan::joint_pose(all.scans);
   json summary = summary_of(all, c, nominal, regions, joint);
   summary["profiles"] = profiles_of(all, c, *input, design, joint);
   MAQUETTE_TRY(summary["dependences"],

@@ -59,8 +59,13 @@ bool crosses_rim(Vec3 p, const ModelField& design, double beam_mm, std::optional
 void add_angles(MeasuredPart& all, Vec3 p, const ModelField& design, std::optional<Vec3> station) {
   const double s = design.spacing.value();
   const double h = heightmap::height_at(design, p.x, p.y);
-  const double rise_x = heightmap::height_at(design, p.x + s, p.y) - h;
-  const double rise_y = heightmap::height_at(design, p.x, p.y + s) - h;
+  // Beside the rim or a void: from the other side, and level where both sides are bare.
+  const auto rise = [&](double dx, double dy) {
+    const double ahead = heightmap::height_at(design, p.x + dx, p.y + dy) - h;
+    const double behind = h - heightmap::height_at(design, p.x - dx, p.y - dy);
+    return !std::isnan(ahead) ? ahead : std::isnan(behind) && !std::isnan(h) ? 0.0 : behind;
+  };
+  const double rise_x = rise(s, 0.0), rise_y = rise(0.0, s);
   const Vec3 normal = normalized(Vec3{-rise_x / s, -rise_y / s, 1.0});
   all.slope_deg.push_back(static_cast<float>(kDegrees * std::acos(normal.z)));
   if (!station) {
@@ -213,6 +218,18 @@ std::size_t leave_out(MeasuredPart& all, const Unwanted& unwanted) {
   return out;
 }
 
+/// Which scan each viewpoint belongs to.
+std::vector<std::size_t> scans_of_views(const MeasuredPart& all) {
+  std::vector<std::size_t> scans;
+  std::size_t scan = 0, left = all.scans.front().points;
+  for (const scan::Viewpoint& v : all.views) {
+    while (left == 0 && scan + 1 < all.scans.size()) left = all.scans[++scan].points;
+    left -= v.points;
+    scans.push_back(scan);
+  }
+  return scans;
+}
+
 }  // namespace
 
 Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& input,
@@ -267,6 +284,38 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
   append(all, cloud, used, datums, entry, nominal.design);
   all.figures.push_back(std::move(figures));
   return {};
+}
+
+Result<std::vector<RigidTransform>> fit_without_findings(MeasuredPart& all,
+                                                         const ModelField& surface,
+                                                         const scan::Significance& found,
+                                                         const scan::Search& search,
+                                                         const RunContext& run) {
+  const std::vector<std::size_t> of_view = scans_of_views(all);
+  std::vector<std::optional<Vec3>> stations(all.scans.size());
+  std::vector<int> views(all.scans.size(), 0);
+  for (std::size_t v = 0; v < all.views.size(); ++v) {
+    // Noise by range and incidence is that of one place.
+    stations[of_view[v]] = views[of_view[v]]++ == 0 ? all.views[v].station_mm : std::nullopt;
+  }
+  MAQUETTE_TRY(auto steps,
+               scan::refit(all.cloud.points_mm, all.scans, stations, surface, found, search, run));
+  for (std::size_t v = 0; v < all.views.size(); ++v)
+    if (all.views[v].station_mm)
+      all.views[v].station_mm = steps[of_view[v]].point(*all.views[v].station_mm);
+  for (std::size_t k = 0; k < all.scans.size(); ++k) {
+    scan::Registration& best = all.figures[k].best;
+    const scan::Registration& now = all.scans[k].registration;
+    best.model_from_scan = now.model_from_scan;
+    best.covariance = now.covariance;
+    best.centre_mm = now.centre_mm;
+    best.sigma_translation_mm = now.sigma_translation_mm;
+    best.sigma_rotation_rad = now.sigma_rotation_rad;
+    best.effective_points = now.effective_points;
+    best.noise_mm = now.noise_mm;
+    best.free_directions = now.free_directions;
+  }
+  return steps;
 }
 
 void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,

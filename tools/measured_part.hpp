@@ -15,6 +15,7 @@
 #include "scan/datums.hpp"
 #include "scan/find_spheres.hpp"
 #include "scan/joint_pose.hpp"
+#include "scan/refit.hpp"
 #include "scan/viewpoint.hpp"
 #include "tools/corrections_file.hpp"
 #include "tools/nominal_part.hpp"
@@ -70,6 +71,14 @@ struct MeasuredPart {
 /// @return errors of reading and registration
 [[nodiscard]] Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& input,
                                     const NominalPart& nominal, const RunContext& run);
+
+/// Best fits once more, without what was found (scan/refit.hpp): points, viewpoints, poses and
+/// their covariances follow.
+/// @pre the poses are best fits to `surface`, not those of datums
+/// @return the step of each scan; CORE_CANCELLED or what `search` returns
+[[nodiscard]] Result<std::vector<RigidTransform>> fit_without_findings(
+    MeasuredPart& all, const heightmap::ModelField& surface, const scan::Significance& found,
+    const scan::Search& search, const RunContext& run);
 
 /// Leaves out what stands under the overhangs of planned stones.
 void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,

@@ -19,7 +19,9 @@
 /// heights
 ///          mix, scatter as their own points say, all others as noise says.
 
+#include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "core/grid.hpp"
@@ -42,6 +44,14 @@ struct Layer {
   Grid<std::uint8_t> marked;  ///< 1: more than noise, against the background
 };
 
-[[nodiscard]] std::vector<Finding> find_patches(const Layer& layer);
+/// A patch and the cells of its map (row, column) that make its height: inside minus around.
+struct FoundPatch {
+  using Cells = std::vector<std::pair<std::ptrdiff_t, std::ptrdiff_t>>;
+  Finding finding;
+  Cells all;     ///< that belong to it
+  Cells inside;  ///< whose mean is its height; of a small one all
+  Cells around;  ///< its base
+};
+[[nodiscard]] std::vector<FoundPatch> find_patches(const Layer& layer);
 
 }  // namespace maquette::scan::detail

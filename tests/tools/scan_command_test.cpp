@@ -181,6 +181,46 @@ TEST_F(ScanCommand, SpheresGiveThePoseAndThePartsPlace) {
   EXPECT_THAT(slurp(scratch / "d" / "corrections.toml"), HasSubstr("maquette.corrections/1"));
 }
 
+// A strip along the rim stands 0.4 mm high: the best fit is made again without it, so the scanner
+// comes out where it stood; points beside the rim have a slope, so its height along z is a figure.
+TEST_F(ScanCommand, AStripAlongTheRimHasItsHeight) {
+  const auto part = heightmap::read_model_field(scratch / "design.tif");
+  ASSERT_TRUE(part.has_value());
+  scan::Cloud cloud = testing_support::points_on(*part, 90'000, 11, 0.05);
+  for (Vec3& p : cloud.points_mm)
+    if (p.y > 135.0) p.z += 0.4;
+  const Vec3 station{75.0, -300.0, 500.0};
+  cloud.station_mm = station;
+  const RigidTransform elsewhere = testing_support::random_pose(11, {75, 75, 10}, 0.01, 2.0);
+  const scan::Cloud seen = testing_support::seen_from(cloud, elsewhere);
+  ASSERT_TRUE(scan::write_cloud(seen, scratch / "s.ply"));
+  const Vec3 at = *seen.station_mm;
+  ASSERT_TRUE(
+      write_file(scratch / "case.toml",
+                 "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\n[[scan]]\npoints = "
+                 "\"s.ply\"\nscanner_position_mm = [" +
+                     std::to_string(at.x) + ", " + std::to_string(at.y) + ", " +
+                     std::to_string(at.z) + "]\n"));
+  const Outcome o = run("deviate case.toml --out d --quiet");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json s = json::parse(slurp(scratch / "d" / "summary.json"));
+  SCOPED_TRACE(s["findings"].dump() + s["registrations"].dump() + s["stations"].dump());
+  EXPECT_TRUE(s["fitted_without_findings"].get<bool>());
+  ASSERT_FALSE(s["findings"].empty());
+  for (const json& f : s["findings"]) EXPECT_TRUE(f["along_z_mm"].is_number());
+  const json f = s["findings"][0];
+  EXPECT_NEAR(f["along_z_mm"].get<double>(), 0.4, 4.0 * f["sigma_height_mm"].get<double>());
+  EXPECT_LT(f["sigma_height_mm"].get<double>(), 0.01);
+  const json r = s["registrations"][0], found = s["stations"][0]["at_mm"];
+  // The scanner stands 620 mm from the part's middle.
+  const double sigma = std::hypot(r["sigma_translation_mm"].get<double>(),
+                                  620.0 * r["sigma_rotation_rad"].get<double>());
+  EXPECT_NEAR(found[0].get<double>(), station.x, 4.0 * sigma);
+  EXPECT_NEAR(found[1].get<double>(), station.y, 4.0 * sigma);
+  EXPECT_NEAR(found[2].get<double>(), station.z, 4.0 * sigma);
+  EXPECT_TRUE(s["stations"][0]["incidence_deg"][0].is_number());
+}
+
 // A report of a part with a bump of 0.3 mm, 30 mm wide, in its middle: seen from above in a browser
 // the middle is red, a click there tells its place and height, cutting takes half of the part away.
 TEST_F(ScanCommand, TheReportsPartTurnsInABrowser) {

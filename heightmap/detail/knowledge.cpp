@@ -25,12 +25,18 @@ double keys(double f) {
   return 3.0 / q * (s * s - d) - (3.0 * d * d - 2.0 * d - sinc(4.0 * f)) / q;
 }
 
-/// Relief as nodes see it, m^2 per area of frequency in nodes.
+/// Relief as nodes see it, m^2 per area of frequency in nodes: means over their cells, in which
+/// waves shorter than two nodes look like longer ones.
 double relief_at(const WaveTable& waves, double fx, double fy) {
-  const double f = std::hypot(fx, fy), cell = sinc(fx) * sinc(fy), spacing = waves.spacing_m;
-  if (f < spacing / waves.longest_m) return 0.0;
-  return waves.law.spectrum() / (spacing * spacing) * cell * cell *
-         std::pow(f / spacing, -2.0 * waves.law.hurst - 2.0);
+  const double spacing = waves.spacing_m;
+  if (std::hypot(fx, fy) < spacing / waves.longest_m) return 0.0;
+  double sum = 0.0;
+  for (int i = -1; i <= 1; ++i)
+    for (int j = -1; j <= 1; ++j) {
+      const double x = fx + i, y = fy + j, cell = sinc(x) * sinc(y);
+      sum += cell * cell * std::pow(std::hypot(x, y) / spacing, -2.0 * waves.law.hurst - 2.0);
+    }
+  return waves.law.spectrum() / (spacing * spacing) * sum;
 }
 
 /// w with the least sum over samples of weight (shares . w - wanted)^2.
@@ -132,6 +138,22 @@ double error_variance(const WaveTable& waves, const Knowledge& of) {
   for (std::size_t i = 0; i < of.noise.size(); ++i)
     sum += of.noise[i] + of.unseen[i] + std::pow(1.0 - of.kept[i], 2.0) * waves.samples[i].relief;
   return sum;
+}
+
+std::vector<double> correlation_of_errors(const WaveTable& waves, const Knowledge& of,
+                                          std::size_t nodes) {
+  std::vector<double> out(nodes + 1, 0.0);
+  double whole = 0.0;
+  for (std::size_t i = 0; i < of.noise.size(); ++i) {
+    const WaveTable::Sample& s = waves.samples[i];
+    const double error = of.noise[i] + of.unseen[i] + std::pow(1.0 - of.kept[i], 2.0) * s.relief;
+    const double turn = 2.0 * kPi * std::hypot(s.fx, s.fy);
+    for (std::size_t d = 0; d <= nodes; ++d)  // mean over all directions
+      out[d] += error * std::cyl_bessel_j(0.0, turn * static_cast<double>(d));
+    whole += error;
+  }
+  for (double& rho : out) rho = whole > 0.0 ? rho / whole : 0.0;
+  return out;
 }
 
 std::vector<double> best_weights(const WaveTable& waves, const Knowledge& there,

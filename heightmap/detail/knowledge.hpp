@@ -21,7 +21,8 @@
 
 namespace maquette::heightmap::detail {
 
-/// The relief's waves as nodes show them (means over their cells), in samples of frequency.
+/// The relief's waves as nodes show them, in samples of frequency: means over their cells, in which
+/// waves shorter than two nodes look like longer ones.
 struct WaveTable {
   struct Sample {
     double fx = 0.0, fy = 0.0;  ///< cycles per node
@@ -53,6 +54,10 @@ struct Knowledge {
 
 /// Variance of the error of a node, m^2.
 [[nodiscard]] double error_variance(const WaveTable& waves, const Knowledge& of);
+
+/// How alike errors are of nodes that lie 0, 1, ... `nodes` apart; mean over directions.
+[[nodiscard]] std::vector<double> correlation_of_errors(const WaveTable& waves, const Knowledge& of,
+                                                        std::size_t nodes);
 
 /// Weights w for there + w (other - there) with the least error, and what is known then.
 [[nodiscard]] std::vector<double> best_weights(const WaveTable& waves, const Knowledge& there,

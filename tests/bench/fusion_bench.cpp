@@ -50,7 +50,10 @@ int main() {
       fmt::print("{:8.3f}", s.rmse(p) / oracle.rmse(p));
     fmt::print("{:8.3f}{:8.3f}  ", s.rmse_of_all() / oracle.rmse_of_all(), s.step());
     for (std::size_t k = 0; k < s.power.size(); ++k)
-      fmt::print("{:7.3f}", s.power[k] / s.true_power[k]);
+      if (s.true_power[k] > 0.0)
+        fmt::print("{:7.3f}", s.power[k] / s.true_power[k]);
+      else
+        fmt::print("{:>7}", "noise");
     fmt::print("\n");
   }
   fmt::print("oracle's rmse, m          ");

@@ -123,6 +123,19 @@ inline Fused fused(const Trial& t, bool restoring = true) {
   return {blend.heights_m(), blend.sigma_m()};
 }
 
+/// Ours of the coarse source alone, whose spectrum and noise are known.
+inline Grid<float> restored(const Trial& t) {
+  using namespace heightmap::detail;
+  std::size_t levels = 1;
+  while ((std::ptrdiff_t{1} << (levels - 1)) < t.what.coarse_pixel) ++levels;
+  const WaveTable waves =
+      wave_table({t.what.hurst, 0.01, 0.0}, 1.0, static_cast<double>(Trial::kNodes), levels);
+  return Blend(waves, t.base,
+               knowledge_of(waves, static_cast<double>(t.what.coarse_pixel), t.what.coarse_sigma_m),
+               {}, true)
+      .take_heights_m();
+}
+
 /// Places of a trial, away from the grid's edge.
 enum Place { kInside, kInsideBorder, kOutsideBorder, kOutside, kPlaces };
 
@@ -145,11 +158,9 @@ struct Score {
   std::array<double, kPlaces> square{}, nodes{};
   double step_square = 0.0, step_noise_square = 0.0;  ///< see add_step
   /// Of profiles along the border, up to a coarse pixel inside: power by octave (2 to 4, ... nodes)
-  /// where the fine source's noise is below the relief.
+  /// where relief is above the fine source's noise. A profile's octave has waves that cross it,
+  /// too, which are shorter. Each trial alike, however rough its relief is.
   std::array<double, 4> power{}, true_power{};
-  /// The same of waves of any direction, on a square inside: a profile's octave has waves that
-  /// cross it, too, which are shorter.
-  std::array<double, 4> waves{}, true_waves{};
 
   [[nodiscard]] double rmse(Place p) const { return std::sqrt(square[p] / nodes[p]); }
   [[nodiscard]] double rmse_at_border() const {
@@ -183,10 +194,18 @@ std::array<double, 4> octave_powers(const Value& value) {
   return out;
 }
 
-/// Power of waves by octave of their length, of 32 x 32 nodes inside, with Hann's window.
-template <class Value>
-std::array<double, 4> wave_powers(const Value& value) {
-  constexpr std::ptrdiff_t n = 32, r0 = 48, c0 = 26;
+constexpr std::size_t kOctaves = 4;  ///< waves of 2 to 4, ... 16 to 32 nodes
+
+/// Octave of a wave; kOctaves and more for those that are not looked at.
+inline std::size_t octave_of(double fx, double fy) {
+  const double octave = -1.0 - std::log2(std::max(1e-9, std::hypot(fx, fy)));
+  return octave < 0.0 ? kOctaves : static_cast<std::size_t>(octave);
+}
+
+/// Power of waves by octave of their length, of n x n nodes from (r0, c0), with Hann's window: up
+/// to n / 2 nodes long.
+template <std::ptrdiff_t n, class Value>
+std::array<double, kOctaves> wave_powers(const Value& value, std::ptrdiff_t r0, std::ptrdiff_t c0) {
   Grid<Complex> g(n, n);
   const auto window = [](std::ptrdiff_t i) {
     return std::pow(std::sin(std::numbers::pi * (static_cast<double>(i) + 0.5) / n), 2.0);
@@ -194,35 +213,76 @@ std::array<double, 4> wave_powers(const Value& value) {
   for (std::ptrdiff_t r = 0; r < n; ++r)
     for (std::ptrdiff_t c = 0; c < n; ++c) g(r, c) = value(r0 + r, c0 + c) * window(r) * window(c);
   fft2(g, false);
-  std::array<double, 4> out{};
+  std::array<double, kOctaves> out{};
   for (std::ptrdiff_t r = 0; r < n; ++r)
-    for (std::ptrdiff_t c = 0; c < n; ++c) {
-      const double f =
-          std::hypot(fusion_trial_detail::frequency(r, n), fusion_trial_detail::frequency(c, n));
-      const double octave = -1.0 - std::log2(std::max(1e-9, f));
-      if (octave >= 0.0 && octave < 3.0)
-        out[static_cast<std::size_t>(octave)] += std::norm(g(r, c));
-    }
+    for (std::ptrdiff_t c = 0; c < n; ++c)
+      if (const std::size_t k =
+              octave_of(fusion_trial_detail::frequency(r, n), fusion_trial_detail::frequency(c, n));
+          k < kOctaves)
+        out[k] += std::norm(g(r, c));
   return out;
 }
 
-/// Relief over the fine source's noise, by octave of waves, as drawn.
-inline std::array<double, 4> signal_over_noise(const Trial& t) {
-  std::array<double, 4> relief{}, noise{};
+/// Relief as drawn, by octave of waves, m^2, and of profiles.
+struct Expected {
+  std::array<double, kOctaves> relief_m2{}, over_noise{};
+  std::array<double, 4> profile_m2{}, profile_over_noise{};
+};
+inline Expected expected(const Trial& t) {
+  Expected out;
   constexpr std::ptrdiff_t n = Trial::kNodes;
+  const double noise_m2 = t.what.fine_sigma_m * t.what.fine_sigma_m / static_cast<double>(n * n);
+  std::array<double, kOctaves> noise{};
+  std::array<double, 4> profile_noise{};
   for (std::ptrdiff_t r = 0; r < n; ++r)
     for (std::ptrdiff_t c = 0; c < n; ++c) {
-      const double f =
-          std::hypot(fusion_trial_detail::frequency(r, n), fusion_trial_detail::frequency(c, n));
-      const double octave = -1.0 - std::log2(std::max(1e-9, f));
-      if (octave < 0.0 || octave >= 4.0) continue;
-      relief[static_cast<std::size_t>(octave)] += t.spectrum(r, c);
-      noise[static_cast<std::size_t>(octave)] +=
-          t.what.fine_sigma_m * t.what.fine_sigma_m / static_cast<double>(n * n);
+      const double fy = fusion_trial_detail::frequency(r, n),
+                   fx = fusion_trial_detail::frequency(c, n);
+      if (const std::size_t k = octave_of(fx, fy); k < kOctaves) {
+        out.relief_m2[k] += t.spectrum(r, c);
+        noise[k] += noise_m2;
+      }
+      if (r < 4 || r >= 64) continue;
+      const auto k = static_cast<std::size_t>(5.999 - std::log2(static_cast<double>(r)));
+      out.profile_m2[k] += t.spectrum(r, c);
+      profile_noise[k] += noise_m2;
     }
-  for (std::size_t k = 0; k < relief.size(); ++k) relief[k] /= noise[k];
-  return relief;
+  for (std::size_t k = 0; k < kOctaves; ++k) out.over_noise[k] = out.relief_m2[k] / noise[k];
+  for (std::size_t k = 0; k < 4; ++k)
+    out.profile_over_noise[k] = out.profile_m2[k] / profile_noise[k];
+  return out;
 }
+
+/// Power of waves inside the fine source, over that of the truth, by octave and by how far relief
+/// is above the noise there.
+struct WaveLedger {
+  static constexpr std::array<double, 3> kFrom{1.0, 2.0, 4.0};  ///< relief over noise
+  static constexpr std::size_t kShown = 3;                      ///< octaves
+  std::array<std::array<double, kFrom.size()>, kShown> ours{}, truth{}, trials{};
+  template <class Heights>
+  void add(const Trial& t, const Heights& z) {
+    const Expected e = expected(t);
+    std::array<double, kShown> a{}, b{};
+    for (const std::ptrdiff_t r0 : {12, 36, 60, 84})
+      for (const std::ptrdiff_t c0 : {13, 29}) {
+        const auto x =
+            wave_powers<32>([&](auto r, auto c) { return static_cast<double>(z(r, c)); }, r0, c0);
+        const auto y = wave_powers<32>([&](auto r, auto c) { return t.truth(r, c); }, r0, c0);
+        for (std::size_t k = 0; k < kShown; ++k) {
+          a[k] += x[k] / e.relief_m2[k];
+          b[k] += y[k] / e.relief_m2[k];
+        }
+      }
+    for (std::size_t k = 0; k < kShown; ++k)
+      for (std::size_t i = kFrom.size(); i-- > 0;)
+        if (e.over_noise[k] >= kFrom[i]) {
+          ours[k][i] += a[k];
+          truth[k][i] += b[k];
+          trials[k][i] += 1.0;
+          break;
+        }
+  }
+};
 
 template <class Heights>
 void add_to(Score& score, const Trial& t, const Heights& z) {
@@ -243,26 +303,15 @@ void add_to(Score& score, const Trial& t, const Heights& z) {
     score.step_square += step * step;
     score.step_noise_square += t.what.coarse_sigma_m * t.what.coarse_sigma_m;
   }
-  const auto over_noise = signal_over_noise(t);
-  const auto waves = wave_powers([&](auto r, auto c) { return static_cast<double>(z(r, c)); });
-  const auto true_waves = wave_powers([&](auto r, auto c) { return t.truth(r, c); });
-  for (std::size_t k = 0; k < waves.size(); ++k) {
-    if (over_noise[k] < 1.0) continue;
-    // Each trial alike, however rough its relief is.
-    score.waves[k] += waves[k] / std::max(1e-30, true_waves[k]);
-    score.true_waves[k] += 1.0;
-  }
-  const std::array<double, 4> noise = octave_powers([&](std::ptrdiff_t r) {
-    return t.what.fine_sigma_m * random_normal(77, static_cast<std::uint64_t>(r));
-  });
+  const Expected e = expected(t);
   for (std::ptrdiff_t d = 1; d <= p; ++d) {
     const auto ours =
         octave_powers([&](std::ptrdiff_t r) { return double(z(r, t.border(r) - d)); });
     const auto truth = octave_powers([&](std::ptrdiff_t r) { return t.truth(r, t.border(r) - d); });
     for (std::size_t k = 0; k < ours.size(); ++k) {
-      if (truth[k] < noise[k]) continue;
-      score.power[k] += ours[k];
-      score.true_power[k] += truth[k];
+      if (e.profile_over_noise[k] < 1.0) continue;
+      score.power[k] += ours[k] / e.profile_m2[k] / static_cast<double>(p);
+      score.true_power[k] += truth[k] / e.profile_m2[k] / static_cast<double>(p);
     }
   }
 }

@@ -83,11 +83,10 @@ struct TrialCase {
   std::ptrdiff_t coarse_pixel = 8;
 };
 
-/// Ten of them: three kinds of relief, noise from a tenth to the whole of the finest octave's
-/// relief.
-inline std::vector<TrialCase> trial_cases() {
+/// Three kinds of relief, noise from half to fifty times the relief of waves of two to four nodes.
+inline std::vector<TrialCase> trial_cases(std::uint64_t count = 10) {
   std::vector<TrialCase> out;
-  for (std::uint64_t seed = 1; seed <= 10; ++seed)
+  for (std::uint64_t seed = 1; seed <= count; ++seed)
     out.push_back({seed, std::array{0.5, 0.7, 0.9}[seed % 3],
                    std::array{0.2, 0.5, 1.0, 2.0}[seed % 4],
                    std::array{0.03, 0.06, 0.1, 0.15, 0.2}[seed % 5], seed % 2 == 0 ? 4 : 8});
@@ -134,7 +133,7 @@ inline Grid<double> block_means(const Grid<double>& z, std::ptrdiff_t m) {
 
 }  // namespace fusion_trial_detail
 
-/// Relief with V(1 m) = 0.01 m^2, made on nodes half a metre apart and averaged.
+/// Relief with V(1 m) = 0.01 m^2 as means over cells of half a metre, averaged to those of nodes.
 inline Trial make_trial(const TrialCase& what) {
   using namespace fusion_trial_detail;
   Trial t;
@@ -144,14 +143,21 @@ inline Trial make_trial(const TrialCase& what) {
   const double integral =
       std::tgamma(1.0 - h) / (std::exp2(2.0 * h + 1.0) * h * std::tgamma(1.0 + h));
   const double a = 0.01 / (4.0 * pi * std::pow(2.0 * pi, 2.0 * h) * integral);
-  // Spectrum in cycles per metre; a discrete frequency stands for 1 / n^2 of the plane.
+  // Spectrum in cycles per metre, with what means over half a metre leave of waves that are shorter
+  // than two of them; a discrete frequency stands for 1 / n^2 of the plane.
+  const auto mean = [pi](double f) {
+    return f == 0.0 ? 1.0 : std::sin(0.5 * pi * f) / (0.5 * pi * f);
+  };
   Grid<double> half(m, m, 0.0);
   for (std::ptrdiff_t r = 0; r < m; ++r)
     for (std::ptrdiff_t c = 0; c < m; ++c)
-      if (r != 0 || c != 0)
-        half(r, c) = a *
-                     std::pow(2.0 * std::hypot(frequency(r, m), frequency(c, m)), -2.0 * h - 2.0) /
-                     static_cast<double>(n * n);
+      for (int i = -1; i <= 1; ++i)
+        for (int j = -1; j <= 1; ++j) {
+          if (r == 0 && c == 0) continue;
+          const double fy = 2.0 * (frequency(r, m) + i), fx = 2.0 * (frequency(c, m) + j);
+          half(r, c) += a * std::pow(mean(fy) * mean(fx), 2.0) *
+                        std::pow(std::hypot(fy, fx), -2.0 * h - 2.0) / static_cast<double>(n * n);
+        }
   Grid<double> white(m, m), root(m, m);
   for (std::size_t i = 0; i < white.cells().size(); ++i) {
     white.cells()[i] = random_normal(what.seed, i);
@@ -161,9 +167,8 @@ inline Trial make_trial(const TrialCase& what) {
   t.spectrum = Grid<double>(n, n, 0.0);
   for (std::ptrdiff_t r = 0; r < m; ++r)
     for (std::ptrdiff_t c = 0; c < m; ++c) {
-      const double mean =
-          std::cos(pi * frequency(r, m)) * std::cos(pi * frequency(c, m));  // of two nodes
-      t.spectrum(r % n, c % n) += half(r, c) * mean * mean;
+      const double of_two = std::cos(pi * frequency(r, m)) * std::cos(pi * frequency(c, m));
+      t.spectrum(r % n, c % n) += half(r, c) * of_two * of_two;
     }
   const std::ptrdiff_t p = what.coarse_pixel;
   t.coarse = block_means(t.truth, p);
@@ -172,7 +177,7 @@ inline Trial make_trial(const TrialCase& what) {
   t.base = Grid<float>(n, n);
   t.layer = Grid<float>(n, n, NAN);
   const auto pixel = [&](std::ptrdiff_t i) {
-    return std::clamp<std::ptrdiff_t>(i, 0, t.coarse.rows() - 1);
+    return (i + t.coarse.rows()) % t.coarse.rows();  // the relief is periodic
   };
   for (std::ptrdiff_t r = 0; r < n; ++r)
     for (std::ptrdiff_t c = 0; c < n; ++c) {

@@ -19,7 +19,6 @@ using detail::Pose;
 using heightmap::ModelField;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-constexpr std::size_t kLeastOnStone = 25;
 constexpr std::size_t kSample = 1'500;
 constexpr std::size_t kFewer = 120;  // to find the heading
 constexpr int kHeadings = 16;
@@ -257,11 +256,14 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
     StoneFinding f;
     f.number = plan[k].number;
     f.points = about.on.size();
+    f.over = about.over;
+    f.width_mm = 2.0 * shape.radius_mm;
     f.height_share = about.planned > 0.0 ? about.high / about.planned : 0.0;
     const double sigma_share =
         about.planned > 0.0 ? noise_mm * std::sqrt(static_cast<double>(about.over)) / about.planned
                             : INFINITY;
-    if (about.over >= 5 && f.height_share < 0.25 && f.height_share < 0.5 - 3.0 * sigma_share) {
+    if (about.over >= kLeastOverStone && f.height_share < 0.25 &&
+        f.height_share < 0.5 - 3.0 * sigma_share) {
       f.state = StoneState::missing;
     } else if (about.on.size() >= kLeastOnStone) {
       const double reach = 0.5 * shape.radius_mm;
@@ -309,7 +311,7 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
         f.noise_mm = std::fmin(fit.noise_mm, own.noise_mm);
       }
     }
-    if (f.state == StoneState::unseen && about.over >= 5)
+    if (f.state == StoneState::unseen && about.over >= kLeastOverStone)
       f.state = f.height_share > 0.5 ? StoneState::present : StoneState::unclear;
     findings.push_back(f);
   }

@@ -45,6 +45,8 @@ struct StoneFinding {
   StoneState state = StoneState::unseen;
   int carries = 0;         ///< swapped: number of the stone that is there
   std::size_t points = 0;  ///< above the ground over its footprint
+  std::size_t over = 0;    ///< over its middle, whatever their height
+  double width_mm = 0.0;   ///< of the stone, across
   Vec3 shift_mm;           ///< of the middle of its mesh: actual minus planned
   Vec3 sigma_shift_mm;
   double turn_rad = 0.0, sigma_turn_rad = 0.0;  ///< about the vertical, counter-clockwise
@@ -54,6 +56,9 @@ struct StoneFinding {
   double height_share = 0.0;  ///< of the planned height above ground that was measured
   RigidTransform actual_from_planned;  ///< model frame
 };
+
+/// Points above the ground that a pose needs, and points over the middle that any judgement needs.
+inline constexpr std::size_t kLeastOnStone = 25, kLeastOverStone = 5;
 
 /// @param points_mm     in the model frame
 /// @param views         of the points in their order; none: all seen from above

@@ -75,18 +75,16 @@ RigidTransform majority_step(std::span<const Vec3> points, const heightmap::Mode
     Vector6 right = Vector6::Zero();
     for (std::size_t i = 0; i < cells.size(); ++i) {
       const double u = std::abs(scores[i]) / scale, v = u / kTukey;
-      const double weight = round < kHuberRounds
-                                ? (u <= kHuber ? 1.0 : kHuber / u)
-                                : (v < 1.0 ? (1.0 - v * v) * (1.0 - v * v) : 0.0);
+      const double weight = round < kHuberRounds ? (u <= kHuber ? 1.0 : kHuber / u)
+                                                 : (v < 1.0 ? (1.0 - v * v) * (1.0 - v * v) : 0.0);
       normal += weight * cells[i].n * cells[i].j * cells[i].j.transpose();
       right -= weight * cells[i].n * cells[i].e * cells[i].j;
     }
     const Eigen::SelfAdjointEigenSolver<Matrix6> eigen(normal);
     // A shape that leaves a direction free is the registration's to judge.
     if (eigen.eigenvalues()(0) < 1e-6 * eigen.eigenvalues()(5)) return {};
-    const Vector6 next = eigen.eigenvectors() *
-                         (eigen.eigenvalues().cwiseInverse().asDiagonal() *
-                          (eigen.eigenvectors().transpose() * right));
+    const Vector6 next = eigen.eigenvectors() * (eigen.eigenvalues().cwiseInverse().asDiagonal() *
+                                                 (eigen.eigenvectors().transpose() * right));
     const double moved = (next - t).norm();
     t = next;
     if (round >= kHuberRounds && moved < 1e-6) break;

@@ -401,13 +401,18 @@ Finding describe(const Layer& layer, const Window& w) {
 
 }  // namespace
 
+std::optional<FoundPatch> patch_at(const Layer& layer, FoundPatch::Cells some) {
+  const Window w = whole_patch(layer, {std::move(some)});
+  if (is_what_is_left(w)) return std::nullopt;
+  FoundPatch found{describe(layer, w), w.patch().cells, w.inside(), w.around()};
+  if (!(found.finding.certainty > 0.0)) return std::nullopt;
+  return found;
+}
+
 std::vector<FoundPatch> find_patches(const Layer& layer) {
   std::vector<FoundPatch> found;
-  for (const Patch& patch : patches_of(layer)) {
-    const Window w = whole_patch(layer, patch);
-    if (is_what_is_left(w)) continue;
-    found.push_back({describe(layer, w), w.patch().cells, w.inside(), w.around()});
-  }
+  for (Patch& patch : patches_of(layer))
+    if (auto f = patch_at(layer, std::move(patch.cells))) found.push_back(*std::move(f));
   return found;
 }
 

@@ -93,8 +93,7 @@ Result<std::vector<RigidTransform>> refit(std::span<Vec3> points, std::span<Scan
     if (std::all_of(ways.begin(), ways.end(), [](const Way& w) { return w.at_rest; })) break;
     MAQUETTE_TRY(const Significance now, search());
     for (std::size_t k = 0; k < ways.size(); ++k)
-      if (!ways[k].at_rest)
-        MAQUETTE_TRY_VOID(fit_rest(ways[k], stations[k], now, surface, run));
+      if (!ways[k].at_rest) MAQUETTE_TRY_VOID(fit_rest(ways[k], stations[k], now, surface, run));
   }
   for (std::size_t k = 0; k < ways.size(); ++k) {
     if (!ways[k].fit) {

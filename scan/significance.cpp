@@ -9,6 +9,7 @@
 
 #include "core/check.hpp"
 #include "core/median.hpp"
+#include "scan/detail/disc_filter.hpp"
 #include "scan/detail/patch_pose.hpp"
 #include "scan/detail/patches.hpp"
 
@@ -16,9 +17,10 @@ namespace maquette::scan {
 namespace {
 
 constexpr int kSizes = 5;
-constexpr double kFalseDiscoveries = 0.01;  // over all sizes
-constexpr double kCertain = 3.0;            // standard deviations of a finding's volume
-constexpr double kLevelOfDetection = 1.96;  // 95 %, two-sided
+constexpr double kFalseDiscoveries = 0.005;  // of cells, over all sizes
+constexpr double kFalseDisc = 0.005;         // that any disc is found by chance
+constexpr double kCertain = 3.0;             // standard deviations of a finding's volume
+constexpr double kLevelOfDetection = 1.96;   // 95 %, two-sided
 constexpr double kDegree = std::numbers::pi / 180.0;
 
 using detail::Cell;
@@ -245,13 +247,16 @@ detail::Layer layer_of(const CellMap& map, const Grid<Cell>& cells, const Backgr
   Discoveries discoveries;
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      // Also where there are no points: discs reach over such cells.
+      const double level =
+          background.there ? background.at(map.x0_mm + map.cell_mm * (static_cast<double>(c) + 0.5),
+                                           map.y0_mm + map.cell_mm * (static_cast<double>(r) + 0.5))
+                           : 0.0;
+      layer.background_mm(r, c) = static_cast<float>(level);
       if (cells(r, c).n < 1.0) continue;
       const double sigma = map.inflation * sigma_of(cells(r, c), typical);
       layer.sigma_mm(r, c) = static_cast<float>(sigma);
       if (!background.there) continue;
-      const double level = background.at(map.x0_mm + map.cell_mm * (static_cast<double>(c) + 0.5),
-                                         map.y0_mm + map.cell_mm * (static_cast<double>(r) + 0.5));
-      layer.background_mm(r, c) = static_cast<float>(level);
       // Where the part lies is no longer in question, so the pose's error is none of a step.
       if (!std::isnan(map.mean_mm(r, c)))
         discoveries.add((static_cast<double>(map.mean_mm(r, c)) - level) / sigma, r, c);
@@ -295,6 +300,64 @@ void mark_with_rim(const detail::FoundPatch::Cells& cells, Grid<std::uint8_t>& m
 bool overlap(const Finding& a, const Finding& b) {
   return a.min_mm.x < b.max_mm.x && b.min_mm.x < a.max_mm.x && a.min_mm.y < b.max_mm.y &&
          b.min_mm.y < a.max_mm.y;
+}
+
+/// Of patches that overlap the first stays.
+void keep(detail::FoundPatch patch, CellMap& map, std::vector<detail::FoundPatch>& kept) {
+  if (std::any_of(kept.begin(), kept.end(),
+                  [&](const detail::FoundPatch& g) { return overlap(patch.finding, g.finding); }))
+    return;
+  mark_with_rim(patch.all, map.in_patch);
+  kept.push_back(std::move(patch));
+}
+
+/// The layer in which a disc has some four cells across: fewer have no inside, of more each is mere
+/// noise.
+std::size_t size_for(double width_mm, std::span<const detail::Layer> layers) {
+  std::size_t size = 0;
+  while (size + 1 < layers.size() && layers[size + 1].map.cell_mm < width_mm / 3.5) ++size;
+  return size;
+}
+
+/// Patches where discs stand out that touch none of those that cells have shown.
+std::vector<std::pair<detail::FoundPatch, std::size_t>> patches_at(
+    const std::vector<detail::Disc>& discs, const std::vector<detail::FoundPatch>& known,
+    std::span<const detail::Layer> layers) {
+  std::vector<detail::Disc> alone;
+  for (const detail::Disc& d : discs) {
+    const double r = 0.5 * d.width_mm;
+    const bool touches =
+        std::any_of(known.begin(), known.end(),
+                    [&](const detail::FoundPatch& g) {
+                      const Finding& f = g.finding;
+                      return d.x_mm > f.min_mm.x - r && d.x_mm < f.max_mm.x + r &&
+                             d.y_mm > f.min_mm.y - r && d.y_mm < f.max_mm.y + r;
+                    }) ||
+        std::any_of(alone.begin(), alone.end(), [&](const detail::Disc& o) {
+          return std::hypot(d.x_mm - o.x_mm, d.y_mm - o.y_mm) < r + 0.5 * o.width_mm;
+        });
+    if (!touches) alone.push_back(d);
+  }
+  std::vector<std::pair<detail::FoundPatch, std::size_t>> found;
+  for (const detail::Disc& d : alone) {
+    const std::size_t size = size_for(d.width_mm, layers);
+    const CellMap& map = layers[size].map;
+    const auto row = static_cast<std::ptrdiff_t>((d.y_mm - map.y0_mm) / map.cell_mm);
+    const auto col = static_cast<std::ptrdiff_t>((d.x_mm - map.x0_mm) / map.cell_mm);
+    detail::FoundPatch::Cells cells;
+    for (std::ptrdiff_t r = row - 2; r <= row + 2; ++r)
+      for (std::ptrdiff_t c = col - 2; c <= col + 2; ++c) {
+        const double x = map.x0_mm + map.cell_mm * (static_cast<double>(c) + 0.5) - d.x_mm,
+                     y = map.y0_mm + map.cell_mm * (static_cast<double>(r) + 0.5) - d.y_mm;
+        const bool inside = std::hypot(x, y) < 0.35 * d.width_mm || (r == row && c == col);
+        if (inside && map.mean_mm.contains(r, c)) cells.emplace_back(r, c);
+      }
+    if (auto patch = detail::patch_at(layers[size], std::move(cells))) {
+      patch->finding.certainty = std::fmax(patch->finding.certainty, std::abs(d.z));
+      found.emplace_back(*std::move(patch), size);
+    }
+  }
+  return found;
 }
 
 }  // namespace
@@ -365,21 +428,27 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
     result.findings.push_back(
         whole_part(background, result.maps[std::min<std::size_t>(1, result.maps.size() - 1)]));
   }
+  if (layers.empty()) return result;
+  std::vector<detail::Layer> patch_layers;
   std::vector<std::pair<detail::FoundPatch, std::size_t>> all;
   for (std::size_t k = 0; k < layers.size(); ++k)
-    for (auto& f : detail::find_patches(layer_of(result.maps[k], layers[k], background, rate)))
+    patch_layers.push_back(layer_of(result.maps[k], layers[k], background, rate));
+  for (std::size_t k = 0; k < layers.size(); ++k)
+    for (auto& f : detail::find_patches(patch_layers[k]))
       if (f.finding.certainty > kCertain) all.push_back({std::move(f), k});
   std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
     return a.first.finding.certainty > b.first.finding.certainty;
   });
   std::vector<detail::FoundPatch> kept;
-  for (auto& [f, size] : all) {
-    if (std::any_of(kept.begin(), kept.end(),
-                    [&](const auto& g) { return overlap(f.finding, g.finding); }))
-      continue;
-    mark_with_rim(f.all, result.maps[size].in_patch);
-    kept.push_back(std::move(f));
-  }
+  for (auto& [f, size] : all) keep(std::move(f), result.maps[size], kept);
+  const auto discs = detail::search_discs(patch_layers, typical_variance(layers.front()),
+                                          kFalseDisc, !background.there);
+  result.limits = discs.limits;
+  for (auto& [f, size] : patches_at(discs.found, kept, patch_layers))
+    keep(std::move(f), result.maps[size], kept);
+  std::stable_sort(kept.begin(), kept.end(), [](const auto& f, const auto& g) {
+    return f.finding.certainty > g.finding.certainty;
+  });
   if (surface != nullptr) detail::add_pose(kept, result.maps, points, deviation, scans, *surface);
   for (auto& f : kept) result.findings.push_back(std::move(f.finding));
   return result;

@@ -21,11 +21,12 @@
 ///           2.1, and weak findings are lost; where half of it or more does, the change passes
 ///           for noise. `inflation` shows that, but the data cannot tell a change of most of the
 ///           part from noise that is correlated over it.
-/// Findings  Cells with a false discovery rate below 1 % over all cell sizes together (Benjamini
+/// Findings  Cells with a false discovery rate below 0.5 % over all cell sizes together (Benjamini
 ///           and Hochberg 1995, doi:10.1111/j.2517-6161.1995.tb02031.x; each size has its equal
 ///           part of it) that touch and have one sign. Of findings of several cell sizes that
-///           overlap, the most certain is kept. On a part that is as expected one scan in a
-///           hundred has a finding by chance.
+///           overlap, the most certain is kept. What lies across several cells is sought by round
+///           means at every place (detail/disc_filter.hpp); each of both has half of the level. On
+///           a part that is as expected one scan in a hundred has a finding by chance.
 /// Whole     Where more than half of the part lies significantly to one side at some cell size, the
 ///           robust plane through its cells is the first finding, and patches are sought against
 ///           that plane, by noise alone: a step on a part that lies off is found as if it lay true.
@@ -72,15 +73,26 @@ struct Finding {
   double sigma_diameter_mm = 0.0;
   double length_mm = 0.0, width_mm = 0.0;  ///< along its principal axes, if a rectangle
   double volume_mm3 = 0.0, sigma_volume_mm3 = 0.0;
-  double certainty = 0.0;   ///< volume over the standard deviation of as much noise
+  /// Volume over the standard deviation of as much noise; or, if that is more, the mean over the
+  /// disc that found it over its own.
+  double certainty = 0.0;
   bool whole_part = false;  ///< no patch: the level of the part as a whole, against the design
   double cell_mm = 0.0;     ///< of the map in which it was found
   Vec3 min_mm, max_mm;      ///< bounding box, x and y
 };
 
+/// The lowest round patch that is found with a probability of 95 %, wherever it lies.
+struct DetectionLimit {
+  double width_mm = 0.0, height_mm = 0.0;
+  double points = 0.0;  ///< in it
+};
+
 struct Significance {
   std::vector<CellMap> maps;      ///< finest first
   std::vector<Finding> findings;  ///< the part as a whole, if it lies off; then most certain first
+  /// What these points can show at all: by width, up to half of the part, where they are as dense
+  /// as in the middle of all cells. A width that is missing is not sure to be shown at any height.
+  std::vector<DetectionLimit> limits;
 };
 
 /// @param points_mm     in the model frame

@@ -176,6 +176,17 @@ void add_findings(Document& doc, const json& s) {
                {"volume_mm3", "volume, mm\u00b3"},
                {"certainty", "sigmas"}});
   }
+  if (!s["detection_limits"].empty()) {
+    doc.emplace_back(Heading{2, "The smallest that these scans would show"});
+    doc.emplace_back(Paragraph{
+        "A round patch of this width that stands so much out of its surroundings is found with "
+        "95 %, wherever it lies; a lower one may be there and not be found. By noise, density and "
+        "the number of places that are looked at; widths that are missing are not sure to be "
+        "found at any height. More points (scans from more stations, or denser ones) lower it by "
+        "the root of their number."});
+    add_table(doc, s["detection_limits"],
+              {{"width_mm", "width, mm"}, {"height_mm", "height, mm"}, {"points", "points in it"}});
+  }
   if (!s["worst"].empty()) {
     doc.emplace_back(Heading{2, "Worst places"});
     doc.emplace_back(Paragraph{fmt::format(
@@ -218,7 +229,8 @@ void add_findings(Document& doc, const json& s) {
                {"tilt_deg", "tilt, \u00b0"},
                {"sigma_tilt_deg", "\u00b1"},
                {"chance", "by chance"},
-               {"points", "points"}});
+               {"points", "points"},
+               {"reason", "why not more is said"}});
   }
   if (!s["regions"].empty()) {
     doc.emplace_back(Heading{2, "Regions"});

@@ -3,6 +3,7 @@
 
 #include <numbers>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 namespace maquette::tools {
@@ -10,6 +11,31 @@ using nlohmann::json;
 namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+/// Why nothing more is said of a stone; empty where a pose is stated.
+std::string reason_of(const scan::StoneFinding& f, double beam_mm) {
+  using scan::StoneState;
+  const std::string beam =
+      beam_mm > 0.5 * f.width_mm
+          ? fmt::format("; the beam of {:.2g} mm blurs a stone of {:.2g} mm", beam_mm, f.width_mm)
+          : "";
+  switch (f.state) {
+    case StoneState::unseen:
+      return fmt::format("{} points over its middle, at least {} are needed", f.over,
+                         scan::kLeastOverStone) +
+             beam;
+    case StoneState::present:
+    case StoneState::unclear:
+      if (f.points < scan::kLeastOnStone)
+        return fmt::format("{} points stand above the ground, a pose needs at least {}", f.points,
+                           scan::kLeastOnStone) +
+               beam;
+      return fmt::format("no pose of a planned stone fits: residuals of {:.2g} mm", f.noise_mm) +
+             beam;
+    default:
+      return {};
+  }
+}
 
 }  // namespace
 
@@ -85,13 +111,20 @@ json findings_json(const scan::Significance& s) {
   return rows;
 }
 
-json stones_json(const std::vector<scan::StoneFinding>& stones) {
+json limits_json(const scan::Significance& s) {
+  json rows = json::array();
+  for (const scan::DetectionLimit& l : s.limits)
+    rows.push_back({{"width_mm", l.width_mm}, {"height_mm", l.height_mm}, {"points", l.points}});
+  return rows;
+}
+
+json stones_json(const std::vector<scan::StoneFinding>& stones, double beam_mm) {
   json rows = json::array();
   for (const scan::StoneFinding& f : stones) {
-    json row = {{"number", f.number},
-                {"state", scan::name_of(f.state)},
-                {"points", f.points},
-                {"height_share", f.height_share}};
+    json row = {{"number", f.number},     {"state", scan::name_of(f.state)},
+                {"points", f.points},     {"points_over_middle", f.over},
+                {"width_mm", f.width_mm}, {"height_share", f.height_share}};
+    if (const std::string reason = reason_of(f, beam_mm); !reason.empty()) row["reason"] = reason;
     if (f.state == scan::StoneState::swapped) row["carries"] = f.carries;
     if (f.state == scan::StoneState::as_planned || f.state == scan::StoneState::moved) {
       row["shift_mm"] = {f.shift_mm.x, f.shift_mm.y, f.shift_mm.z};

@@ -27,7 +27,11 @@ namespace maquette::tools {
 [[nodiscard]] nlohmann::json sphere_row(const scan::SphereMatch& match, std::size_t found,
                                         const std::string& name);
 [[nodiscard]] nlohmann::json findings_json(const scan::Significance& s);
-[[nodiscard]] nlohmann::json stones_json(const std::vector<scan::StoneFinding>& stones);
+/// The smallest that the scans could have shown, by width.
+[[nodiscard]] nlohmann::json limits_json(const scan::Significance& s);
+/// @param beam_mm  widest of the scans' beams; 0: rays
+[[nodiscard]] nlohmann::json stones_json(const std::vector<scan::StoneFinding>& stones,
+                                         double beam_mm);
 [[nodiscard]] nlohmann::json objects_json(const std::vector<scan::ExtraObject>& objects);
 [[nodiscard]] nlohmann::json regions_json(const std::vector<scan::RegionResult>& regions);
 [[nodiscard]] nlohmann::json worst_places_json(const std::vector<scan::WorstPlace>& places);

@@ -322,7 +322,10 @@ json summary_of(const MeasuredPart& all, const Comparison& c, const NominalPart&
     if (f.spheres) summary["spheres"].push_back(sphere_row(*f.spheres, f.spheres_found, f.name));
   }
   summary["findings"] = findings_json(c.findings());
-  summary["stones"] = stones_json(c.stones);
+  summary["detection_limits"] = limits_json(c.findings());
+  double beam = 0.0;
+  for (const scan::Viewpoint& v : all.views) beam = std::fmax(beam, v.beam_diameter_mm);
+  summary["stones"] = stones_json(c.stones, beam);
   summary["objects"] = objects_json(c.objects);
   summary["regions"] = regions_json(scan::judge_regions(
       all.cloud.points_mm, c.deviation.per_point_mm, regions, c.by_design, &joint));

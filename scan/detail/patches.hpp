@@ -21,6 +21,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -53,5 +54,8 @@ struct FoundPatch {
   Cells around;  ///< its base
 };
 [[nodiscard]] std::vector<FoundPatch> find_patches(const Layer& layer);
+/// The patch that a few of its cells belong to; nothing where it is its surroundings that stand out
+/// or where its height is no figure.
+[[nodiscard]] std::optional<FoundPatch> patch_at(const Layer& layer, FoundPatch::Cells some);
 
 }  // namespace maquette::scan::detail

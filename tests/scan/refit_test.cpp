@@ -112,9 +112,9 @@ void try_band(Trial& t, std::uint64_t seed, int views, double width_mm, double h
   judge(s, t.after_sigmas, t.after_chi2);
 }
 
-// Bands over the whole width, 0.1 and 0.05 mm high with 0.05 mm of noise, seen by one scan and by two
-// that are registered each for itself. A pose's chi-square has mean 6 and standard deviation 3.46;
-// a height's normalised error has mean 0 and standard deviation 1.
+// Bands over the whole width, 0.1 and 0.05 mm high with 0.05 mm of noise, seen by one scan and by
+// two that are registered each for itself. A pose's chi-square has mean 6 and standard
+// deviation 3.46; a height's normalised error has mean 0 and standard deviation 1.
 TEST(Refit, IsFreeOfWhatWasFound) {
   double before = 0.0, after = 0.0, poses = 0.0, sum = 0.0, square = 0.0, sum_before = 0.0;
   double n = 0.0;
@@ -128,11 +128,11 @@ TEST(Refit, IsFreeOfWhatWasFound) {
       sum += t.after_sigmas, square += t.after_sigmas * t.after_sigmas;
       sum_before += t.before_sigmas;
     }
-  RecordProperty("figures",
-                 fmt::format("chi2 {:.2f} before, {:.2f} after; heights {:.2f} before, mean {:.2f}, "
-                             "rms {:.2f} after",
-                             before / poses, after / poses, sum_before / n, sum / n,
-                             std::sqrt(square / n)));
+  RecordProperty(
+      "figures",
+      fmt::format("chi2 {:.2f} before, {:.2f} after; heights {:.2f} before, mean {:.2f}, "
+                  "rms {:.2f} after",
+                  before / poses, after / poses, sum_before / n, sum / n, std::sqrt(square / n)));
   EXPECT_GT(before / poses, 20.0) << "what this cures";
   // Three standard deviations of each figure.
   EXPECT_NEAR(after / poses, 6.0, 3.0 * 3.46 / std::sqrt(poses));

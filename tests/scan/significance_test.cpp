@@ -7,6 +7,7 @@
 //   level of detection ............... closed form for plain noise; with a known pose covariance
 //   sizes are stated truly ........... bumps of 3 to 20 mm, squares, a band 0.05 mm high, 20 seeds
 //                                      each, two kinds through registration: normalised errors
+//   limits of detection .............. bumps of 0.5 and 1.3 times them: not found, found
 //   the part as a whole .............. steps on a part that lies off by less and more than most
 //                                      cells show; nothing but that
 
@@ -247,6 +248,49 @@ TEST(SignificanceInjected, SizesAreStatedTruly) {
   }
   EXPECT_NEAR(heights.rms(), 1.0, 0.2);
   EXPECT_NEAR(diameters.rms(), 1.0, 0.2);
+}
+
+// Of what is stated to be found with 95 % wherever it lies, 1.3 times as much is found always (3
+// standard deviations above it), half of it hardly ever: 0.5 (z + 1.6) - z is -1.9 for the z of 5.4
+// to 5.9 here, 3 %; -1.3, 10 %, where it lies better than in the worst place.
+TEST(SignificanceInjected, LimitsOfDetectionAreThoseStated) {
+  int tried = 0, of_half = 0, of_more = 0;
+  std::vector<DetectionLimit> limits;
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const Case plain = noise_on(300.0, 120'000, seed, 0.1);
+    const Significance s = significance(plain.points, plain.deviation, {});
+    EXPECT_TRUE(s.findings.empty());
+    limits = s.limits;
+    ASSERT_EQ(limits.size(), 5U) << "5, 10, 20, 50, 100 mm; 9 points in 3 mm may be 3";
+    for (const DetectionLimit& limit : limits) {
+      const double r = 0.5 * limit.width_mm;
+      const double x = r + (300.0 - 2.0 * r) * random_uniform(seed, 991),
+                   y = r + (300.0 - 2.0 * r) * random_uniform(seed, 992);
+      const auto found = [&](double factor) {
+        Case c = plain;
+        for (std::size_t i = 0; i < c.points.size(); ++i)
+          if (std::hypot(c.points[i].x - x, c.points[i].y - y) < r)
+            c.deviation[i] += static_cast<float>(factor * limit.height_mm);
+        const Significance with = significance(c.points, c.deviation, {});
+        return at(with, x, y, r + 1.0) != nullptr;
+      };
+      ++tried;
+      // A patch of two cells may lie twice as well as where it lies worst.
+      if (limit.width_mm >= 4.0 * s.maps[0].cell_mm) of_half += found(0.5) ? 1 : 0;
+      EXPECT_TRUE(found(1.3)) << limit.width_mm << " mm, seed " << seed;
+      of_more += found(1.0) ? 1 : 0;
+    }
+  }
+  std::string stated;
+  for (const DetectionLimit& l : limits)
+    stated += fmt::format("{} mm {:.4f} mm, ", l.width_mm, l.height_mm);
+  RecordProperty("limits",
+                 stated + fmt::format("found {} of {}, of half {}", of_more, tried, of_half));
+  // 48 trials, 10 % of them and three standard deviations; 95 % of 60 less three of them.
+  EXPECT_LE(of_half, 11);
+  EXPECT_GE(of_more, 52);
+  // By hand for 20 mm: 419 points, 0.1 / sqrt(419) = 0.0049; 7.5 of them, and 10 % for cells.
+  EXPECT_NEAR(limits[2].height_mm, 7.5 * 0.0049 * 1.1, 0.1 * 7.5 * 0.0049);
 }
 
 // The whole part is high (on datums nothing takes that away), and tilted; 40 mm of it are moved by

@@ -208,6 +208,12 @@ TEST_F(ScanCommand, AStripAlongTheRimHasItsHeight) {
   EXPECT_TRUE(s["fitted_without_findings"].get<bool>());
   ASSERT_FALSE(s["findings"].empty());
   for (const json& f : s["findings"]) EXPECT_TRUE(f["along_z_mm"].is_number());
+  // 4 points a mm^2 of 0.05 mm: 10 mm hold 314, 0.0028 mm; 7.5 of these and what cells cost.
+  for (const json& limit : s["detection_limits"])
+    if (limit["width_mm"] == 10.0) {
+      EXPECT_NEAR(limit["height_mm"].get<double>(), 0.025, 0.005);
+    }
+  EXPECT_GE(s["detection_limits"].size(), 4U);
   const json f = s["findings"][0];
   EXPECT_NEAR(f["along_z_mm"].get<double>(), 0.4, 4.0 * f["sigma_height_mm"].get<double>());
   EXPECT_LT(f["sigma_height_mm"].get<double>(), 0.01);

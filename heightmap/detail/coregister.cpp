@@ -73,8 +73,8 @@ Samples compare(const Level& level, const Pose& pose, std::ptrdiff_t stride, boo
       const auto [z, gx_cell, gy_cell] =
           height_and_gradient(level.upper, static_cast<double>(j * stride) + (u - x) / level.cell,
                               static_cast<double>(i * stride) + (v - y) / level.cell);
-      const auto [l, lx_cell, ly_cell] = height_and_gradient(
-          level.lower, static_cast<double>(j * stride), static_cast<double>(i * stride));
+      const auto [l, lx_cell, ly_cell] =
+          height_and_gradient_at(level.lower, i * stride, j * stride);
       if (std::isnan(z + l)) continue;
       const auto row = [&, x = x, y = y](double gx, double gy) {
         Vector out;
@@ -94,7 +94,7 @@ Samples compare(const Level& level, const Pose& pose, std::ptrdiff_t stride, boo
 struct Normal {
   Matrix a = Matrix::Zero();
   Vector b = Vector::Zero();
-  double slope = 0.0, n = 0.0;
+  MeanSlope slope;
 };
 
 /// Derivative and value of the sum of psi times slopes. The product of the upper's slopes with the
@@ -109,8 +109,7 @@ Normal normal_of(const Samples& s, double limit) {
       const auto k = static_cast<std::size_t>(i * s.cols + j);
       const double e = s.residual[k];
       if (std::isnan(e)) continue;
-      p.slope += psi_slope(e, limit);
-      p.n += 1.0;
+      p.slope.add(e, limit);
       p.b += psi(e, limit) * s.weights()[k];
       p.a.selfadjointView<Eigen::Lower>().rankUpdate(s.upper[k], s.lower[k], 0.5);
     }
@@ -119,10 +118,9 @@ Normal normal_of(const Samples& s, double limit) {
   for (const Normal& p : part) {
     sum.a += p.a;
     sum.b += p.b;
-    sum.slope += p.slope;
-    sum.n += p.n;
+    sum.slope.add(p.slope);
   }
-  sum.a = (sum.slope / sum.n) * Matrix(sum.a.selfadjointView<Eigen::Lower>());
+  sum.a = sum.slope.value() * Matrix(sum.a.selfadjointView<Eigen::Lower>());
   return sum;
 }
 

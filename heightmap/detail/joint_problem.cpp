@@ -13,6 +13,9 @@ namespace {
 
 constexpr int kMostSteps = 30;
 constexpr double kSettled_px = 5e-4;       // a tenth of what four surfaces of 128 pixels tell
+constexpr double kSettled_sigma = 0.01;    // of the unknown
+constexpr double kCycle_sigma = 0.2;       // cells that enter and leave make steps to and fro
+constexpr int kCycleAfter = 8;             // steps; three are usual
 constexpr double kSeamClearance_px = 2.0;  // of the coarser pixel: blurred over the seam
 constexpr double kMostSamples = 4e5;       // of a pair
 
@@ -133,8 +136,7 @@ JointSample JointProblem::sample(const AlignedPair& p, std::ptrdiff_t r, std::pt
   const auto [z, gx, gy] =
       height_and_gradient(p.cells.upper, static_cast<double>(c) + (u - x_own) / cell,
                           static_cast<double>(r) + (v - y_own) / cell);
-  const auto [l, lx, ly] =
-      height_and_gradient(p.cells.lower, static_cast<double>(c), static_cast<double>(r));
+  const auto [l, lx, ly] = height_and_gradient_at(p.cells.lower, r, c);
   if (std::isnan(z + l)) return out;
   out.x = x;
   out.y = y;
@@ -185,7 +187,7 @@ JointSystem JointProblem::system_of(const AlignedPair& p) const {
   const std::ptrdiff_t rows = (p.cells.lower.rows() + p.stride - 1) / p.stride;
   struct Part {
     JointSystem s;
-    double slope = 0.0, n = 0.0;
+    MeanSlope slope;
   };
   std::vector<Part> part(static_cast<std::size_t>(rows));
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t k) {
@@ -193,22 +195,19 @@ JointSystem JointProblem::system_of(const AlignedPair& p) const {
     q.s.a = Eigen::MatrixXd::Zero(unknowns_, unknowns_);
     q.s.b = Eigen::VectorXd::Zero(unknowns_);
     for_samples(p, k * p.stride, [&](const JointSample& one) {
-      q.slope += psi_slope(one.residual, limit(p));
-      q.n += 1.0;
+      q.slope.add(one.residual, limit(p));
       q.s.b += psi(one.residual, limit(p)) * (p.cells.by_upper ? one.row_upper : one.row_lower);
       q.s.a.selfadjointView<Eigen::Lower>().rankUpdate(one.row_upper, one.row_lower, 0.5);
     });
   });
-  Part sum{{Eigen::MatrixXd::Zero(unknowns_, unknowns_), Eigen::VectorXd::Zero(unknowns_)}};
+  Part sum{{Eigen::MatrixXd::Zero(unknowns_, unknowns_), Eigen::VectorXd::Zero(unknowns_)}, {}};
   for (const Part& q : part) {  // in order: the same for any number of threads
     sum.s.a += q.s.a;
     sum.s.b += q.s.b;
-    sum.slope += q.slope;
-    sum.n += q.n;
+    sum.slope.add(q.slope);
   }
   const double weight = 1.0 / (p.nmad * p.nmad);
-  sum.s.a = weight * (sum.slope / std::max(1.0, sum.n)) *
-            Eigen::MatrixXd(sum.s.a.selfadjointView<Eigen::Lower>());
+  sum.s.a = weight * sum.slope.value() * Eigen::MatrixXd(sum.s.a.selfadjointView<Eigen::Lower>());
   sum.s.b *= weight;
   return sum.s;
 }
@@ -238,6 +237,8 @@ bool JointProblem::solve() {
     if (bread_.size() == 0) return false;
     const Eigen::VectorXd step = bread_ * sum.b;
     double moved = 0.0;
+    bool below_noise = true;
+    const double enough = i < kCycleAfter ? kSettled_sigma : kCycle_sigma;
     for (std::size_t k = 0; k < blocks_.size(); ++k) {
       const JointBlock& b = blocks_[k];
       if (b.first < 0) continue;
@@ -245,6 +246,8 @@ bool JointProblem::solve() {
       Eigen::Index at = b.first;
       if (k > 0) {
         moved = std::max(moved, std::hypot(step[at], step[at + 1]));
+        for (const Eigen::Index q : {at, at + 1})
+          below_noise = below_noise && std::abs(step[q]) < enough * std::sqrt(bread_(q, q));
         pose.east_m += step[at++];
         pose.north_m += step[at++];
         pose.up_m += step[at++];
@@ -254,7 +257,7 @@ bool JointProblem::solve() {
       }
       for (double& one : pose.steps_m) one += step[at++];
     }
-    if (moved < kSettled_px * finest && i > 1) return true;
+    if ((moved < kSettled_px * finest || below_noise) && i > 1) return true;
   }
   return false;
 }

@@ -110,36 +110,82 @@ Grid<float> block_means(const Grid<float>& z, std::ptrdiff_t m) {
   return out;
 }
 
-std::array<double, 3> height_and_gradient(const Grid<float>& z, double x, double y) {
-  const double fx = std::floor(x), fy = std::floor(y);
-  if (!(fx >= 1.0 && fy >= 1.0 && fx + 2.0 < static_cast<double>(z.cols()) &&
-        fy + 2.0 < static_cast<double>(z.rows())))
+namespace {
+
+/// Lagrange's weights of n points about a place t in [0, 1) beyond the middle one, and their
+/// derivatives.
+template <std::size_t n>
+struct Weights {
+  static constexpr double kBefore = static_cast<double>(n / 2 - 1);  ///< points left of the middle
+  std::array<double, n> of_height{}, of_slope{};
+  explicit Weights(double t) {
+    // Products of the distances to all points on the left, and on the right, with derivatives.
+    std::array<double, n + 1> left{1.0}, left_slope{}, right{}, right_slope{};
+    right[n] = 1.0;
+    const auto distance = [t](std::size_t i) { return t + kBefore - static_cast<double>(i); };
+    for (std::size_t i = 0; i < n; ++i) {
+      left[i + 1] = left[i] * distance(i);
+      left_slope[i + 1] = left_slope[i] * distance(i) + left[i];
+    }
+    for (std::size_t i = n; i-- > 0;) {
+      right[i] = right[i + 1] * distance(i);
+      right_slope[i] = right_slope[i + 1] * distance(i) + right[i + 1];
+    }
+    for (std::size_t i = 0; i < n; ++i) {
+      double scale = 1.0;
+      for (std::size_t j = 0; j < n; ++j)
+        if (j != i) scale *= static_cast<double>(i) - static_cast<double>(j);
+      of_height[i] = left[i] * right[i + 1] / scale;
+      of_slope[i] = (left_slope[i] * right[i + 1] + left[i] * right_slope[i + 1]) / scale;
+    }
+  }
+};
+
+template <std::size_t n>
+std::array<double, 3> height_and_gradient_by(const Grid<float>& z, double x, double y) {
+  const double fx = std::floor(x) - Weights<n>::kBefore, fy = std::floor(y) - Weights<n>::kBefore;
+  constexpr auto kReach = static_cast<double>(n) - 1.0;
+  if (!(fx >= 0.0 && fy >= 0.0 && fx + kReach < static_cast<double>(z.cols()) &&
+        fy + kReach < static_cast<double>(z.rows())))
     return {NAN, NAN, NAN};
   const auto c = static_cast<std::ptrdiff_t>(fx), r = static_cast<std::ptrdiff_t>(fy);
-  const auto weights = [](double t) {
-    const double s = 1.0 - t;
-    return std::array<double, 4>{-0.5 * t * s * s, 1.0 + t * t * (1.5 * t - 2.5),
-                                 1.0 + s * s * (1.5 * s - 2.5), -0.5 * s * t * t};
-  };
-  const auto slopes = [](double t) {
-    const double s = 1.0 - t;
-    return std::array<double, 4>{-0.5 * s * s + t * s, t * (4.5 * t - 5.0), -s * (4.5 * s - 5.0),
-                                 0.5 * t * t - s * t};
-  };
-  const auto wx = weights(x - fx), wy = weights(y - fy), gx = slopes(x - fx), gy = slopes(y - fy);
+  const Weights<n> wx(x - std::floor(x)), wy(y - std::floor(y));
   std::array<double, 3> out{0.0, 0.0, 0.0};
-  for (std::size_t j = 0; j < 4; ++j) {
-    const float* row = &z(r - 1 + static_cast<std::ptrdiff_t>(j), c - 1);
+  for (std::size_t j = 0; j < n; ++j) {
+    const float* row = &z(r + static_cast<std::ptrdiff_t>(j), c);
     double value = 0.0, slope = 0.0;
-    for (std::size_t i = 0; i < 4; ++i) {
-      value += wx[i] * static_cast<double>(row[i]);
-      slope += gx[i] * static_cast<double>(row[i]);
+    for (std::size_t i = 0; i < n; ++i) {
+      value += wx.of_height[i] * static_cast<double>(row[i]);
+      slope += wx.of_slope[i] * static_cast<double>(row[i]);
     }
-    out[0] += wy[j] * value;
-    out[1] += wy[j] * slope;
-    out[2] += gy[j] * value;
+    out[0] += wy.of_height[j] * value;
+    out[1] += wy.of_height[j] * slope;
+    out[2] += wy.of_slope[j] * value;
   }
   return out;
+}
+
+}  // namespace
+
+std::array<double, 3> height_and_gradient(const Grid<float>& z, double x, double y) {
+  const auto out = height_and_gradient_by<8>(z, x, y);
+  return std::isnan(out[0]) ? height_and_gradient_by<4>(z, x, y) : out;
+}
+
+std::array<double, 3> height_and_gradient_at(const Grid<float>& z, std::ptrdiff_t r,
+                                             std::ptrdiff_t c) {
+  const auto slope = [&](std::ptrdiff_t dr, std::ptrdiff_t dc) {
+    const auto off = [&](std::ptrdiff_t k) {
+      return z.contains(r + k * dr, c + k * dc) && z.contains(r - k * dr, c - k * dc)
+                 ? static_cast<double>(z(r + k * dr, c + k * dc)) -
+                       static_cast<double>(z(r - k * dr, c - k * dc))
+                 : NAN;
+    };
+    const double near = off(1), wide = (45.0 * near - 9.0 * off(2) + off(3)) / 60.0;
+    return std::isnan(wide) ? 0.5 * near : wide;
+  };
+  const std::array<double, 3> out{static_cast<double>(z(r, c)), slope(0, 1), slope(1, 0)};
+  return std::isnan(out[1] + out[2]) ? std::array<double, 3>{NAN, NAN, NAN} : out;
 }
 
 Spread spread_of(const std::vector<double>& residual) {
@@ -184,6 +230,20 @@ void bring_to_one_resolution(SurfacePair& pair, double lower_pixel_m, double upp
   // The lower surface's slopes stand on nodes: no interpolation couples their noise to heights.
   // A much finer upper surface has next to no noise after all its means, and better slopes.
   pair.by_upper = 1.5 * upper_pixel_m < lower_pixel_m;
+}
+
+void MeanSlope::add(double e, double limit) {
+  slope_ += psi_slope(e, limit);
+  weight_ += e != 0.0 ? psi(e, limit) / e : 1.0;
+  n_ += 1.0;
+}
+void MeanSlope::add(const MeanSlope& other) {
+  slope_ += other.slope_;
+  weight_ += other.weight_;
+  n_ += other.n_;
+}
+double MeanSlope::value() const {
+  return std::max(slope_, 0.5 * weight_) / std::max(1.0, n_);
 }
 
 }  // namespace maquette::heightmap::detail

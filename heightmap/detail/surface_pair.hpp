@@ -33,8 +33,17 @@ void bring_to_one_resolution(SurfacePair& pair, double lower_pixel_m, double upp
 /// Means of m x m cells; void if more than half of them are.
 [[nodiscard]] Grid<float> block_means(const Grid<float>& z, std::ptrdiff_t m);
 
-/// Cubic convolution in cell units with its gradient; NaN if any of the 16 is missing.
+/// Lagrange's polynomial through 8 x 8 cells with its gradient, in cell units; through 4 x 4 where
+/// not all are there, NaN where one of these is missing. Between cells it keeps 98 % of waves of
+/// four (cubic convolution 88 %: what it takes away drew shifts by 0.01 cell where overlaps are
+/// narrow).
 [[nodiscard]] std::array<double, 3> height_and_gradient(const Grid<float>& z, double x, double y);
+
+/// The same at a cell, with slopes from three cells on either side (one where not all are there):
+/// noise of heights and of these slopes have nothing in common, as with slopes of the polynomials
+/// beside it they would. NaN where one of the nearest is missing.
+[[nodiscard]] std::array<double, 3> height_and_gradient_at(const Grid<float>& z, std::ptrdiff_t r,
+                                                           std::ptrdiff_t c);
 
 struct Spread {
   double median = 0.0, nmad = 0.0;
@@ -46,5 +55,16 @@ struct Spread {
 /// Tukey's psi(e) / scale and its derivative.
 [[nodiscard]] double psi(double e, double limit);
 [[nodiscard]] double psi_slope(double e, double limit);
+/// Mean of that derivative as steps and covariance need it: never below half of the mean weight
+/// psi(e) / e, or residuals with long tails would turn steps around.
+class MeanSlope {
+ public:
+  void add(double e, double limit);
+  void add(const MeanSlope& other);
+  [[nodiscard]] double value() const;
+
+ private:
+  double slope_ = 0.0, weight_ = 0.0, n_ = 0.0;
+};
 
 }  // namespace maquette::heightmap::detail

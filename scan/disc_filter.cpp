@@ -19,7 +19,8 @@ constexpr double kLevelOfDetection = 1.96;
 /// Cells whose middle lies in a disc about a cell's middle (odd widths) or corner (even ones).
 struct Mask {
   std::ptrdiff_t across = 0;
-  std::vector<std::array<std::ptrdiff_t, 3>> runs;  ///< row, first column, end; from the disc's cell
+  std::vector<std::array<std::ptrdiff_t, 3>>
+      runs;  ///< row, first column, end; from the disc's cell
   double cells = 0.0;
   double middle = 0.5;  ///< of the disc from the lower left corner of its cell
 
@@ -177,8 +178,8 @@ class Pass {
       const double mean = h * common.cells / mask_.cells;
       const double own = freedom * (typical_ + h * h * common.mixed) + kPrior * typical_;
       const double stated = inflation_ * inflation_ * own / (freedom + kPrior) / n + pose2;
-      const double spread = inflation_ * inflation_ * typical_ / n + pose2 +
-                            mean * mean / (per_cell * common.cells);
+      const double spread =
+          inflation_ * inflation_ * typical_ / n + pose2 + mean * mean / (per_cell * common.cells);
       return mean > threshold * std::sqrt(stated) + kSurely * std::sqrt(spread);
     };
     double low = 0.0, high = 1e4 * std::sqrt(typical_);
@@ -222,8 +223,7 @@ std::vector<DetectionLimit> limits_of(const std::vector<Pass>& passes, const Lay
   for (const double width : {3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0}) {
     if (width > widest_mm) break;
     double least = INFINITY;
-    for (const Pass& p : passes)
-      least = std::fmin(least, p.limit_mm(width, per_mm2, threshold));
+    for (const Pass& p : passes) least = std::fmin(least, p.limit_mm(width, per_mm2, threshold));
     if (std::isfinite(least))
       limits.push_back({width, least, per_mm2 * 0.25 * std::numbers::pi * width * width});
   }
@@ -250,13 +250,12 @@ DiscSearch search_discs(std::span<const Layer> layers, double typical, double le
   if (discs == 0.0) return result;
   result.threshold = two_sided_quantile(level / discs);
   std::erase_if(candidates, [&](const Disc& d) { return std::abs(d.z) < result.threshold; });
-  std::stable_sort(candidates.begin(), candidates.end(), [](const Disc& a, const Disc& b) {
-    return std::abs(a.z) > std::abs(b.z);
-  });
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Disc& a, const Disc& b) { return std::abs(a.z) > std::abs(b.z); });
   result.found = std::move(candidates);
   const CellMap& map = layers.front().map;
-  const double side = map.cell_mm * static_cast<double>(
-                                        std::min(map.mean_mm.rows(), map.mean_mm.cols()));
+  const double side =
+      map.cell_mm * static_cast<double>(std::min(map.mean_mm.rows(), map.mean_mm.cols()));
   result.limits = limits_of(passes, layers[std::min<std::size_t>(2, layers.size() - 1)],
                             result.threshold, 0.5 * side);
   return result;

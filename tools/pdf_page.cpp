@@ -8,7 +8,9 @@
 
 namespace maquette::tools {
 
-PdfPage::PdfPage(cairo_t* on, std::string title) : cairo(on), title_(std::move(title)) { begin(); }
+PdfPage::PdfPage(cairo_t* on, std::string title) : cairo(on), title_(std::move(title)) {
+  begin();
+}
 
 void PdfPage::begin() {
   ++page_;

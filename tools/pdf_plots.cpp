@@ -58,10 +58,9 @@ void print_pictures(PdfPage& page, const std::vector<const Picture*>& row) {
   for (const Picture* p : row) {
     cairo_surface_t* image = cairo_image_surface_create_from_png(p->png.c_str());
     const bool good = cairo_surface_status(image) == CAIRO_STATUS_SUCCESS;
-    const double high = good
-                            ? std::fmin(1.4 * wide, wide * cairo_image_surface_get_height(image) /
-                                                        cairo_image_surface_get_width(image))
-                            : 0.0;
+    const double high = good ? std::fmin(1.4 * wide, wide * cairo_image_surface_get_height(image) /
+                                                         cairo_image_surface_get_width(image))
+                             : 0.0;
     shown.push_back({image, high});
     highest = std::fmax(highest, high);
     lines = std::max(lines, page.wrapped(p->caption, wide).size());
@@ -111,7 +110,8 @@ void print_curve(PdfPage& page, const Curve& c) {
   const CurveLayout layout = layout_of(c);
   const double left = kMargin + kLabels, wide = kColumn - kLabels, top = page.y - kText;
   const auto follow = [&](const CurveLayout::Line& line) {
-    for (const auto& [u, v] : line) cairo_line_to(page.cairo, left + wide * u, top + kHigh * (1.0 - v));
+    for (const auto& [u, v] : line)
+      cairo_line_to(page.cairo, left + wide * u, top + kHigh * (1.0 - v));
   };
   page.font(0.9 * kText, false);
   cairo_set_line_width(page.cairo, 0.5);
@@ -139,7 +139,9 @@ void print_curve(PdfPage& page, const Curve& c) {
   page.y = top + kHigh + kLine;
   for (const auto& [at, value] : layout.x_ticks) {
     const std::string text = fmt::format("{:g}", value);
-    page.put(std::fmin(left + wide * at - 0.5 * page.width(text), kWidth - kMargin - page.width(text)), text);
+    page.put(
+        std::fmin(left + wide * at - 0.5 * page.width(text), kWidth - kMargin - page.width(text)),
+        text);
   }
   page.y += kLine;
   const std::string under = c.y_label + ", against " + c.x_label;
@@ -160,7 +162,8 @@ void print_histogram(PdfPage& page, const Histogram& h) {
   for (std::size_t i = 0; i < h.bins.size(); ++i) {
     const double high = kHigh * static_cast<double>(h.bins[i]) / most;
     total += static_cast<double>(h.bins[i]);
-    cairo_rectangle(page.cairo, kMargin + bar * static_cast<double>(i), top + kHigh - high, bar, high);
+    cairo_rectangle(page.cairo, kMargin + bar * static_cast<double>(i), top + kHigh - high, bar,
+                    high);
   }
   cairo_fill(page.cairo);
   if (h.sigma > 0.0) {

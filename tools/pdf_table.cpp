@@ -52,7 +52,8 @@ Widths widths_of(PdfPage& page, const Table& t, std::size_t columns, double size
     w.most[k] = std::fmax(w.most[k], page.width(text));
     for (std::size_t i = 0; i < text.size();) {
       const std::size_t end = std::min(text.find(' ', i), text.size());
-      w.least[k] = std::fmax(w.least[k], std::fmin(kLongestWord, page.width(text.substr(i, end - i))));
+      w.least[k] =
+          std::fmax(w.least[k], std::fmin(kLongestWord, page.width(text.substr(i, end - i))));
       i = end + 1;
     }
   };
@@ -65,8 +66,8 @@ Widths widths_of(PdfPage& page, const Table& t, std::size_t columns, double size
   return w;
 }
 
-TableLayout layout(PdfPage& page, const Table& t, const Widths& w, const std::vector<std::size_t>& chosen,
-                   double size) {
+TableLayout layout(PdfPage& page, const Table& t, const Widths& w,
+                   const std::vector<std::size_t>& chosen, double size) {
   TableLayout part;
   part.size = size;
   double least = 0.0, most = 0.0;

@@ -8,8 +8,6 @@
 //   geodesic_bench [nodes a side of the largest grid, default 1000; 4000 is the full scale]
 //   geodesic_bench exact     errors on 1 M harsh triangles against CGAL's exact method: minutes
 
-#include <sys/resource.h>
-
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -23,6 +21,7 @@
 #include <CGAL/Surface_mesh_shortest_path.h>
 
 #include "meshing/geodesic.hpp"
+#include "support/bench_times.hpp"
 #include "support/field_mesh.hpp"
 #include "support/shapes.hpp"
 
@@ -30,21 +29,17 @@ namespace maquette::meshing {
 namespace {
 
 using testing_support::mesh_of;
+using testing_support::peak_mib;
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
 
-double cpu_seconds() {
+/// Of the thread that is timed.
+double thread_seconds() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
-double peak_mib() {
-  rusage r{};
-  getrusage(RUSAGE_SELF, &r);
-  return static_cast<double>(r.ru_maxrss) / 1024.0;
-}
-
 Mesh cgal_mesh(const TriMesh& m) {
   Mesh out;
   for (const Vec3& v : m.vertices_mm) out.add_vertex({v.x, v.y, v.z});
@@ -62,9 +57,9 @@ template <class Surface>
 Timed ours(const Surface& surface, std::uint32_t from, std::size_t vertices, const char* name) {
   GeodesicSources s;
   s.vertices.push_back(from);
-  const double start = cpu_seconds();
+  const double start = thread_seconds();
   const auto d = geodesic_distance(surface, s);
-  const double seconds = cpu_seconds() - start;
+  const double seconds = thread_seconds() - start;
   std::printf("%-34s %9zu vertices %8.3f s %12.0f vertices/s, peak %.0f MiB\n", name, vertices,
               seconds, static_cast<double>(vertices) / seconds, peak_mib());
   Timed timed{{}, seconds};
@@ -78,9 +73,9 @@ Timed ours(const Surface& surface, std::uint32_t from, std::size_t vertices, con
 Timed heat(const Mesh& m, std::uint32_t from) {
   Mesh copy = m;
   const auto found = copy.add_property_map<Mesh::Vertex_index, double>("v:distance", 0).first;
-  const double start = cpu_seconds();
+  const double start = thread_seconds();
   CGAL::Heat_method_3::estimate_geodesic_distances(copy, found, Mesh::Vertex_index(from));
-  Timed timed{{}, cpu_seconds() - start};
+  Timed timed{{}, thread_seconds() - start};
   for (const auto v : copy.vertices()) timed.distance.push_back(found[v]);
   std::printf("%-34s %9zu vertices %8.3f s %12.0f vertices/s, peak %.0f MiB\n", "CGAL heat method",
               timed.distance.size(), timed.seconds,
@@ -90,13 +85,13 @@ Timed heat(const Mesh& m, std::uint32_t from) {
 
 Timed exact(const Mesh& m, std::uint32_t from) {
   using Traits = CGAL::Surface_mesh_shortest_path_traits<Kernel, Mesh>;
-  const double start = cpu_seconds();
+  const double start = thread_seconds();
   CGAL::Surface_mesh_shortest_path<Traits> paths(m);
   paths.add_source_point(Mesh::Vertex_index(from));
   Timed timed;
   for (const auto v : m.vertices())
     timed.distance.push_back(paths.shortest_distance_to_source_points(v).first);
-  timed.seconds = cpu_seconds() - start;
+  timed.seconds = thread_seconds() - start;
   std::printf("%-34s %9zu vertices %8.3f s %12.0f vertices/s, peak %.0f MiB\n", "CGAL exact",
               timed.distance.size(), timed.seconds,
               static_cast<double>(timed.distance.size()) / timed.seconds, peak_mib());

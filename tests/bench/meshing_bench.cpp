@@ -32,29 +32,14 @@
 #include "meshing/bands.hpp"
 #include "meshing/decimate.hpp"
 #include "meshing/grid_stream.hpp"
+#include "support/bench_times.hpp"
 
 namespace maquette::meshing {
 namespace {
 
 namespace fs = std::filesystem;
 using heightmap::ModelField;
-
-struct Times {
-  double wall = 0.0, cpu = 0.0;
-};
-Times now() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  const auto wall = std::chrono::steady_clock::now().time_since_epoch();
-  return {std::chrono::duration<double>(wall).count(),
-          static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-              1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec)};
-}
-double peak_mib() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  return static_cast<double>(u.ru_maxrss) / 1024.0;
-}
+using namespace testing_support;
 
 /// What a process holds that has the heights and nothing else.
 double touched_mib(const ModelField& field) {

@@ -9,104 +9,26 @@
 #include <cstdio>
 #include <cstdlib>
 
-#include <embree3/rtcore.h>
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
-#include <sys/resource.h>
 
 #include "camera/render.hpp"
 #include "heightmap/field_tracer.hpp"
+#include "support/bench_times.hpp"
+#include "support/embree_terrain.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette {
 namespace {
 
-/// CPU time of all threads: the machine may have other work.
-double cpu_seconds() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  return static_cast<double>(u.ru_utime.tv_sec) + 1e-6 * static_cast<double>(u.ru_utime.tv_usec);
-}
-double peak_mib() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  return static_cast<double>(u.ru_maxrss) / 1024.0;
-}
+using namespace testing_support;
+
 template <class F>
 double cost(const F& f) {
   const double start = cpu_seconds();
   f();
   return cpu_seconds() - start;
 }
-
-struct EmbreeTerrain {
-  RTCDevice device = rtcNewDevice(nullptr);
-  RTCScene scene = rtcNewScene(device);
-
-  explicit EmbreeTerrain(const heightmap::ModelField& f) {
-    rtcSetDeviceMemoryMonitorFunction(
-        device,
-        [](void* sum, ssize_t change, bool) {
-          __atomic_fetch_add(static_cast<ssize_t*>(sum), change, __ATOMIC_RELAXED);
-          return true;
-        },
-        &bytes);
-    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
-    RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_GRID);
-    const auto rows = static_cast<std::size_t>(f.z_mm.rows()),
-               cols = static_cast<std::size_t>(f.z_mm.cols());
-    auto* v = static_cast<float*>(
-        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, rows * cols));
-    for (std::ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
-      for (std::ptrdiff_t c = 0; c < f.z_mm.cols(); ++c) {
-        *v++ = static_cast<float>(f.x_mm(c));
-        *v++ = static_cast<float>(f.y_mm(r));
-        *v++ = f.z_mm(r, c);
-      }
-    auto* grid = static_cast<RTCGrid*>(
-        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof(RTCGrid), 1));
-    *grid = {0, static_cast<unsigned>(cols), static_cast<unsigned short>(cols),
-             static_cast<unsigned short>(rows)};
-    rtcCommitGeometry(g);
-    rtcAttachGeometry(scene, g);
-    rtcReleaseGeometry(g);
-    rtcCommitScene(scene);
-  }
-  ~EmbreeTerrain() {
-    rtcReleaseScene(scene);
-    rtcReleaseDevice(device);
-  }
-  static RTCRay ray(Vec3 o, Vec3 d, double length) {
-    RTCRay r{};
-    r.org_x = static_cast<float>(o.x);
-    r.org_y = static_cast<float>(o.y);
-    r.org_z = static_cast<float>(o.z);
-    r.dir_x = static_cast<float>(d.x);
-    r.dir_y = static_cast<float>(d.y);
-    r.dir_z = static_cast<float>(d.z);
-    r.tfar = static_cast<float>(length);
-    r.mask = ~0U;
-    return r;
-  }
-  [[nodiscard]] bool trace(Vec3 o, Vec3 d) const {
-    RTCRayHit q{};
-    q.ray = ray(o, d, 1e9);
-    q.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcIntersect1(scene, &context, &q);
-    return q.hit.geomID != RTC_INVALID_GEOMETRY_ID;
-  }
-  [[nodiscard]] bool blocked(Vec3 o, Vec3 d, double length) const {
-    RTCRay r = ray(o, d, length);
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcOccluded1(scene, &context, &r);
-    return r.tfar < 0.0F;
-  }
-
-  ssize_t bytes = 0;
-};
 
 int run(int side) {
   const heightmap::ModelField part = testing_support::rough_part(1, 4001, 4001, 0.5);

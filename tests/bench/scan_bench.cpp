@@ -25,7 +25,6 @@
 #include <string>
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 #include <Eigen/Dense>
 
 #include "bench/scan_peer.hpp"
@@ -35,6 +34,7 @@
 #include "scan/register.hpp"
 #include "scan/scanner_sim.hpp"
 #include "scan/surface_distance.hpp"
+#include "support/bench_times.hpp"
 #include "support/field_mesh.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -48,10 +48,6 @@ using namespace testing_support;
 
 constexpr double kDegree = 0.017453292519943295;
 
-double cpu_s() {
-  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
-}
-
 /// Waves down to a few nodes, in parallel; the pose is drawn about the middle.
 void full(std::ptrdiff_t nodes, std::size_t points) {
   const ModelField part = rough_part(1, nodes, nodes, 0.5);
@@ -59,9 +55,9 @@ void full(std::ptrdiff_t nodes, std::size_t points) {
   const Cloud truth = points_on(part, points, 2, 0.3);
   const RigidTransform pose = random_pose(3, {half, half, 10.0}, 2.0 * kDegree, 20.0);
   const Cloud seen = seen_from(truth, pose);
-  double before = cpu_s();
+  double before = cpu_seconds();
   const auto found = register_scan(seen, part);
-  fmt::print("register_scan: {:.2f} CPU s\n", cpu_s() - before);
+  fmt::print("register_scan: {:.2f} CPU s\n", cpu_seconds() - before);
   if (!found) {
     fmt::print("{}: {}\n", found.error().code.name, found.error().message);
     return;
@@ -76,18 +72,18 @@ void full(std::ptrdiff_t nodes, std::size_t points) {
       "mm, effective points {:.0f}\n",
       std::sqrt(square * 97.0 / static_cast<double>(truth.points_mm.size())), found->iterations,
       found->noise_mm, found->sigma_translation_mm, found->effective_points);
-  before = cpu_s();
+  before = cpu_seconds();
   RegisterOptions far;
   far.model_from_scan = random_pose(5, {half, half, 10.0}, 2.5, 3000.0);
   const auto anywhere = register_scan(seen, part, far);
-  fmt::print("from anywhere: {:.2f} CPU s, {}\n", cpu_s() - before,
+  fmt::print("from anywhere: {:.2f} CPU s, {}\n", cpu_seconds() - before,
              anywhere ? fmt::format("{:.6f} mm from the first",
                                     norm(anywhere->model_from_scan.translation_mm -
                                          found->model_from_scan.translation_mm))
                       : anywhere.error().message);
-  before = cpu_s();
+  before = cpu_seconds();
   const auto d = deviate(seen, found->model_from_scan, part);
-  fmt::print("deviate: {:.2f} CPU s, rms {:.4f} mm over {} points\n", cpu_s() - before,
+  fmt::print("deviate: {:.2f} CPU s, rms {:.4f} mm over {} points\n", cpu_seconds() - before,
              d->statistics.rms_mm, d->statistics.points);
 }
 
@@ -95,12 +91,12 @@ void mesh(std::ptrdiff_t nodes, std::size_t points) {
   const ModelField part = rough_part(1, nodes, nodes, 2000.0 / static_cast<double>(nodes - 1));
   const TriMesh triangles = mesh_of(part);
   const Cloud cloud = points_on(part, points, 2, 0.3);
-  double before = cpu_s();
+  double before = cpu_seconds();
   const MeshDistance tree(triangles);
-  const double build = cpu_s() - before;
-  before = cpu_s();
+  const double build = cpu_seconds() - before;
+  before = cpu_seconds();
   const auto d = signed_distances_mm(cloud.points_mm, {}, tree, 5.0);
-  const double query = cpu_s() - before;
+  const double query = cpu_seconds() - before;
   double worst = 0.0;
   std::size_t flips = 0, compared = 0;
   for (std::size_t i = 0; i < points; i += 7) {
@@ -122,9 +118,9 @@ void grid(std::ptrdiff_t nodes, std::size_t points) {
   const Cloud cloud = points_on(part, points, 2, 0.3);
   double least = INFINITY, most = 0.0, rms = 0.0;
   for (int i = 0; i < 7; ++i) {
-    const double before = cpu_s();
+    const double before = cpu_seconds();
     const auto d = deviate(cloud, {}, part, Millimetres{20.0});
-    const double taken = cpu_s() - before;
+    const double taken = cpu_seconds() - before;
     if (!d) {
       fmt::print("{}\n", d.error().message);
       return;
@@ -154,19 +150,17 @@ int clean(std::size_t points) {
   }
   CleanOptions c;
   c.thin_mm = 0.5;
-  const double before = cpu_s();
+  const double before = cpu_seconds();
   const auto figures = clean_cloud(folder / "scan.e57", folder / "clean.ply", c);
   if (!figures) {
     fmt::print("{}\n", figures.error().message);
     return 1;
   }
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  const double bytes = 1024.0 * static_cast<double>(u.ru_maxrss);
+  const double bytes = 1048576.0 * peak_mib();
   fmt::print(
       "clean: {} points to {} in {:.1f} CPU s; most memory {:.2f} GiB, part included: {:.1f} "
       "bytes a point\n",
-      figures->points, figures->written, cpu_s() - before, bytes / 1073741824.0,
+      figures->points, figures->written, cpu_seconds() - before, bytes / 1073741824.0,
       bytes / static_cast<double>(figures->points));
   return 0;
 }

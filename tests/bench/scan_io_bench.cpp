@@ -14,8 +14,8 @@
 #include <fstream>
 
 #include <benchmark/benchmark.h>
-#include <sys/resource.h>
 
+#include "support/bench_times.hpp"
 #include "support/matchers.hpp"
 #include "support/streamed_cloud.hpp"
 
@@ -27,12 +27,6 @@ using namespace testing_support;
 std::uint64_t point_count() {
   const char* text = std::getenv("MAQUETTE_BENCH_POINTS");
   return text != nullptr ? std::strtoull(text, nullptr, 10) : 2'000'000;
-}
-
-double peak_mib() {
-  rusage usage{};
-  ::getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
 }
 
 struct Format {

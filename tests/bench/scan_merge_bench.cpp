@@ -14,10 +14,10 @@
 #include <filesystem>
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include "scan/merge_files.hpp"
 #include "scan/mesh_cloud.hpp"
+#include "support/bench_times.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 
@@ -26,21 +26,8 @@ namespace {
 
 using namespace testing_support;
 
-struct Times {
-  double wall = 0.0, cpu = 0.0;
-};
-Times now() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  const auto wall = std::chrono::steady_clock::now().time_since_epoch();
-  return {std::chrono::duration<double>(wall).count(),
-          static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-              1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec)};
-}
 double peak_gib() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  return static_cast<double>(u.ru_maxrss) / 1048576.0;
+  return peak_mib() / 1024.0;
 }
 
 void print(const char* what, Times start) {

@@ -18,6 +18,7 @@
 #include "scan/deviate.hpp"
 #include "scan/mesh_distance.hpp"
 #include "scan/register.hpp"
+#include "support/bench_times.hpp"
 #include "support/field_mesh.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -132,10 +133,6 @@ struct Own {
   std::optional<Deviation> deviation;
 };
 
-double cpu_s() {
-  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
-}
-
 void row(const std::string& what, double seconds, const std::string& error,
          const std::string& ratio = {}) {
   fmt::print("{:<48}{:>9.2f}{:>12}  {}\n", what, seconds, error, ratio);
@@ -144,9 +141,9 @@ void row(const std::string& what, double seconds, const std::string& error,
 Own measure_own(const heightmap::ModelField& part, const TriMesh& triangles, const Cloud& truth,
                 const Cloud& seen) {
   Own own;
-  double before = cpu_s();
+  double before = cpu_seconds();
   const auto found = register_scan(seen, part);
-  own.registration_s = cpu_s() - before;
+  own.registration_s = cpu_seconds() - before;
   if (!found) {
     fmt::print("{}\n", found.error().message);
     return own;
@@ -154,18 +151,18 @@ Own measure_own(const heightmap::ModelField& part, const TriMesh& triangles, con
   own.pose_error_mm = rms_off(truth, seen, found->model_from_scan);
   row("registration: maquette, any pose", own.registration_s,
       fmt::format("{:.4f}", own.pose_error_mm));
-  before = cpu_s();
+  before = cpu_seconds();
   auto deviation = deviate(truth, {}, part, Millimetres{20.0});
-  own.grid_s = cpu_s() - before;
+  own.grid_s = cpu_seconds() - before;
   if (!deviation) {
     fmt::print("{}\n", deviation.error().message);
     return own;
   }
   row("deviation: maquette, height grid, with map", own.grid_s, "");
-  before = cpu_s();
+  before = cpu_seconds();
   const MeshDistance tree(triangles);
   const auto distances = signed_distances_mm(truth.points_mm, {}, tree, 20.0);
-  own.mesh_s = cpu_s() - before;
+  own.mesh_s = cpu_seconds() - before;
   double worst = 0.0;
   std::size_t compared = 0;
   for (std::size_t i = 0; i < distances.size(); ++i) {

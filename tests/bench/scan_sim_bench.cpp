@@ -10,33 +10,21 @@
 #include <cstdio>
 #include <cstdlib>
 
-#include <embree3/rtcore.h>
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
-#include <sys/resource.h>
 
 #include "heightmap/field_tracer.hpp"
 #include "scan/scanner_sim.hpp"
+#include "support/bench_times.hpp"
+#include "support/embree_terrain.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette::scan {
 namespace {
 
-/// CPU time of all threads: the machine may have other work.
-double cpu_seconds() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  return static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-         1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
-}
-
-double peak_mib() {
-  rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
-  return static_cast<double>(u.ru_maxrss) / 1024.0;
-}
+using namespace testing_support;
 
 /// Rays per CPU second of `trace` over a grid of directions from `station`.
 template <class Trace>
@@ -56,54 +44,6 @@ double rate(Vec3 station, double side, const Trace& trace) {
   fmt::print("    {:.2f} of the rays hit\n", static_cast<double>(all) / kRays / kRays);
   return static_cast<double>(kRays) * kRays / s;
 }
-
-/// The same surface for Embree: a grid of quads, robust. (As triangles it would take 3 GiB.)
-struct EmbreeTerrain {
-  RTCDevice device = rtcNewDevice(nullptr);
-  RTCScene scene = rtcNewScene(device);
-  explicit EmbreeTerrain(const heightmap::ModelField& f) {
-    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
-    RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_GRID);
-    const auto rows = static_cast<std::size_t>(f.z_mm.rows()),
-               cols = static_cast<std::size_t>(f.z_mm.cols());
-    auto* v = static_cast<float*>(
-        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, rows * cols));
-    for (std::size_t r = 0; r < rows; ++r)
-      for (std::size_t c = 0; c < cols; ++c) {
-        *v++ = static_cast<float>(f.x_mm(static_cast<std::ptrdiff_t>(c)));
-        *v++ = static_cast<float>(f.y_mm(static_cast<std::ptrdiff_t>(r)));
-        *v++ = f.z_mm(static_cast<std::ptrdiff_t>(r), static_cast<std::ptrdiff_t>(c));
-      }
-    auto* grid = static_cast<RTCGrid*>(
-        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_GRID, 0, RTC_FORMAT_GRID, sizeof(RTCGrid), 1));
-    *grid = {0, static_cast<unsigned>(cols), static_cast<unsigned short>(cols),
-             static_cast<unsigned short>(rows)};
-    rtcCommitGeometry(g);
-    rtcAttachGeometry(scene, g);
-    rtcReleaseGeometry(g);
-    rtcCommitScene(scene);
-  }
-  ~EmbreeTerrain() {
-    rtcReleaseScene(scene);
-    rtcReleaseDevice(device);
-  }
-  [[nodiscard]] bool trace(Vec3 o, Vec3 d) const {
-    RTCRayHit q{};
-    q.ray.org_x = static_cast<float>(o.x);
-    q.ray.org_y = static_cast<float>(o.y);
-    q.ray.org_z = static_cast<float>(o.z);
-    q.ray.dir_x = static_cast<float>(d.x);
-    q.ray.dir_y = static_cast<float>(d.y);
-    q.ray.dir_z = static_cast<float>(d.z);
-    q.ray.tfar = 1e9F;
-    q.ray.mask = ~0U;
-    q.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcIntersect1(scene, &context, &q);
-    return q.hit.geomID != RTC_INVALID_GEOMETRY_ID;
-  }
-};
 
 int run(double lines) {
   const heightmap::ModelField part = testing_support::rough_part(1, 4001, 4001, 0.5);

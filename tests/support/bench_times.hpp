@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file bench_times.hpp
+/// What a benchmark has used so far: seconds by the clock and of all threads' processors (user and
+/// system; the machine may have other work), and the most memory.
+
+#include <chrono>
+
+#include <sys/resource.h>
+
+namespace maquette::testing_support {
+
+inline rusage used_so_far() {
+  rusage u{};
+  ::getrusage(RUSAGE_SELF, &u);
+  return u;
+}
+
+inline double cpu_seconds() {
+  const rusage u = used_so_far();
+  return static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
+         1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
+}
+
+struct Times {
+  double wall = 0.0, cpu = 0.0;  ///< seconds
+};
+inline Times now() {
+  const auto wall = std::chrono::steady_clock::now().time_since_epoch();
+  return {std::chrono::duration<double>(wall).count(), cpu_seconds()};
+}
+
+/// The most that the process has held.
+inline double peak_mib() {
+  return static_cast<double>(used_so_far().ru_maxrss) / 1024.0;
+}
+
+}  // namespace maquette::testing_support

@@ -42,6 +42,10 @@ Grid<Rgb8> grey_relief(const heightmap::ModelField& relief, int longest_px) {
 
 }  // namespace
 
+Rgb8 source_colour(std::size_t source) {
+  return source == 255 ? kGrey : kColours[source % kColours.size()];
+}
+
 Grid<Rgb8> artefact_picture(const Grid<std::uint8_t>& artefacts,
                             const heightmap::ModelField& relief, int longest_px) {
   Grid<Rgb8> picture = grey_relief(relief, longest_px);
@@ -75,7 +79,7 @@ Grid<Rgb8> source_picture(const Grid<std::uint8_t>& source, const heightmap::Mod
   for (std::ptrdiff_t r = 0; r < picture.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < picture.cols(); ++c) {
       const std::uint8_t which = source((picture.rows() - 1 - r) * step, c * step);
-      picture(r, c) = shaded(which == 255 ? kGrey : kColours[which % kColours.size()], shade(r, c));
+      picture(r, c) = shaded(source_colour(which), shade(r, c));
     }
   return picture;
 }

@@ -39,7 +39,10 @@ namespace maquette::tools {
                                                 const heightmap::ModelField& relief,
                                                 int longest_px = 1000);
 
-/// The same scale as a bar with labels, as SVG.
+/// Colour of a source in that picture before shading; 255: filled.
+[[nodiscard]] camera::Rgb8 source_colour(std::size_t source);
+
+/// The scale of signed_picture as a bar with labels, as SVG.
 [[nodiscard]] std::string signed_legend_svg(double limit, const std::string& unit);
 
 /// Bars over [-limit, limit], with the normal curve of the same mean and deviation.

@@ -9,6 +9,7 @@
 #include "core/files.hpp"
 #include "core/markup.hpp"
 #include "tools/deviation_page.hpp"
+#include "tools/fuse_page.hpp"
 #include "tools/path_view.hpp"
 #include "tools/pictures.hpp"
 #include "tools/version.hpp"
@@ -42,31 +43,6 @@ std::string head(const std::string& title) {
   return fmt::format(fmt::runtime(kPageStart), fmt::arg("title", markup_escaped(title)));
 }
 
-std::string picture(const fs::path& png, const std::string& caption, int width) {
-  const auto data = read_file(png);
-  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", markup_escaped(png.string()));
-  return fmt::format(
-      "<figure><img width='{}' alt='{}' src='data:image/png;base64,{}'><figcaption>{}</figcaption>"
-      "</figure>\n",
-      width, markup_escaped(caption), base64(*data), markup_escaped(caption));
-}
-
-std::string number(const json& v) {
-  if (v.is_number_float()) return fmt::format("{:.6g}", v.get<double>());
-  if (v.is_string()) return markup_escaped(v.get<std::string>());
-  return markup_escaped(v.dump());
-}
-
-/// The figures that a person asks for first, in this order, when present.
-std::string figure_table(const json& figures,
-                         const std::vector<std::pair<const char*, const char*>>& rows) {
-  std::string html = "<table>";
-  for (const auto& [key, label] : rows)
-    if (figures.contains(key) && !figures[key].is_null())
-      html += fmt::format("<tr><td>{}</td><td class='n'>{}</td></tr>", label, number(figures[key]));
-  return html + "</table>\n";
-}
-
 /// Machining time as the verified programs of one scale take it; nothing where there is none.
 std::string machining_time(std::span<const UnitRecord> records, const std::string& scale) {
   std::string rows;
@@ -78,9 +54,9 @@ std::string machining_time(std::span<const UnitRecord> records, const std::strin
       rows += fmt::format(
           "<tr><td>{}</td><td>{}</td><td>{}</td><td class='n'>{:.1f}</td><td class='n'>{:.1f}</td>"
           "<td class='n'>{:.1f}</td><td class='n'>{:.1f}</td></tr>",
-          number(t.value("program", json(""))), number(t.value("tool", json(""))),
-          number(t.value("band", json(""))), t.value("cutting_min", 0.0), t.value("rapid_min", 0.0),
-          t.value("total_min", 0.0), t.value("length_m", 0.0));
+          number_html(t.value("program", json(""))), number_html(t.value("tool", json(""))),
+          number_html(t.value("band", json(""))), t.value("cutting_min", 0.0),
+          t.value("rapid_min", 0.0), t.value("total_min", 0.0), t.value("length_m", 0.0));
       cutting += t.value("cutting_min", 0.0);
       rapid += t.value("rapid_min", 0.0);
       total += t.value("total_min", 0.0);
@@ -126,25 +102,27 @@ std::string cutter_reach(const json& reach, const fs::path& folder) {
   if (reach.empty()) return "";
   const double most_mm = reach.value("reach_colour_mm", 0.0);
   return "<h3>For the cutter</h3>\n" +
-         figure_table(reach, {{"ball_diameter_mm", "ball, mm"},
-                              {"threshold_mm", "not reached: it leaves more than, mm"},
-                              {"unreached_percent", "not reached, % of the surface"},
-                              {"unreached_volume_mm3", "left there, mm&sup3;"},
-                              {"most_left_mm", "most left, mm"},
-                              {"steepest_deg", "steepest, degrees"},
-                              {"slope_limit_deg", "limit of slope, degrees; 90: none"},
-                              {"above_slope_limit_percent", "steeper than that, % of the surface"},
-                              {"relief_mm", "relief, mm"},
-                              {"cutter_length_mm", "cutter below its holder, mm; 0: not given"},
-                              {"stock_needed_mm", "block needed: base, relief, margin, mm"},
-                              {"stock_height_mm", "block, mm; 0: not given"}}) +
-         picture(
+         figure_table_html(reach,
+                           {{"ball_diameter_mm", "ball, mm"},
+                            {"threshold_mm", "not reached: it leaves more than, mm"},
+                            {"unreached_percent", "not reached, % of the surface"},
+                            {"unreached_volume_mm3", "left there, mm&sup3;"},
+                            {"most_left_mm", "most left, mm"},
+                            {"steepest_deg", "steepest, degrees"},
+                            {"slope_limit_deg", "limit of slope, degrees; 90: none"},
+                            {"above_slope_limit_percent", "steeper than that, % of the surface"},
+                            {"relief_mm", "relief, mm"},
+                            {"cutter_length_mm", "cutter below its holder, mm; 0: not given"},
+                            {"stock_needed_mm", "block needed: base, relief, margin, mm"},
+                            {"stock_height_mm", "block, mm; 0: not given"}}) +
+         picture_html(
              folder / "reach.png",
              fmt::format("left by the ball where it does not fit; full red: {:.2g} mm", most_mm),
              500) +
-         picture(folder / "slope.png",
-                 fmt::format("slope; full red: {:g} degrees", reach.value("slope_colour_deg", 0.0)),
-                 500);
+         picture_html(
+             folder / "slope.png",
+             fmt::format("slope; full red: {:g} degrees", reach.value("slope_colour_deg", 0.0)),
+             500);
 }
 
 constexpr const char* kRegistrationRemark =
@@ -154,6 +132,33 @@ constexpr const char* kRegistrationRemark =
     "example: such a deviation does not appear here.</p>\n";
 
 }  // namespace
+
+std::string picture_html(const fs::path& png, const std::string& caption, int width,
+                         const std::string& legend) {
+  const auto data = read_file(png);
+  if (!data) return fmt::format("<p class='warn'>{} is missing</p>", markup_escaped(png.string()));
+  return fmt::format(
+      "<figure style='width:{0}px'><img width='{0}' alt='{1}' src='data:image/png;base64,{2}'>{3}"
+      "<figcaption>{1}</figcaption></figure>\n",
+      width, markup_escaped(caption), base64(*data),
+      legend.empty() ? "" : "<div>" + legend + "</div>");
+}
+
+std::string number_html(const json& v) {
+  if (v.is_number_float()) return fmt::format("{:.6g}", v.get<double>());
+  if (v.is_string()) return markup_escaped(v.get<std::string>());
+  return markup_escaped(v.dump());
+}
+
+std::string figure_table_html(const json& figures,
+                              const std::vector<std::pair<const char*, const char*>>& rows) {
+  std::string html = "<table>";
+  for (const auto& [key, label] : rows)
+    if (figures.contains(key) && !figures[key].is_null())
+      html += fmt::format("<tr><td>{}</td><td class='n'>{}</td></tr>", label,
+                          number_html(figures[key]));
+  return html + "</table>\n";
+}
 
 std::string scale_folder(double scale) {
   return fmt::format("s{:g}", scale);
@@ -185,44 +190,25 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
     const std::string name = scale_folder(scale);
     const fs::path here = folder / name;
     html += fmt::format("<h2>Scale 1:{:g}</h2>\n", scale);
-    html +=
-        picture(here / "hillshade.png", "hillshade of the design, sun from the north-west", 500);
-    html += picture(here / "picture.png", "rendered: solid with stones under the lamp", 500);
+    html += picture_html(here / "hillshade.png", "hillshade of the design, sun from the north-west",
+                         500);
+    html += picture_html(here / "picture.png", "rendered: solid with stones under the lamp", 500);
 
-    json fuse = figures_of(name + ".fuse");
-    html += "<h3>Surface</h3>\n" + figure_table(fuse, {{"nodes", "nodes"},
-                                                       {"spacing_mm", "spacing, mm"},
-                                                       {"relief_mm", "relief, mm"},
-                                                       {"lowest_m", "lowest, m"},
-                                                       {"highest_m", "highest, m"}});
+    const json fuse = figures_of(name + ".fuse");
+    html += surface_html(fuse);
     html += cutter_reach(figures_of(name + ".reach"), here);
+    html += sources_html(fuse, here);
     html +=
-        "<h3>Sources</h3>\n<div class='wide'><table><tr><th>source</th><th>pixel, "
-        "m</th><th>coverage</th><th>shift "
-        "east, "
-        "m</th><th>&plusmn;</th><th>north, m</th><th>&plusmn;</th><th>up, m</th><th>&plusmn;</th>"
-        "<th>tilt east, m/m</th><th>north, m/m</th><th>NMAD before, m</th><th>after, m</th>"
-        "<th></th></tr>";
-    for (const json& s : fuse.value("sources", json::array())) {
-      html += "<tr>";
-      for (const char* key : {"name", "pixel_m", "coverage", "shift_east_m", "sigma_east_m",
-                              "shift_north_m", "sigma_north_m", "shift_up_m", "sigma_up_m",
-                              "tilt_east", "tilt_north", "nmad_before_m", "nmad_after_m"})
-        html += fmt::format("<td class='n'>{}</td>", number(s[key]));
-      const auto why = s.value("height_only", std::string());
-      html +=
-          fmt::format("<td>{}</td></tr>", why.empty() ? "" : "height only: " + markup_escaped(why));
-    }
-    html += "</table></div>\n<h3>Mesh</h3>\n" +
-            figure_table(figures_of(name + ".mesh"),
-                         {{"triangles", "triangles"},
-                          {"closed", "closed"},
-                          {"manifold", "2-manifold"},
-                          {"oriented_outward", "oriented outward"},
-                          {"euler_number", "Euler number"},
-                          {"volume_mm3", "volume, mm&sup3;"},
-                          {"rms_vertical_error_mm", "RMS vertical error against the design, mm"},
-                          {"max_vertical_error_mm", "largest, mm"}});
+        "<h3>Mesh</h3>\n" +
+        figure_table_html(figures_of(name + ".mesh"),
+                          {{"triangles", "triangles"},
+                           {"closed", "closed"},
+                           {"manifold", "2-manifold"},
+                           {"oriented_outward", "oriented outward"},
+                           {"euler_number", "Euler number"},
+                           {"volume_mm3", "volume, mm&sup3;"},
+                           {"rms_vertical_error_mm", "RMS vertical error against the design, mm"},
+                           {"max_vertical_error_mm", "largest, mm"}});
     html +=
         "<h3>Toolpath</h3>\n<div "
         "class='wide'><table><tr><th>program</th><th>passes</th><th>blocks</th><th>bytes"
@@ -234,36 +220,38 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
       html += fmt::format(
           "<tr><td>{}</td><td class='n'>{}</td><td class='n'>{}</td><td class='n'>{}</td><td "
           "class='n'>{:.2f}</td><td class='n'>{:.1f}</td><td class='n'>{:.5f}</td></tr>",
-          markup_escaped(r.name.substr(name.size() + 6)), number(f.value("passes", json(""))),
-          number(f["blocks"]), number(f["bytes"]), f.value("path_length_mm", 0.0) / 1000.0,
-          f.value("cutting_time_min", 0.0), f.value("certified_gouge_mm", 0.0));
+          markup_escaped(r.name.substr(name.size() + 6)), number_html(f.value("passes", json(""))),
+          number_html(f["blocks"]), number_html(f["bytes"]),
+          f.value("path_length_mm", 0.0) / 1000.0, f.value("cutting_time_min", 0.0),
+          f.value("certified_gouge_mm", 0.0));
     }
     html += "</table></div>\n" + machining_time(records, name) + paths(here, folder, "Paths");
-    html += "<h3>Simulated cut</h3>\n" +
-            figure_table(figures_of(name + ".verify"),
-                         {{"max_gouge_mm", "deepest gouge, mm"},
-                          {"bound_mm", "that may be unseen between cells, mm"},
-                          {"blending_mm", "that blending may add, in space, mm"},
-                          {"max_gouge_against_mesh_mm", "deepest below the mesh, mm"},
-                          {"max_excess_mm", "highest excess where the ball reaches, mm"},
-                          {"max_excess_anywhere_mm", "highest excess anywhere, mm"},
-                          {"rms_excess_mm", "RMS excess, mm"},
-                          {"max_excess_over_scallop_mm",
-                           "highest above the stated scallop where the ball has room, mm"},
-                          {"max_tight_over_scallop_mm", "the same wherever the ball touches, mm"},
-                          {"max_over_closing_mm",
-                           "highest above that and the best any path of the ball leaves, mm"},
-                          {"over_closing_area_mm2", "area where that is more than 10 um, mm2"},
-                          {"rapid_collisions", "rapid moves that touch material"}});
     html +=
-        picture(here / "excess.png", "material left (red) and gouged (blue) after milling", 400);
+        "<h3>Simulated cut</h3>\n" +
+        figure_table_html(figures_of(name + ".verify"),
+                          {{"max_gouge_mm", "deepest gouge, mm"},
+                           {"bound_mm", "that may be unseen between cells, mm"},
+                           {"blending_mm", "that blending may add, in space, mm"},
+                           {"max_gouge_against_mesh_mm", "deepest below the mesh, mm"},
+                           {"max_excess_mm", "highest excess where the ball reaches, mm"},
+                           {"max_excess_anywhere_mm", "highest excess anywhere, mm"},
+                           {"rms_excess_mm", "RMS excess, mm"},
+                           {"max_excess_over_scallop_mm",
+                            "highest above the stated scallop where the ball has room, mm"},
+                           {"max_tight_over_scallop_mm", "the same wherever the ball touches, mm"},
+                           {"max_over_closing_mm",
+                            "highest above that and the best any path of the ball leaves, mm"},
+                           {"over_closing_area_mm2", "area where that is more than 10 um, mm2"},
+                           {"rapid_collisions", "rapid moves that touch material"}});
+    html += picture_html(here / "excess.png", "material left (red) and gouged (blue) after milling",
+                         400);
 
     const json deviation = figures_of(name + ".deviate");
     html += "<h3>Scan against design</h3>\n" +
-            figure_table(deviation, {kDeviationFigures.begin(), kDeviationFigures.end()}) +
+            figure_table_html(deviation, {kDeviationFigures.begin(), kDeviationFigures.end()}) +
             kRegistrationRemark +
-            picture(here / "deviation.png",
-                    "measured minus design along the normal; grey: not measured", 500);
+            picture_html(here / "deviation.png",
+                         "measured minus design along the normal; grey: not measured", 500);
     if (deviation.contains("histogram")) {
       const auto bins = deviation["histogram"].get<std::vector<std::uint64_t>>();
       html += signed_legend_svg(deviation["colour_limit_mm"], "mm") +

@@ -7,7 +7,10 @@
 #include <filesystem>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include <nlohmann/json_fwd.hpp>
 
 #include "core/result.hpp"
 #include "tools/pipeline.hpp"
@@ -17,6 +20,16 @@ namespace maquette::tools {
 
 /// A whole page round a body.
 [[nodiscard]] std::string page(const std::string& title, const std::string& body);
+
+/// A picture with its caption, as data; where the file is missing, words that say so.
+/// @param legend  markup between the two
+[[nodiscard]] std::string picture_html(const std::filesystem::path& png, const std::string& caption,
+                                       int width, const std::string& legend = "");
+/// A figure as a person reads it: six digits, escaped.
+[[nodiscard]] std::string number_html(const nlohmann::json& value);
+/// Rows of those figures that are present and not null, in this order.
+[[nodiscard]] std::string figure_table_html(
+    const nlohmann::json& figures, const std::vector<std::pair<const char*, const char*>>& rows);
 
 /// report.html of a run: for each scale hillshade, mesh and toolpath figures, the paths in three
 /// dimensions, machining time, picture, deviation map and histogram. `folder` is the run's, with

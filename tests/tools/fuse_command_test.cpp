@@ -135,6 +135,15 @@ TEST_F(FuseCommand, LeavesAMapOfWhatAlignmentLeft) {
   EXPECT_TRUE(fs::exists(out / "s1000" / "residual_1.png"));
   EXPECT_FALSE(fs::exists(out / "s200" / "residual_1.tif"));
   EXPECT_FALSE(figures.at("sources").at(0).contains("residual"));
+  // The page has it with its scale of colours, beside uncertainty and sources.
+  const std::string page = slurp(out / "fuse.html");
+  EXPECT_THAT(
+      page,
+      AllOf(HasSubstr("difference that alignment left"), HasSubstr("colour scale"),
+            HasSubstr(fmt::format("{:+.3g} m</text>", dtm.at("residual_colour_m").get<double>())),
+            HasSubstr("standard uncertainty"), HasSubstr("most exact source"),
+            HasSubstr("artefacts:")));
+  EXPECT_THAT(page, testing::Not(HasSubstr("is missing")));
 }
 
 }  // namespace

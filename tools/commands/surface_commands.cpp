@@ -9,6 +9,7 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
+#include "tools/fuse_page.hpp"
 #include "tools/jobs.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/jobs_undercoat.hpp"
@@ -77,10 +78,11 @@ std::vector<std::string> with_seed(std::vector<std::string> set, const CommonOpt
 
 Command add_fuse(CLI::App& root, const CommonOptions& common) {
   auto o = std::make_shared<SiteVerb>();
-  auto* app =
-      root.add_subcommand("fuse",
-                          "Elevation products to one surface per scale: DIR/s1000/design.tif ...\n"
-                          "Example: maquette fuse site.toml --out out");
+  auto* app = root.add_subcommand(
+      "fuse",
+      "Elevation products to one surface per scale: DIR/s1000/design.tif ...; DIR/fuse.html shows\n"
+      "them with uncertainty, sources and what alignment left between them.\n"
+      "Example: maquette fuse site.toml --out out");
   site_options(app, *o);
   return {app, [o, &common](Console& console) -> Result<int> {
             MAQUETTE_TRY(const auto file, read_site(o->site, with_seed(o->set, common)));
@@ -108,6 +110,7 @@ Command add_fuse(CLI::App& root, const CommonOptions& common) {
                            }));
               code = std::max(code, kept);
             }
+            MAQUETTE_TRY_VOID(write_fuse_page(site, o->out));
             return code;
           }};
 }

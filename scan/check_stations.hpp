@@ -7,7 +7,8 @@
 /// Takes   a cloud and its pose on the design
 /// Gives   SCAN_STATION_POSE where a scanner would see its points from behind; how far stations
 ///         of one file lie from where they would lie alone
-/// Not     a wrong place on the right side of the part: points do not show it
+/// Not     a wrong place on the right side of the part: a surface looks alike from there, and rows
+///         and columns of a structured scan are not compared with the angles from its station
 
 #include <cstddef>
 #include <string>

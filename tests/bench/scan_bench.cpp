@@ -2,8 +2,10 @@
 
 // Registration and deviation at full size, and how true the stated covariance is.
 //
-//   scan_bench [peer [NODES POINTS]] 5 M points of 0.3 mm against 4 M triangles beside CloudCompare
-//                                    where it is: CPU seconds, pose error, ratios
+//   scan_bench [peer [NODES POINTS [SAMPLED]]]
+//                                    5 M points of 0.3 mm against 4 M triangles beside CloudCompare
+//                                    where it is: CPU seconds, pose error, ratios; SAMPLED: its
+//                                    ICP alone, by so many points an iteration
 //   scan_bench full [NODES POINTS]   4001 nodes a side of 0.5 mm, 5 M points, 0.3 mm noise, 20 mm
 //                                    and 2 degrees off: CPU seconds and error of the true pose;
 //                                    then signed distances of all points
@@ -250,7 +252,8 @@ int main(int argc, char** argv) {
     maquette::scan::grid(number(2, 1415), static_cast<std::size_t>(number(3, 5'000'000)));
   else if (what == "peer")
     maquette::scan::beside_cloudcompare(number(2, 1415),
-                                        static_cast<std::size_t>(number(3, 5'000'000)));
+                                        static_cast<std::size_t>(number(3, 5'000'000)),
+                                        static_cast<std::size_t>(number(4, 0)));
   else if (what == "clean")
     return maquette::scan::clean(static_cast<std::size_t>(number(2, 20'000'000)));
   else if (what == "poses")

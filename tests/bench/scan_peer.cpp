@@ -233,7 +233,7 @@ void compare_pose(const std::string& command, const std::string& stop, double fi
 
 }  // namespace
 
-void beside_cloudcompare(std::ptrdiff_t nodes, std::size_t points) {
+void beside_cloudcompare(std::ptrdiff_t nodes, std::size_t points, std::size_t sampled) {
   const double spacing = 2000.0 / static_cast<double>(nodes - 1);
   const heightmap::ModelField part = rough_part(1, nodes, nodes, spacing);
   const TriMesh triangles = mesh_of(part);
@@ -265,6 +265,13 @@ void beside_cloudcompare(std::ptrdiff_t nodes, std::size_t points) {
   // What it takes to read both files and write one.
   const double files = run_cpu_s(open + "there.ply -O mesh.ply -SAVE_CLOUDS");
   fmt::print("CloudCompare reads both files and writes one in {:.2f} s, taken off below\n", files);
+  if (sampled > 0) {
+    compare_pose(open + fmt::format("off.ply -O mesh.ply -ICP -MIN_ERROR_DIFF 1e-10 "
+                                    "-RANDOM_SAMPLING_LIMIT {}",
+                                    sampled),
+                 fmt::format("stop at 1e-10, {} points", sampled), files, own, truth, seen);
+    return;
+  }
   compare_distances(open, files, own);
   for (const auto& [option, name] :
        {std::pair{"", "stop as it is"}, std::pair{" -MIN_ERROR_DIFF 1e-10", "stop at 1e-10"}})

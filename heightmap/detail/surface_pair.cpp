@@ -42,26 +42,21 @@ Grid<float> without_spikes(const Grid<float>& z) {
   return out;
 }
 
-/// One pass along a line of n values `stride` apart; voids are left out where the rest of the
-/// kernel weighs three quarters.
+/// One pass along a line of n values `stride` apart; nothing beyond its ends.
 void convolve_line(const float* in, float* out, std::ptrdiff_t n, std::ptrdiff_t stride,
                    const std::vector<double>& kernel) {
   const auto reach = static_cast<std::ptrdiff_t>(kernel.size()) - 1;  // kernel[0] is the middle
   for (std::ptrdiff_t i = 0; i < n; ++i) {
-    double sum = 0.0, weight = 0.0;
-    for (std::ptrdiff_t k = std::max(-reach, -i); k <= std::min(reach, n - 1 - i); ++k) {
-      const float v = in[(i + k) * stride];
-      const double w = std::isnan(v) ? 0.0 : kernel[static_cast<std::size_t>(std::abs(k))];
-      weight += w;
-      if (w != 0.0) sum += w * static_cast<double>(v);
-    }
-    out[i * stride] = weight >= 0.75 ? static_cast<float>(sum / weight) : NAN;
+    double sum = 0.0;
+    for (std::ptrdiff_t k = std::max(-reach, -i); k <= std::min(reach, n - 1 - i); ++k)
+      sum +=
+          kernel[static_cast<std::size_t>(std::abs(k))] * static_cast<double>(in[(i + k) * stride]);
+    out[i * stride] = static_cast<float>(sum);
   }
 }
 
-Grid<float> convolved(const Grid<float>& z, const std::vector<double>& kernel) {
-  if (kernel.size() == 1) return z;
-  Grid<float> half(z.rows(), z.cols(), NAN), out(z.rows(), z.cols(), NAN);
+Grid<float> both_ways(const Grid<float>& z, const std::vector<double>& kernel) {
+  Grid<float> half(z.rows(), z.cols()), out(z.rows(), z.cols());
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, z.rows(), [&](std::ptrdiff_t r) {
     convolve_line(&z(r, 0), &half(r, 0), z.cols(), 1, kernel);
   });
@@ -69,6 +64,33 @@ Grid<float> convolved(const Grid<float>& z, const std::vector<double>& kernel) {
     convolve_line(&half(0, c), &out(0, c), z.rows(), z.cols(), kernel);
   });
   return out;
+}
+
+/// Voids are left out where the rest of the kernel weighs three quarters, both ways together: a
+/// single one, as an outlier leaves it, is closed.
+Grid<float> convolved(const Grid<float>& z, const std::vector<double>& kernel) {
+  if (kernel.size() == 1) return z;
+  // Around the mean, or single precision is lost on the sums of heights without their voids.
+  double sum = 0.0, n = 0.0;
+  for (const float v : z.cells())
+    if (!std::isnan(v)) {
+      sum += static_cast<double>(v);
+      n += 1.0;
+    }
+  const auto mean = static_cast<float>(n > 0.0 ? sum / n : 0.0);
+  Grid<float> height(z.rows(), z.cols(), 0.0F), weight(z.rows(), z.cols(), 0.0F);
+  for (std::size_t i = 0; i < z.cells().size(); ++i)
+    if (!std::isnan(z.cells()[i])) {
+      height.cells()[i] = z.cells()[i] - mean;
+      weight.cells()[i] = 1.0F;
+    }
+  height = both_ways(height, kernel);
+  weight = both_ways(weight, kernel);
+  for (std::size_t i = 0; i < height.cells().size(); ++i) {
+    const float w = weight.cells()[i];
+    height.cells()[i] = w >= 0.75F ? mean + height.cells()[i] / w : NAN;
+  }
+  return height;
 }
 
 std::vector<double> gaussian(double sigma) {

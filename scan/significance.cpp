@@ -308,6 +308,11 @@ void keep(detail::FoundPatch patch, CellMap& map, std::vector<detail::FoundPatch
                   [&](const detail::FoundPatch& g) { return overlap(patch.finding, g.finding); }))
     return;
   mark_with_rim(patch.all, map.in_patch);
+  // What a disc has found, or what has grown away from the cell that began it, is drawn all the
+  // same.
+  if (std::none_of(patch.all.begin(), patch.all.end(),
+                   [&](const auto& cell) { return map.significant(cell.first, cell.second) != 0; }))
+    for (const auto& [r, c] : patch.all) map.significant(r, c) = 1;
   kept.push_back(std::move(patch));
 }
 

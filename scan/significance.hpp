@@ -55,11 +55,12 @@ namespace maquette::scan {
 
 struct CellMap {
   double cell_mm = 0.0, x0_mm = 0.0, y0_mm = 0.0;  ///< lower left corner of cell (0, 0)
-  double inflation = 1.0;          ///< what correlation between points makes of the sigmas
-  Grid<float> mean_mm;             ///< NaN: fewer than 3 points
-  Grid<float> sigma_mm;            ///< of the mean: noise, roughness, density, correlation
-  Grid<float> lod_mm;              ///< 1.96 times sigma and pose together
-  Grid<std::uint8_t> significant;  ///< 1: |mean| beyond the false discovery threshold
+  double inflation = 1.0;  ///< what correlation between points makes of the sigmas
+  Grid<float> mean_mm;     ///< NaN: fewer than 3 points
+  Grid<float> sigma_mm;    ///< of the mean: noise, roughness, density, correlation
+  Grid<float> lod_mm;      ///< 1.96 times sigma and pose together
+  /// 1: |mean| beyond the false discovery threshold, or in a finding that has no such cell
+  Grid<std::uint8_t> significant;
   Grid<std::uint8_t> in_patch;     ///< 1: in or beside one that stands out of its surroundings
   double significant_share = 0.0;  ///< of the cells with points
 };

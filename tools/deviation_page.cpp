@@ -392,7 +392,8 @@ Document document_of(const scan::Deviation& deviation, const heightmap::ModelFie
                            "design; dark grey: not measured",
                            SignedLegend{limit_mm, "mm"}});
   doc.emplace_back(Picture{significant_png,
-                           fmt::format("{}, where it is more than noise (1 % false discoveries); "
+                           fmt::format("{}, where it is more than noise (one scan in a hundred of "
+                                       "a part as expected shows anything); "
                                        "without colour: not significant",
                                        expected ? "measured minus expected" : "the same"),
                            SignedLegend{limit_mm, "mm"}});

@@ -206,6 +206,20 @@ const Finding* at(const Significance& s, double x, double y, double within_mm) {
   return nullptr;
 }
 
+/// Is any cell in the finding's box significant?
+bool is_drawn(const Significance& s, const Finding& f) {
+  for (const CellMap& m : s.maps)
+    for (std::ptrdiff_t r = 0; r < m.significant.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < m.significant.cols(); ++c) {
+        const double x = m.x0_mm + m.cell_mm * (static_cast<double>(c) + 0.5),
+                     y = m.y0_mm + m.cell_mm * (static_cast<double>(r) + 0.5);
+        if (m.significant(r, c) != 0 && x > f.min_mm.x && x < f.max_mm.x && y > f.min_mm.y &&
+            y < f.max_mm.y)
+          return true;
+      }
+  return false;
+}
+
 // Patches of several sizes, some narrower than two cells (1.7 mm), 20 seeds each, 2 points a mm^2
 // with 0.1 mm of noise: all are found, and their heights and diameters err as stated. The rms of
 // 20 scores is 1 to 0.16: half as much or as little again is three of that. Of all 140 together it
@@ -272,7 +286,10 @@ TEST(SignificanceInjected, LimitsOfDetectionAreThoseStated) {
           if (std::hypot(c.points[i].x - x, c.points[i].y - y) < r)
             c.deviation[i] += static_cast<float>(factor * limit.height_mm);
         const Significance with = significance(c.points, c.deviation, {});
-        return at(with, x, y, r + 1.0) != nullptr;
+        const Finding* f = at(with, x, y, r + 1.0);
+        if (f == nullptr) return false;
+        EXPECT_TRUE(is_drawn(with, *f)) << limit.width_mm << " mm, seed " << seed;
+        return true;
       };
       ++tried;
       // A patch of two cells may lie twice as well as where it lies worst.

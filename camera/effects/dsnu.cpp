@@ -10,17 +10,7 @@ Result<void> check(const Dsnu& e, const Shot&) {
 }
 
 RowFunction rows(const Dsnu& e, const Shot& shot, const Frame&) {
-  const NoiseStream stream = fixed_pattern(shot, Dsnu::kInfo.name);
-  return [stream, sigma = static_cast<float>(e.sigma_e)](
-             std::ptrdiff_t row, const std::vector<std::span<float>>& bands) {
-    const NormalTable& table = normal_table();
-    for (std::size_t b = 0; b < bands.size(); ++b) {
-      const std::uint64_t first = draw_number(row, 0, b);
-      for (std::size_t c = 0; c < bands[b].size(); ++c)
-        bands[b][c] +=
-            sigma * normal_from(table, static_cast<std::uint32_t>(stream.bits(first + c) >> 32));
-    }
-  };
+  return added_normal(fixed_pattern(shot, Dsnu::kInfo.name), e.sigma_e);
 }
 
 }  // namespace maquette::camera

@@ -47,6 +47,18 @@ NoiseStream fixed_pattern(const Shot& shot, std::string_view effect) {
   return {mix64(mix64(shot.serial ^ 0xa5a5a5a5ULL) + hash(effect))};
 }
 
+RowFunction added_normal(const NoiseStream& stream, double sigma) {
+  return [stream, sigma = static_cast<float>(sigma)](std::ptrdiff_t row,
+                                                     const std::vector<std::span<float>>& bands) {
+    const NormalTable& table = normal_table();
+    for (std::size_t b = 0; b < bands.size(); ++b) {
+      const std::uint64_t first = draw_number(row, 0, b);
+      for (std::size_t c = 0; c < bands[b].size(); ++c)
+        bands[b][c] += sigma * normal_at(table, stream, first + c);
+    }
+  };
+}
+
 float poisson_from(const NormalTable& table, float mean, std::uint32_t bits) {
   if (!(mean > 0.0F)) return 0.0F;
   constexpr float kFewCounts = 30.0F;

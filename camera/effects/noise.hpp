@@ -59,6 +59,15 @@ struct NormalTable {
   return (bits & 0x80000000U) != 0 ? -z : z;
 }
 
+/// Draw `number` of a stream: its upper 32 bits, as a standard normal deviate.
+[[nodiscard]] inline float normal_at(const NormalTable& table, const NoiseStream& stream,
+                                     std::uint64_t number) {
+  return normal_from(table, static_cast<std::uint32_t>(stream.bits(number) >> 32));
+}
+
+/// Adds normal noise of `sigma` to every pixel.
+[[nodiscard]] RowFunction added_normal(const NoiseStream& stream, double sigma);
+
 /// Counts of a Poisson distribution of `mean` >= 0 from 32 random bits.
 [[nodiscard]] float poisson_from(const NormalTable& table, float mean, std::uint32_t bits);
 

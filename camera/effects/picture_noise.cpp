@@ -24,9 +24,7 @@ RowFunction rows(const PictureNoise& e, const Shot& shot, const Frame&) {
       const float common = grey_sigma * normal_from(table, static_cast<std::uint32_t>(bits >> 32));
       const bool hot = static_cast<std::uint32_t>(bits) < limit;
       for (std::size_t b = 0; b < bands.size(); ++b) {
-        const std::uint64_t own = colour.bits(draw_number(row, 0, b) + c);
-        bands[b][c] +=
-            common + colour_sigma * normal_from(table, static_cast<std::uint32_t>(own >> 32));
+        bands[b][c] += common + colour_sigma * normal_at(table, colour, draw_number(row, 0, b) + c);
         if (hot) bands[b][c] = 1.0F;
       }
     }

@@ -17,9 +17,7 @@ RowFunction rows(const Prnu& e, const Shot& shot, const Frame&) {
     for (std::size_t b = 0; b < bands.size(); ++b) {
       const std::uint64_t first = draw_number(row, 0, b);
       for (std::size_t c = 0; c < bands[b].size(); ++c)
-        bands[b][c] *=
-            1.0F +
-            sigma * normal_from(table, static_cast<std::uint32_t>(stream.bits(first + c) >> 32));
+        bands[b][c] *= 1.0F + sigma * normal_at(table, stream, first + c);
     }
   };
 }

@@ -13,15 +13,13 @@ Result<void> check(const RowColumnNoise& e, const Shot&) {
 RowFunction rows(const RowColumnNoise& e, const Shot& shot, const Frame& frame) {
   const NoiseStream by_row = temporal_noise(shot, "row_noise");
   const NoiseStream by_column = fixed_pattern(shot, "column_noise");
-  const auto normal = [](const NoiseStream& stream, std::uint64_t number) {
-    return normal_from(normal_table(), static_cast<std::uint32_t>(stream.bits(number) >> 32));
-  };
+  const NormalTable& table = normal_table();  // lives as long as the program
   std::vector<float> column(static_cast<std::size_t>(frame.bands.front().cols()));
   for (std::size_t c = 0; c < column.size(); ++c)
-    column[c] = static_cast<float>(e.column_sigma_e) * normal(by_column, c);
-  return [=, sigma = static_cast<float>(e.row_sigma_e)](
+    column[c] = static_cast<float>(e.column_sigma_e) * normal_at(table, by_column, c);
+  return [=, &table, sigma = static_cast<float>(e.row_sigma_e)](
              std::ptrdiff_t row, const std::vector<std::span<float>>& bands) {
-    const float offset = sigma * normal(by_row, static_cast<std::uint64_t>(row));
+    const float offset = sigma * normal_at(table, by_row, static_cast<std::uint64_t>(row));
     for (const auto& band : bands)
       for (std::size_t c = 0; c < band.size(); ++c) band[c] += offset + column[c];
   };

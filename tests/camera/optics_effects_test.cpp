@@ -24,26 +24,16 @@
 #include "camera/stack.hpp"
 #include "core/random.hpp"
 #include "support/matchers.hpp"
+#include "support/shots.hpp"
 
 namespace maquette::camera {
 namespace {
 
 using testing::HasSubstr;
 using testing_support::FailsWith;
+using testing_support::flat;
+using testing_support::shot_of;
 using testing_support::Succeeds;
-
-Shot shot_of(int width, int height, double focal_length_mm = 35.0) {
-  Shot shot;
-  shot.focal_length_mm = focal_length_mm;
-  shot.intrinsics = intrinsics_of(width, height, shot.pixel_pitch_um, focal_length_mm);
-  return shot;
-}
-
-Frame flat(int width, int height, double value, std::size_t bands = 1) {
-  Frame frame;
-  frame.bands.assign(bands, Grid<float>(height, width, static_cast<float>(value)));
-  return frame;
-}
 
 /// A round dot, sigma 2 pixels: wide enough for any sampling.
 void add_dot(Grid<float>& g, Vec2 at) {

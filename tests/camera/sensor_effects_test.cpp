@@ -25,24 +25,15 @@
 #include "camera/stack.hpp"
 #include "core/random.hpp"
 #include "support/matchers.hpp"
+#include "support/shots.hpp"
 
 namespace maquette::camera {
 namespace {
 
 using testing_support::FailsWith;
+using testing_support::flat;
+using testing_support::shot_of;
 using testing_support::Succeeds;
-
-Shot shot_of(int width, int height) {
-  Shot shot;
-  shot.intrinsics = intrinsics_of(width, height, shot.pixel_pitch_um, shot.focal_length_mm);
-  return shot;
-}
-
-Frame flat(int width, int height, double value, std::size_t bands = 1) {
-  Frame frame;
-  frame.bands.assign(bands, Grid<float>(height, width, static_cast<float>(value)));
-  return frame;
-}
 
 template <class E>
 Frame through(const E& effect, const Shot& shot, Frame frame) {

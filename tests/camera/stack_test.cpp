@@ -22,25 +22,16 @@
 #include <tbb/task_arena.h>
 
 #include "support/matchers.hpp"
+#include "support/shots.hpp"
 
 namespace maquette::camera {
 namespace {
 
 using testing::HasSubstr;
 using testing_support::FailsWith;
+using testing_support::flat;
+using testing_support::shot_of;
 using testing_support::Succeeds;
-
-Shot shot_of(int width, int height) {
-  Shot shot;
-  shot.intrinsics = intrinsics_of(width, height, shot.pixel_pitch_um, shot.focal_length_mm);
-  return shot;
-}
-
-Frame flat(int width, int height, double value, std::size_t bands = 3) {
-  Frame frame;
-  frame.bands.assign(bands, Grid<float>(height, width, static_cast<float>(value)));
-  return frame;
-}
 
 /// Every effect with settings under which it does something.
 Stack whole() {
@@ -72,7 +63,7 @@ Stack whole() {
 }
 
 Frame scene(int width, int height) {
-  Frame frame = flat(width, height, 0.0);
+  Frame frame = flat(width, height, 0.0, 3);
   for (std::size_t b = 0; b < 3; ++b)
     for (std::ptrdiff_t r = 0; r < height; ++r)
       for (std::ptrdiff_t c = 0; c < width; ++c)
@@ -137,11 +128,11 @@ TEST(Check, RefusesWhatNoCameraHas) {
 TEST(Expose, RefusesFramesThatAreNotTheCameras) {
   const Shot shot = shot_of(16, 12);
   EXPECT_THAT(expose({}, shot, flat(16, 12, 1.0, 2)), FailsWith(kFrame));
-  EXPECT_THAT(expose({}, shot, flat(12, 16, 1.0)), FailsWith(kFrame));
-  Frame depth = flat(16, 12, 1.0);
+  EXPECT_THAT(expose({}, shot, flat(12, 16, 1.0, 3)), FailsWith(kFrame));
+  Frame depth = flat(16, 12, 1.0, 3);
   depth.depth_mm = Grid<float>(3, 3);
   EXPECT_THAT(expose({}, shot, depth), FailsWith(kFrame));
-  Frame bad = flat(16, 12, 1.0);
+  Frame bad = flat(16, 12, 1.0, 3);
   bad.bands[1](3, 4) = NAN;
   const auto result = expose({}, shot, bad);
   ASSERT_THAT(result, FailsWith(kFrame));
@@ -150,7 +141,7 @@ TEST(Expose, RefusesFramesThatAreNotTheCameras) {
   stop.request_stop();
   RunContext run;
   run.stop = stop.get_token();
-  EXPECT_THAT(expose(whole(), shot, flat(16, 12, 1.0), run), FailsWith(kCancelled));
+  EXPECT_THAT(expose(whole(), shot, flat(16, 12, 1.0, 3), run), FailsWith(kCancelled));
 }
 
 TEST(Expose, TakesGreyLightForColourSensorsAndColourForGreyOnes) {

@@ -15,14 +15,14 @@ std::vector<Column> nuisances_of(const Measurements& m) {
   for (std::uint32_t s = 0; s < m.set_ups.size(); ++s) {
     const Vec3 c = m.set_ups[s].centre_mm;
     for (int k = 0; k < 6; ++k)
-      all.push_back(whole_column(fmt::format("pose{}_{}", s, k), {"", 1.0, INFINITY},
-                                 [=](const Observation& o) {
-                                   if (o.set_up != s) return 0.0;
-                                   if (k < 3)
-                                     return k == 0 ? o.along.x : k == 1 ? o.along.y : o.along.z;
-                                   const Vec3 turn = (1.0 / half) * cross(o.place - c, o.along);
-                                   return k == 3 ? turn.x : k == 4 ? turn.y : turn.z;
-                                 }));
+      all.push_back(
+          column(fmt::format("pose{}_{}", s, k), {"", 1.0, INFINITY}, [=](const Observation& o) {
+            if (o.set_up != s) return 0.0;
+            const Vec3 along = level_along(o);
+            if (k < 3) return component(along, k);
+            const Vec3 turn = (1.0 / half) * cross(o.place - c, along);
+            return k == 3 ? turn.x : k == 4 ? turn.y : turn.z;
+          }));
   }
   if (m.scene.has_path)
     all.push_back(column("milled_minus_design", {"", 1.0, INFINITY}, [](const Observation& o) {

@@ -160,7 +160,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
     const Vec3 shift = p.shift_mm - theirs + (centre - start.inverse().point(centre));
     const Vec3 turn =
         p.turn_urad + 2e6 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
-    noise[i] += dot(o.along, shift + cross(1e-6 * turn, o.place - centre));
+    noise[i] += dot(level_along(o), shift + cross(1e-6 * turn, o.place - centre));
   }
   std::vector<Vec3> centres;
   for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);

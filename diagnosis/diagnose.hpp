@@ -31,8 +31,7 @@
 /// - What remains is tested against a stationary Gaussian process: lonely places, edges, lines and
 ///   rings of the spectrum. If it fails, the rest is unexplained, and causes that explain less
 ///   than what is left, or that hang on the odd places, are not named.
-/// Cost: two scans of 300 000 points in 15 to 30 s of one core with one cause, up to 80 s with
-/// three.
+/// Cost: two scans of 300 000 points in 20 to 40 CPU s with one cause, up to 340 s with three.
 
 #include <array>
 #include <optional>

@@ -41,8 +41,6 @@ struct Column {
   /// several together can be cut anew (recut_mm) where `value` is to first order. Empty: others.
   std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
   std::optional<Follows> follows{};
-  /// `value` is along . d of a displacement d of the whole surface: rows of the cut move, too.
-  bool moves_whole = false;
 };
 
 struct Form {

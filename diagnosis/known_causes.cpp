@@ -85,7 +85,8 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
                        [=, centre = centres[scan]](const Observation& o) {
                          return o.set_up != scan
                                     ? 0.0
-                                    : dot(o.along, shift + cross(1e-6 * turn, o.place - centre));
+                                    : dot(level_along(o),
+                                          shift + cross(1e-6 * turn, o.place - centre));
                        },
                        true,
                        {}});
@@ -145,7 +146,6 @@ Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
   std::vector<Vec3> centres;
   for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
   MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres));
-  m.scene.causes_taken_off = !known.empty();
   for (Observation& o : m.observations) o.residual_mm -= moved_mm(o, terms, m.scene.ball_radius_mm);
   return {};
 }

@@ -30,15 +30,11 @@ Linearised::Linearised(const Scene& scene, std::vector<Observation>& observation
 }
 
 void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients) {
-  // Rows are where a program has put them: where there is none, or where causes are taken off it
-  // already, poses say nothing of them.
-  auto beyond =
-      beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm, signatures_,
-                    lag_and_slack_, scene_.has_path && !scene_.causes_taken_off);
-  rows_moved_ = beyond.rows_moved;
+  auto beyond = beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm,
+                              signatures_, lag_and_slack_);
   for (std::size_t i = 0; i < given_.size(); ++i)
-    observations_[i].residual_mm = beyond.mm[i] = given_[i] - beyond.mm[i];
-  exchange_residuals(bank_, beyond.mm);
+    observations_[i].residual_mm = beyond[i] = given_[i] - beyond[i];
+  exchange_residuals(bank_, beyond);
 }
 
 void Linearised::about(const Members& model) {
@@ -46,10 +42,8 @@ void Linearised::about(const Members& model) {
   for (const Member& k : model)
     for (const Column& c : k.form.columns) {
       keys.push_back(c.key);
-      if (c.cut || c.moves_whole) cut.push_back(c.key);
+      if (c.cut) cut.push_back(c.key);
     }
-  // Where poses moved rows, too, all that poses answer to counts.
-  if (rows_moved_ && !model.empty()) cut = keys;
   if (cut == about_) return;
   about_ = std::move(cut);
   Eigen::VectorXd last;

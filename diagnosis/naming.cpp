@@ -23,6 +23,9 @@ constexpr double kWorthALine = 20.0;
 /// not named: what several causes look like is also what the error of a large one looks like.
 constexpr double kVagueShare = 0.25;
 constexpr std::size_t kVagueRivals = 2;
+/// In -2 log likelihood: a rival closer than this is the same shape by another name (a part that
+/// has grown, a range that is too long), no second shape.
+constexpr double kSameShape = 0.5;
 /// As many in its place make any cause nameless.
 constexpr std::size_t kNameless = 8;
 
@@ -59,10 +62,15 @@ std::vector<Estimate> sizes_of(const Bank& bank, const Model& model, std::size_t
   return sizes;
 }
 
+struct Equivalents {
+  std::vector<std::string> names;
+  std::size_t shapes = 0;  ///< other than the member's own
+};
+
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
-std::vector<std::string> equivalents_of(const Model& model, std::size_t k, const Search& search,
-                                        const Bank& bank, Linearised& residuals,
-                                        std::vector<Rejected>& ruled_out) {
+Equivalents equivalents_of(const Model& model, std::size_t k, const Search& search,
+                           const Bank& bank, Linearised& residuals,
+                           std::vector<Rejected>& ruled_out) {
   const auto others = without(model.members, k);
   residuals.about(others);
   const double missed = residuals.fit_of(others).objective;
@@ -72,7 +80,7 @@ std::vector<std::string> equivalents_of(const Model& model, std::size_t k, const
   const double far = std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
   const double far_squares = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
   const Screen beside = screen(bank, others, kAll);
-  std::vector<std::string> equivalent;
+  Equivalents equivalent;
   for (const Candidate& other : search.candidates) {
     if (has(model.members, other.effect)) continue;
     const auto found = best_form(bank, others, other, kAll, false, beside);
@@ -88,19 +96,23 @@ std::vector<std::string> equivalents_of(const Model& model, std::size_t k, const
       apart = anew.squares - model.left.squares;
       residuals.about(others);
     }
-    if (worse < far || apart < far_squares)
-      equivalent.push_back(other.effect->name);
-    else if (missed - found.objective > kWorthALine)
+    if (worse < far || apart < far_squares) {
+      equivalent.names.push_back(other.effect->name);
+      equivalent.shapes += std::abs(worse) >= kSameShape;
+    } else if (missed - found.objective > kWorthALine) {
       ruled_out.push_back(
           {other.effect->name,
            fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
                        model.members[k].effect->name, worse / 4.605)});
+    }
   }
   return equivalent;
 }
 
+/// @param shapes  of its equivalents, how many are other than its own
 Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& search,
-               const Bank& bank, Linearised& residuals, std::vector<Rejected>& ruled_out) {
+               const Bank& bank, Linearised& residuals, std::vector<Rejected>& ruled_out,
+               std::size_t& shapes) {
   const Member& member = model.members[k];
   Cause c;
   c.effect = member.effect->name;
@@ -115,19 +127,20 @@ Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& 
   residuals.about(others);
   c.share =
       std::clamp((residuals.left_by(others) - model.left.squares) / model.left.excess, 0.0, 1.0);
-  c.equivalent = equivalents_of(model, k, search, bank, residuals, ruled_out);
+  auto equivalent = equivalents_of(model, k, search, bank, residuals, ruled_out);
+  c.equivalent = std::move(equivalent.names);
+  shapes = equivalent.shapes;
   return c;
 }
 
 /// The smallest of those that no name is certain enough for; causes.size(): none.
-std::size_t nameless(const std::vector<Cause>& causes) {
+std::size_t nameless(const std::vector<Cause>& causes, const std::vector<std::size_t>& shapes) {
   std::size_t drop = causes.size();
   double least = INFINITY;
   for (std::size_t k = 0; k < causes.size(); ++k) {
     const Cause& c = causes[k];
-    const bool small =
-        causes.size() > 1 && c.share < kVagueShare &&
-        (c.equivalent.size() >= kVagueRivals || c.share < kSignatureError * kSignatureError);
+    const bool small = causes.size() > 1 && c.share < kVagueShare &&
+                       (shapes[k] >= kVagueRivals || c.share < kSignatureError * kSignatureError);
     if ((small || c.equivalent.size() >= kNameless) && c.share < least) {
       least = c.share;
       drop = k;
@@ -151,23 +164,24 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
         std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
                   kSignatureError * model.left.moved_mm});
     std::vector<Cause> causes;
+    std::vector<std::size_t> shapes(members.size());
     std::vector<Rejected> ruled_out;
     std::vector<std::vector<Estimate>> sizes;
     for (std::size_t k = 0; k < members.size(); ++k) sizes.push_back(sizes_of(bank, model, k));
     for (std::size_t k = 0; k < members.size(); ++k) {
       causes.push_back(
-          cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out));
+          cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out, shapes[k]));
       causes.back().parameters = std::move(sizes[k]);
     }
     residuals.about(members);
-    const std::size_t drop = nameless(causes);
+    const std::size_t drop = nameless(causes, shapes);
     if (drop == members.size()) {
       d.causes = std::move(causes);
       d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());
       break;
     }
     const Cause& c = causes[drop];
-    const bool several = c.equivalent.size() >= kVagueRivals;
+    const bool several = shapes[drop] >= kVagueRivals;
     if (several) vague += c.share;
     d.rejected.push_back(
         {c.effect,

@@ -93,6 +93,17 @@ struct Observation : CutState {
   std::array<float, kSpotWidths_mm.size()> spot{};
 };
 
+/// Direction in which the surface shows that it was moved as a whole: its slope without the ridges
+/// between passes. Ridges in the data are flatter than simulated (coat, worn edge, a scanner's
+/// spot) and come back after half a stepover: sizes read off them are too small. Without them they
+/// have no say in what moves neighbouring passes alike. Of marks, and where a vector is asked for
+/// axis by axis, `along` itself.
+[[nodiscard]] inline Vec3 level_along(const Observation& o) {
+  constexpr double kSame = 1.0 - 1e-9;
+  if (!o.on_surface || !(dot(o.along, o.normal) > kSame)) return o.along;
+  return (o.normal.z / o.slope_normal.z) * o.slope_normal;
+}
+
 /// What a cause does to a pass: the tip is elsewhere, the ball larger (its tip where it is).
 struct CutChange {
   Vec3 tip_mm;
@@ -188,9 +199,6 @@ struct Scene {
   std::function<Trail(int axis, double width_mm, double lag_mm, bool lag_first)> slack_with_lag;
   /// Candidates of steps along x, y, z: shares of the program's time.
   std::array<std::vector<double>, 3> steps;
-  /// Residuals are less what causes move that are in the model already. They have moved no places,
-  /// so that poses do not say where rows of the cut lie.
-  bool causes_taken_off = false;
   std::vector<bool> has_station;  ///< by set-up
   std::vector<Vec3> stations;
   [[nodiscard]] Vec3 centre() const { return 0.5 * (box.min + box.max); }

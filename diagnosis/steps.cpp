@@ -33,7 +33,7 @@ std::vector<double> sharpest_steps(const std::vector<Observation>& all,
   for (std::size_t i = 0; i < all.size(); ++i) {
     const Observation& o = all[i];
     if (!(o.path_share >= 0.0) || layout.set_of(o.place.x, o.place.y) != kChoose) continue;
-    const double a = component(o.along, axis), r = residual[i];
+    const double a = component(level_along(o), axis), r = residual[i];
     until[1 + std::min(kBins - 1, static_cast<std::size_t>(o.path_share * kBins))] +=
         Line{1.0, a, r, a * a, a * r};
   }

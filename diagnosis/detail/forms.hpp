@@ -17,13 +17,6 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
                                    std::function<double(const Observation&)> value) {
   return {std::move(key), std::move(parameter), std::move(value)};
 }
-/// The same of what moves the whole surface by a vector: along . d.
-[[nodiscard]] inline Column whole_column(std::string key, Parameter parameter,
-                                         std::function<double(const Observation&)> value) {
-  Column c = column(std::move(key), std::move(parameter), std::move(value));
-  c.moves_whole = true;
-  return c;
-}
 /// What an even film of 1 mm moves: along the slope's normal, whatever the ridges do.
 [[nodiscard]] inline double film(const Observation& o) {
   return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;
@@ -32,7 +25,7 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
 template <class DriftOf>
 [[nodiscard]] Column drift_column(std::string key, Parameter parameter, DriftOf d) {
   Column c{std::move(key), std::move(parameter), [d](const Observation& o) {
-             return dot(o.along, d(static_cast<const CutState&>(o)).at);
+             return dot(level_along(o), d(static_cast<const CutState&>(o)).at);
            }};
   c.cut = [d](const Observation&, const CutState& s, Vec3) {
     const Drift drift = d(s);

@@ -56,7 +56,6 @@ class Linearised {
   Bank& bank_;
   std::vector<double> given_;  // residuals as measured
   Keys about_;                 // columns that second order hangs on
-  bool rows_moved_ = false;    // and where rows lie hangs on all
   std::map<Keys, Eigen::VectorXd> rested_;
   Signatures signatures_;
   LagAndSlack lag_and_slack_;

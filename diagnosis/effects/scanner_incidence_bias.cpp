@@ -19,15 +19,14 @@ void add_scanner_incidence_bias(std::vector<Effect>& all) {
   e.needs = Needs::station;
   e.forms = [](const Scene&) {
     const auto law = [](const char* key, const char* name, int kind) {
-      return Form{name,
-                  {whole_column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
+      return Form{name, {column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
                     if (!o.has_station) return 0.0;
                     const double c = std::fmax(0.15, -dot(o.beam, o.slope_normal));
                     const double f = kind == 0   ? 1.0 / (c * c) - 1.0
                                      : kind == 1 ? 1.0 / c - 1.0
                                      : kind == 2 ? 1.0 - c * c
                                                  : std::sqrt(std::fmax(0.0, 1.0 / (c * c) - 1.0));
-                    return dot(o.along, o.beam) * f;
+                    return dot(level_along(o), o.beam) * f;
                   })}};
     };
     return std::vector<Form>{law("incidence_tan2", "tan^2", 0),

@@ -22,8 +22,8 @@ void add_stock_swelling(std::vector<Effect>& all) {
     const double half = scene.half_mm();
     return std::vector<Form>{
         {"isotropic",
-         {whole_column("swelling", {"growth_um_per_m", 1e6 / half, 20000.0},
-                       [=](const Observation& o) { return dot(o.along, o.place - c) / half; })}}};
+         {column("swelling", {"growth_um_per_m", 1e6 / half, 20000.0},
+                 [=](const Observation& o) { return dot(level_along(o), o.place - c) / half; })}}};
   };
   all.push_back(std::move(e));
 }

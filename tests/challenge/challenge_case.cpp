@@ -232,7 +232,9 @@ Truth make_case(const Options& options, const std::filesystem::path& folder) {
         name, o.x, o.y, o.z);
   }
   std::ofstream(folder / "case.toml") << toml;
-  return {options.effects, w.summary};
+  std::vector<double> sizes;
+  for (const Hidden& h : w.hidden) sizes.push_back(h.size);
+  return {options.effects, std::move(sizes), w.summary};
 }
 
 }  // namespace challenge

@@ -18,7 +18,8 @@ const std::vector<std::string>& nameless();
 
 struct Truth {
   std::vector<std::string> effects;
-  std::string summary;  ///< sizes, for the log
+  std::vector<double> sizes;  ///< of each effect, mm or a ratio
+  std::string summary;        ///< sizes, for the log
 };
 
 struct Options {

@@ -247,6 +247,7 @@ Hidden hide(const std::string& e, double size, const World& w, Draw& d, std::str
     throw std::runtime_error("no such effect: " + e);
   }
   summary += fmt::format(" {}={:.4g}", e, a);
+  h.size = a;
   return h;
 }
 

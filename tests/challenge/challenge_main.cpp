@@ -22,6 +22,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -44,6 +45,33 @@ constexpr double kMostGrowth = 2.0;  // of a usual size
 
 struct Count {
   int cases = 0, right = 0, wrong = 0, missed = 0, claimed = 0, unexplained = 0;
+};
+
+/// What the report calls a hidden size, where it is one number; empty: not compared.
+struct Reported {
+  std::string parameter;
+  double value = 0.0;
+};
+Reported reported(const std::string& effect, double size) {
+  if (effect.starts_with("machine.scale_")) return {"error_um_per_m", 1e6 * size};
+  if (effect.starts_with("machine.squareness_")) return {"angle_urad", 1e6 * size};
+  if (effect.starts_with("machine.backlash_")) return {"width_mm", size};
+  if (effect.starts_with("machine.step_loss_")) return {"step_mm", size};
+  if (effect == "machine.servo_lag") return {"half_square_lag_mm2", 0.5 * size * size};
+  if (effect == "machine.thermal_growth_z") return {"growth_mm", size};
+  if (effect == "tool.wear") return {"radius_loss_mm", size};
+  if (effect == "tool.runout") return {"eccentricity_mm", size};
+  if (effect == "tool.deflection") return {"sideways_mm", size};
+  if (effect == "coating.thickness") return {"excess_mm", size};
+  if (effect == "stock.swelling") return {"growth_um_per_m", 1e6 * size};
+  if (effect == "scanner.incidence_bias") return {"coefficient_mm", size};
+  return {};
+}
+
+/// Sizes that were found against those that were hidden, over the stated standard errors.
+struct Sizes {
+  int all = 0, covered = 0;  ///< by 95 % intervals
+  double squares = 0.0, shares = 0.0;
 };
 
 using Confusion = std::map<std::pair<std::string, std::string>, int>;
@@ -102,6 +130,7 @@ struct Tally {
   std::mutex guard;
   std::map<std::string, Count> result;
   Confusion confusion;
+  Sizes sizes;
   double slowest = 0;
 };
 
@@ -182,6 +211,20 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
       ++wrong;
     else
       left.erase(matched);
+    for (std::size_t k = 0; k < truth.effects.size(); ++k) {
+      const Reported is = reported(truth.effects[k], truth.sizes[k]);
+      if (name != truth.effects[k] || !cause["parameters"].contains(is.parameter)) continue;
+      const auto& found = cause["parameters"][is.parameter];
+      if (!found["sigma"].is_number() || !(found["sigma"].get<double>() > 0.0)) continue;
+      const double off = found["value"].get<double>() - is.value,
+                   z = off / found["sigma"].get<double>();
+      Sizes& s = tally.sizes;
+      ++s.all;
+      s.covered += std::abs(z) <= 1.96;
+      s.squares += z * z;
+      s.shares += off * off / (is.value * is.value);
+      sizes += fmt::format(" [{} off by {:.2f} %, {:+.1f} sigma]", name, 100.0 * off / is.value, z);
+    }
     tally
         .confusion[{matched.empty() ? (truth.effects.empty() ? "null" : truth.effects[0]) : matched,
                     matched.empty() ? name : matched}]++;
@@ -304,6 +347,12 @@ int main(int argc, char** argv) {
     fell |= c.wrong > 0 || (kind == "null" && c.claimed > 0) ||
             (kind == "outside" && c.right < c.cases);
   }
+  if (const Sizes& s = tally.sizes; s.all > 0)
+    fmt::print(
+        "{} sizes: 95 % intervals cover {:.0f} %, errors over standard errors {:.2f} rms, over "
+        "the size {:.1f} % rms\n",
+        s.all, 100.0 * s.covered / s.all, std::sqrt(s.squares / s.all),
+        100.0 * std::sqrt(s.shares / s.all));
   fmt::print("slowest case {:.1f} s, {} at a time\n", tally.slowest, settings.jobs);
   if (!settings.picture.empty()) write_confusion(tally.confusion, settings.picture);
   return (settings.strict && fell) || (settings.all_right && !all_right) ? 1 : 0;

@@ -84,6 +84,7 @@ struct Hidden {
   std::function<void(int scan, double& range, double& azimuth, double& elevation, double incidence)>
       scanner;
   double spot = 0.0;
+  double size = 0.0;  ///< amplitude, mm or a ratio
 };
 
 /// Rough coat and smooth random part of the block; noise of ranges, mm.

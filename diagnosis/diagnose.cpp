@@ -115,6 +115,28 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
   return poses;
 }
 
+/// Causes that are chosen and hold on other blocks. Where none of the chosen holds, the choice was
+/// of what took the place of a cause: the next best is looked for without them.
+std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& bank,
+                                                  detail::Linearised& residuals, Diagnosis& d,
+                                                  const RunContext& run) {
+  constexpr int kLooks = 3;  // of up to six causes each: tests that kClaimLevel allows for
+  const auto all = search.candidates;
+  std::vector<detail::Confirmed> confirmed;
+  for (int look = 0; look < kLooks && confirmed.empty() && !run.stopped(); ++look) {
+    std::vector<Ranked> ranking;
+    residuals.about({});
+    const auto members = detail::choose_and_recut(search, bank, residuals, ranking, run);
+    if (look == 0) d.ranking = std::move(ranking);
+    if (members.empty()) break;
+    confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected, residuals.settle());
+    std::erase_if(search.candidates,
+                  [&](const detail::Candidate& c) { return detail::has(members, c.effect); });
+  }
+  search.candidates = all;
+  return confirmed;
+}
+
 std::string verdict_of(const Diagnosis& d) {
   if (d.causes.empty()) return d.remainder.found ? "unexplained" : "consistent";
   return d.remainder.found ? "partly_explained" : "explained";
@@ -143,10 +165,9 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   const auto r_before = detail::residuals_of(m.observations, {}, bank, residuals.fit_of({}));
   const double null_squares = residuals.left_by({});
 
-  const auto members = detail::choose_and_recut(search, bank, residuals, d.ranking, run);
+  auto confirmed = choose_and_confirm(search, bank, residuals, d, run);
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
-  auto confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected, residuals.settle());
   detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
   detail::name_causes(search, bank, residuals, null_squares, confirmed, d);

@@ -72,6 +72,9 @@ struct Observation : CutState {
   Vec3 normal;  ///< outward
   /// The same of the surface levelled over 0.5 mm: the slope without the ridges between passes.
   Vec3 slope_normal;
+  /// Where the tip would be were there a pass just here: `tip` goes by half a stepover from pass to
+  /// pass. NaN: as `tip`.
+  Vec3 level_tip{NAN, NAN, NAN};
   Vec3 along;  ///< direction of the residual
   double residual_mm = 0.0;
   double sigma_mm = 0.05;               ///< as declared

@@ -484,6 +484,10 @@ std::optional<double> CutPath::height(double x, double y) const {
   return std::isfinite(best) ? std::optional(best) : std::nullopt;
 }
 
+double CutPath::ball_radius_mm() const {
+  return moves_->radius;
+}
+
 double CutPath::duration_min() const {
   return moves_->total_min;
 }

@@ -55,6 +55,7 @@ class CutPath {
   /// Scene::slack_with_lag of these programs.
   [[nodiscard]] Trail slack_with_lag(int axis, double width_mm, double lag_mm,
                                      bool lag_first) const;
+  [[nodiscard]] double ball_radius_mm() const;
   [[nodiscard]] double duration_min() const;
   [[nodiscard]] double cut_mm() const;  ///< length of the cutting moves
   /// Shares of the time at which a new tool, program or band begins; the first is left out.

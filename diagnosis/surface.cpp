@@ -108,6 +108,8 @@ std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
     o.pass = pass_;
   }
   o.slope_normal = slope_normal(x, y).value_or(o.normal);
+  if (place->contact)
+    o.level_tip = o.place + path_->ball_radius_mm() * (o.slope_normal - Vec3{0.0, 0.0, 1.0});
   o.levelled = levelled(x, y, o.place.z);
   return o;
 }

@@ -25,7 +25,9 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
 template <class DriftOf>
 [[nodiscard]] Column drift_column(std::string key, Parameter parameter, DriftOf d) {
   Column c{std::move(key), std::move(parameter), [d](const Observation& o) {
-             return dot(level_along(o), d(static_cast<const CutState&>(o)).at);
+             CutState s = o;
+             if (!std::isnan(o.level_tip.x)) s.tip = o.level_tip;
+             return dot(level_along(o), d(s).at);
            }};
   c.cut = [d](const Observation&, const CutState& s, Vec3) {
     const Drift drift = d(s);

@@ -12,8 +12,8 @@
 #include <cmath>
 #include <numbers>
 
-#include <Eigen/Dense>
 #include <gtest/gtest.h>
+#include <Eigen/Dense>
 
 #include "core/chi_squared.hpp"
 #include "diagnosis/diagnose.hpp"
@@ -33,12 +33,11 @@ std::vector<Column> smooth_columns() {
   for (unsigned i = 0; i <= 4; ++i)
     for (unsigned j = 0; i + j <= 4; ++j)
       if (i + j >= 2)
-        columns.push_back({std::to_string(i) + std::to_string(j),
-                           {"size", 1.0, 1.0},
-                           [=](const Observation& o) {
-                             return o.normal.z * std::legendre(i, testing_support::u(o)) *
-                                    std::legendre(j, testing_support::v(o));
-                           }});
+        columns.push_back(
+            {std::to_string(i) + std::to_string(j), {"size", 1.0, 1.0}, [=](const Observation& o) {
+               return o.normal.z * std::legendre(i, testing_support::u(o)) *
+                      std::legendre(j, testing_support::v(o));
+             }});
   return columns;
 }
 
@@ -77,8 +76,9 @@ struct Plain {
   [[nodiscard]] Eigen::VectorXd fitted(Eigen::Index column) const {
     const auto at = model(column);
     const Eigen::Index y = gram.rows() - 1;
-    return Eigen::MatrixXd(gram(at, at)).completeOrthogonalDecomposition().solve(
-        Eigen::VectorXd(gram(at, y)));
+    return Eigen::MatrixXd(gram(at, at))
+        .completeOrthogonalDecomposition()
+        .solve(Eigen::VectorXd(gram(at, y)));
   }
   [[nodiscard]] double squares(Eigen::Index column, const Eigen::VectorXd& b) const {
     const auto at = model(column);
@@ -88,8 +88,7 @@ struct Plain {
   }
   /// Gain in -2 log likelihood of independent normal points.
   [[nodiscard]] double gain(Eigen::Index column) const {
-    return points *
-           std::log(squares(-1, fitted(-1)) / squares(column, fitted(column)));
+    return points * std::log(squares(-1, fitted(-1)) / squares(column, fitted(column)));
   }
   [[nodiscard]] Eigen::Index best(Eigen::Index columns) const {
     Eigen::Index b = 0;
@@ -104,8 +103,7 @@ bool ours_claims(const Measurements& m, const std::vector<Column>& columns, std:
   detail::Bank bank =
       detail::sum_up(m.observations, detail::nuisances_of(m), columns, laid_out(m, seed));
   const auto empty = detail::columns_of(bank, {});
-  bank.weight =
-      detail::effective_weights(bank, empty, detail::fit(bank, empty, detail::kAll));
+  bank.weight = detail::effective_weights(bank, empty, detail::fit(bank, empty, detail::kAll));
   const auto gain = [&](const Column& c, int set) {
     auto model = empty;
     model.push_back(bank.index.at(c.key));
@@ -135,9 +133,8 @@ TEST(Traps, AreClaimsOnNoiseThatTheDiagnosisDoesNotMake) {
       });
     };
     const auto half = [&](bool first) {
-      return Plain(m, nuisances, columns, [&](std::size_t i) {
-        return (random_uniform(seed + 7, i) < 0.5) == first;
-      });
+      return Plain(m, nuisances, columns,
+                   [&](std::size_t i) { return (random_uniform(seed + 7, i) < 0.5) == first; });
     };
     const Plain all(m, nuisances, columns, [](std::size_t) { return true; });
     const double most = all.gain(all.best(n));
@@ -163,8 +160,9 @@ TEST(Traps, AreClaimsOnNoiseThatTheDiagnosisDoesNotMake) {
     held_out += confirm.squares(c, held) < confirm.squares(-1, confirm.fitted(-1));
     ours += ours_claims(m, columns, k);
   }
-  std::printf("of %d parts with nothing: z %d, BIC %d, random folds %d, held-out gain %d, ours %d\n",
-              kDraws, bonferroni, bic, random_folds, held_out, ours);
+  std::printf(
+      "of %d parts with nothing: z %d, BIC %d, random folds %d, held-out gain %d, ours %d\n",
+      kDraws, bonferroni, bic, random_folds, held_out, ours);
   // Independent draws: a rule that claims with its stated 1 % would do so once or never.
   EXPECT_GE(bonferroni, 7);
   EXPECT_GE(bic, 7);

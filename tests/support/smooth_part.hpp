@@ -17,7 +17,8 @@ using diagnosis::SetUp;
 namespace detail = diagnosis::detail;
 
 /// A field of Gaussian correlation by random waves.
-inline std::function<double(double, double)> field(std::uint64_t seed, double sigma, double length) {
+inline std::function<double(double, double)> field(std::uint64_t seed, double sigma,
+                                                   double length) {
   struct Wave {
     double kx, ky, phase;
   };

@@ -120,7 +120,10 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
 std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& bank,
                                                   detail::Linearised& residuals, Diagnosis& d,
                                                   const RunContext& run) {
-  constexpr int kLooks = 3;  // of up to six causes each: tests that kClaimLevel allows for
+  constexpr int kLooks = 3;
+  // Up to five causes in up to five rounds are 15 tests a look: at kClaimLevel they take three
+  // quarters of the family's level, and the 30 of two more looks share the rest.
+  constexpr double kLaterLevel = kClaimLevel / 6.0;
   const auto all = search.candidates;
   std::vector<detail::Confirmed> confirmed;
   for (int look = 0; look < kLooks && confirmed.empty() && !run.stopped(); ++look) {
@@ -129,7 +132,8 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
     const auto members = detail::choose_and_recut(search, bank, residuals, ranking, run);
     if (look == 0) d.ranking = std::move(ranking);
     if (members.empty()) break;
-    confirmed = detail::confirm(bank, members, kClaimLevel, d.rejected, residuals.settle());
+    confirmed = detail::confirm(bank, members, look == 0 ? kClaimLevel : kLaterLevel, d.rejected,
+                                residuals.settle());
     std::erase_if(search.candidates,
                   [&](const detail::Candidate& c) { return detail::has(members, c.effect); });
   }

@@ -24,7 +24,8 @@
 ///   from nothing with the residuals that this leaves, until the causes stay.
 /// - Confirming: each cause must earn its place on another third, with all others refitted, at a
 ///   level that shares 1 % over all tests that can be made; what was fitted on the first third
-///   must predict the second; and it must be as good evidence with what all blocks share.
+///   must predict the second; and it must be as good evidence with what all blocks share. Where
+///   none does, the next best are chosen without them, twice at most, at a level that leaves 1 %.
 /// - Naming: other causes that do as well in its place (likelihood ratio below 100, less than 1 %
 ///   of its gain, or fits that differ by less than the simulation itself may be wrong by) are its
 ///   equivalents.

@@ -74,6 +74,25 @@ struct Sizes {
   double squares = 0.0, shares = 0.0;
 };
 
+/// Counts the size of a cause that was named as it was hidden. @return words for the log
+std::string compare_size(const nlohmann::json& cause, const challenge::Truth& truth, Sizes& sizes) {
+  const std::string name = cause["effect"];
+  for (std::size_t k = 0; k < truth.effects.size(); ++k) {
+    const Reported is = reported(truth.effects[k], truth.sizes[k]);
+    if (name != truth.effects[k] || !cause["parameters"].contains(is.parameter)) continue;
+    const auto& found = cause["parameters"][is.parameter];
+    if (!found["sigma"].is_number() || !(found["sigma"].get<double>() > 0.0)) continue;
+    const double off = found["value"].get<double>() - is.value,
+                 z = off / found["sigma"].get<double>();
+    ++sizes.all;
+    sizes.covered += std::abs(z) <= 1.96;
+    sizes.squares += z * z;
+    sizes.shares += off * off / (is.value * is.value);
+    return fmt::format(" [{} off by {:.2f} %, {:+.1f} sigma]", name, 100.0 * off / is.value, z);
+  }
+  return {};
+}
+
 using Confusion = std::map<std::pair<std::string, std::string>, int>;
 
 void write_confusion(const Confusion& table, const std::string& file) {
@@ -211,20 +230,7 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
       ++wrong;
     else
       left.erase(matched);
-    for (std::size_t k = 0; k < truth.effects.size(); ++k) {
-      const Reported is = reported(truth.effects[k], truth.sizes[k]);
-      if (name != truth.effects[k] || !cause["parameters"].contains(is.parameter)) continue;
-      const auto& found = cause["parameters"][is.parameter];
-      if (!found["sigma"].is_number() || !(found["sigma"].get<double>() > 0.0)) continue;
-      const double off = found["value"].get<double>() - is.value,
-                   z = off / found["sigma"].get<double>();
-      Sizes& s = tally.sizes;
-      ++s.all;
-      s.covered += std::abs(z) <= 1.96;
-      s.squares += z * z;
-      s.shares += off * off / (is.value * is.value);
-      sizes += fmt::format(" [{} off by {:.2f} %, {:+.1f} sigma]", name, 100.0 * off / is.value, z);
-    }
+    sizes += compare_size(cause, truth, tally.sizes);
     tally
         .confusion[{matched.empty() ? (truth.effects.empty() ? "null" : truth.effects[0]) : matched,
                     matched.empty() ? name : matched}]++;

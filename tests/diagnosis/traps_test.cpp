@@ -75,10 +75,20 @@ struct Plain {
   }
   [[nodiscard]] Eigen::VectorXd fitted(Eigen::Index column) const {
     const auto at = model(column);
-    const Eigen::Index y = gram.rows() - 1;
-    return Eigen::MatrixXd(gram(at, at))
-        .completeOrthogonalDecomposition()
-        .solve(Eigen::VectorXd(gram(at, y)));
+    return solved(at, gram(at, gram.rows() - 1));
+  }
+  /// The nuisances beside a column whose size is given, that size last.
+  [[nodiscard]] Eigen::VectorXd fitted_beside(Eigen::Index column, double size) const {
+    const auto at = model(-1);
+    Eigen::VectorXd b = solved(at, Eigen::VectorXd(gram(at, gram.rows() - 1)) -
+                                       size * Eigen::VectorXd(gram(at, nuisances + column)));
+    b.conservativeResize(b.size() + 1);
+    b(b.size() - 1) = size;
+    return b;
+  }
+  [[nodiscard]] Eigen::VectorXd solved(const std::vector<Eigen::Index>& at,
+                                       const Eigen::VectorXd& right) const {
+    return Eigen::MatrixXd(gram(at, at)).completeOrthogonalDecomposition().solve(right);
   }
   [[nodiscard]] double squares(Eigen::Index column, const Eigen::VectorXd& b) const {
     const auto at = model(column);
@@ -145,18 +155,8 @@ TEST(Traps, AreClaimsOnNoiseThatTheDiagnosisDoesNotMake) {
     const Plain choose = set(kChoose), confirm = set(kConfirm);
     const Eigen::Index c = choose.best(n);
     // The nuisances are those of each set; the cause is held as it was fitted.
-    Eigen::VectorXd held = confirm.fitted(-1);
     const Eigen::VectorXd chosen = choose.fitted(c);
-    {
-      const auto at = confirm.model(-1);
-      const Eigen::Index y = confirm.gram.rows() - 1, x = confirm.nuisances + c;
-      const double size = chosen(chosen.size() - 1);
-      const Eigen::VectorXd rhs =
-          Eigen::VectorXd(confirm.gram(at, y)) - size * Eigen::VectorXd(confirm.gram(at, x));
-      held = Eigen::MatrixXd(confirm.gram(at, at)).completeOrthogonalDecomposition().solve(rhs);
-      held.conservativeResize(held.size() + 1);
-      held(held.size() - 1) = size;
-    }
+    const Eigen::VectorXd held = confirm.fitted_beside(c, chosen(chosen.size() - 1));
     held_out += confirm.squares(c, held) < confirm.squares(-1, confirm.fitted(-1));
     ours += ours_claims(m, columns, k);
   }

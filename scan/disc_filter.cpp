@@ -14,7 +14,6 @@ namespace {
 constexpr double kLeastPoints = 20.0;  // a mean of fewer need not be normal so far out
 constexpr double kSurely = 1.645;      // 95 %, one-sided
 constexpr double kPrior = 20.0;        // points that scatter as is typical, beside a disc's own
-constexpr double kLevelOfDetection = 1.96;
 
 /// Cells whose middle lies in a disc about a cell's middle (odd widths) or corner (even ones).
 struct Mask {
@@ -101,12 +100,6 @@ struct RowSums {
     return all;
   }
 };
-
-double pose_variance(const CellMap& map, std::ptrdiff_t r, std::ptrdiff_t c) {
-  const double all = static_cast<double>(map.lod_mm(r, c)) / kLevelOfDetection,
-               noise = static_cast<double>(map.sigma_mm(r, c));
-  return std::isnan(all) ? 0.0 : std::fmax(0.0, all * all - noise * noise);
-}
 
 /// One mask at every cell of one layer.
 class Pass {

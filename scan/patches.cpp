@@ -401,6 +401,12 @@ Finding describe(const Layer& layer, const Window& w) {
 
 }  // namespace
 
+double pose_variance(const CellMap& map, std::ptrdiff_t r, std::ptrdiff_t c) {
+  const double all = static_cast<double>(map.lod_mm(r, c)) / kLevelOfDetection,
+               noise = static_cast<double>(map.sigma_mm(r, c));
+  return std::isnan(all) ? 0.0 : std::fmax(0.0, all * all - noise * noise);
+}
+
 std::optional<FoundPatch> patch_at(const Layer& layer, FoundPatch::Cells some) {
   const Window w = whole_patch(layer, {std::move(some)});
   if (is_what_is_left(w)) return std::nullopt;

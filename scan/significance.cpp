@@ -20,7 +20,6 @@ constexpr int kSizes = 5;
 constexpr double kFalseDiscoveries = 0.005;  // of cells, over all sizes
 constexpr double kFalseDisc = 0.005;         // that any disc is found by chance
 constexpr double kCertain = 3.0;             // standard deviations of a finding's volume
-constexpr double kLevelOfDetection = 1.96;   // 95 %, two-sided
 constexpr double kDegree = std::numbers::pi / 180.0;
 
 using detail::Cell;
@@ -123,7 +122,7 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
         pose2 += part * part;
       }
       const double sigma = std::hypot(static_cast<double>(map.sigma_mm(r, c)), std::sqrt(pose2));
-      map.lod_mm(r, c) = static_cast<float>(kLevelOfDetection * sigma);
+      map.lod_mm(r, c) = static_cast<float>(detail::kLevelOfDetection * sigma);
       discoveries.add(static_cast<double>(map.mean_mm(r, c)) / sigma, r, c);
     }
   map.significant_share = discoveries.mark(rate, map.significant);
@@ -223,9 +222,7 @@ Finding whole_part(const Background& b, const CellMap& map) {
       const double off = std::hypot(x - b.middle_mm.x, y - b.middle_mm.y);
       if (!(off < nearest)) continue;
       nearest = off;
-      const double all = static_cast<double>(map.lod_mm(r, c)) / kLevelOfDetection,
-                   noise = static_cast<double>(map.sigma_mm(r, c));
-      pose2 = std::fmax(0.0, all * all - noise * noise);
+      pose2 = detail::pose_variance(map, r, c);
     }
   f.sigma_height_mm = std::hypot(b.sigma_level_mm, std::sqrt(pose2));
   f.length_mm = std::fmax(f.max_mm.x - f.min_mm.x, f.max_mm.y - f.min_mm.y);

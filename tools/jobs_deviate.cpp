@@ -117,6 +117,14 @@ std::vector<scan::ExtraObject> objects_on(const MeasuredPart& all, const Nominal
                             nominal.stone_plan, missing, c.deviation.statistics.nmad_mm);
 }
 
+scan::Significance significance_of(const MeasuredPart& all, const scan::Deviation& deviation,
+                                   const heightmap::ModelField& surface) {
+  const auto& points = all.cloud.points_mm;
+  const std::span<const float> slopes =
+      all.slope_deg.size() == points.size() ? all.slope_deg : std::span<const float>{};
+  return scan::significance(points, deviation.per_point_mm, all.scans, 0.0, slopes, &surface);
+}
+
 /// Where the points lie, how far off, and what of it is significant.
 Result<void> judge(Comparison& c, const MeasuredPart& all, const NominalPart& nominal,
                    const Case& input, const RunContext& run) {
@@ -129,16 +137,11 @@ Result<void> judge(Comparison& c, const MeasuredPart& all, const NominalPart& no
     MAQUETTE_TRY(static_cast<scan::Deviation&>(c.deviation),
                  scan::deviate(all.cloud, in_model, nominal.design, reach, run));
   }
-  const auto& points = all.cloud.points_mm;
-  const std::span<const float> slopes =
-      all.slope_deg.size() == points.size() ? all.slope_deg : std::span<const float>{};
-  c.by_design =
-      scan::significance(points, c.deviation.per_point_mm, all.scans, 0.0, slopes, &nominal.design);
+  c.by_design = significance_of(all, c.deviation, nominal.design);
   if (nominal.expected) {
     MAQUETTE_TRY(const auto from_expected,
                  scan::deviate(all.cloud, in_model, *nominal.expected, reach, run));
-    c.by_expected = scan::significance(points, from_expected.per_point_mm, all.scans, 0.0, slopes,
-                                       &*nominal.expected);
+    c.by_expected = significance_of(all, from_expected, *nominal.expected);
     c.expected = expected_json(from_expected.statistics, nominal, input);
   }
   return {};
@@ -149,16 +152,14 @@ Result<void> judge(Comparison& c, const MeasuredPart& all, const NominalPart& no
 struct AsMeasured {
   std::vector<Vec3> points_mm;
   std::vector<scan::Viewpoint> views;
-  std::vector<std::size_t> of_scan;  ///< points of each; none where no stones are asked for
+  std::vector<std::size_t> of_view;  ///< its scan; none where no stones are asked for
   void follow(std::span<const RigidTransform> steps) {
-    std::size_t i = 0, v = 0;
-    for (std::size_t k = 0; k < of_scan.size(); ++k) {
-      const std::size_t end = i + of_scan[k];
-      for (std::size_t seen = i; seen < end && v < views.size(); ++v) {
-        seen += views[v].points;
-        if (views[v].station_mm) views[v].station_mm = steps[k].point(*views[v].station_mm);
-      }
-      for (; i < end; ++i) points_mm[i] = steps[k].point(points_mm[i]);
+    std::size_t i = 0;
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      const RigidTransform& step = steps[of_view[v]];
+      if (views[v].station_mm) views[v].station_mm = step.point(*views[v].station_mm);
+      for (const std::size_t end = i + views[v].points; i < end; ++i)
+        points_mm[i] = step.point(points_mm[i]);
     }
   }
 };
@@ -170,13 +171,14 @@ Result<void> fit_again(Comparison& c, MeasuredPart& all, AsMeasured& before,
   // A pose on datums is nobody's to change, and a part that lies off as a whole has no rest.
   if (!all.part.empty() || nominal.mesh || findings.empty() || findings.front().whole_part)
     return {};
-  MAQUETTE_TRY(const auto steps, fit_without_findings(
-                                     all, nominal.to_meet(), c.findings(),
-                                     [&]() -> Result<scan::Significance> {
-                                       MAQUETTE_TRY_VOID(judge(c, all, nominal, input, run));
-                                       return c.findings();
-                                     },
-                                     run));
+  const auto search = [&]() -> Result<scan::Significance> {
+    const heightmap::ModelField& surface = nominal.expected ? *nominal.expected : nominal.design;
+    MAQUETTE_TRY(const auto deviation,
+                 scan::deviate(all.cloud, {}, surface, Millimetres{input.reach_mm}, run));
+    return significance_of(all, deviation, surface);
+  };
+  MAQUETTE_TRY(const auto steps,
+               fit_without_findings(all, nominal.to_meet(), c.findings(), search, run));
   before.follow(steps);
   c.fitted_again = true;
   return judge(c, all, nominal, input, run);
@@ -188,10 +190,7 @@ Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nomina
   // Of stones before what the beam does to the surface as it is expected is taken out: one that has
   // moved is not where it is expected.
   AsMeasured before;
-  if (nominal.ground) {
-    before = {all.cloud.points_mm, all.views, {}};
-    for (const scan::ScanPose& s : all.scans) before.of_scan.push_back(s.points);
-  }
+  if (nominal.ground) before = {all.cloud.points_mm, all.views, scans_of_views(all)};
   leave_out_overhung(all, nominal, input, noise);
   if (!nominal.mesh) {  // of any shape: its upper side does not say what a beam meets
     MAQUETTE_TRY(c.beam, take_out_beams(all, nominal.to_meet(), noise, run));
@@ -273,11 +272,11 @@ Result<std::optional<Corrections>> find_corrections(const MeasuredPart& all, con
 /// Where each scan was taken from, in the model frame, and how it saw the part.
 json stations_json(const MeasuredPart& all) {
   json rows = json::array();
-  std::size_t i = 0, scan = 0, left = all.scans.front().points;
-  for (const scan::Viewpoint& v : all.views) {
-    while (left == 0 && scan + 1 < all.scans.size()) left = all.scans[++scan].points;
-    left -= v.points;
-    const ScanFigures& f = all.figures[scan];
+  const std::vector<std::size_t> of_view = scans_of_views(all);
+  std::size_t i = 0;
+  for (std::size_t k = 0; k < all.views.size(); ++k) {
+    const scan::Viewpoint& v = all.views[k];
+    const ScanFigures& f = all.figures[of_view[k]];
     json row = {{"points", f.name}, {"points_compared", v.points}, {"mixed", f.mixed}};
     if (v.beam_diameter_mm > 0.0) row["beam_diameter_mm"] = v.beam_diameter_mm;
     if (v.station_mm && v.points > 0) {

@@ -218,7 +218,8 @@ std::size_t leave_out(MeasuredPart& all, const Unwanted& unwanted) {
   return out;
 }
 
-/// Which scan each viewpoint belongs to.
+}  // namespace
+
 std::vector<std::size_t> scans_of_views(const MeasuredPart& all) {
   std::vector<std::size_t> scans;
   std::size_t scan = 0, left = all.scans.front().points;
@@ -229,8 +230,6 @@ std::vector<std::size_t> scans_of_views(const MeasuredPart& all) {
   }
   return scans;
 }
-
-}  // namespace
 
 Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& input,
                       const NominalPart& nominal, const RunContext& run) {
@@ -303,18 +302,8 @@ Result<std::vector<RigidTransform>> fit_without_findings(MeasuredPart& all,
   for (std::size_t v = 0; v < all.views.size(); ++v)
     if (all.views[v].station_mm)
       all.views[v].station_mm = steps[of_view[v]].point(*all.views[v].station_mm);
-  for (std::size_t k = 0; k < all.scans.size(); ++k) {
-    scan::Registration& best = all.figures[k].best;
-    const scan::Registration& now = all.scans[k].registration;
-    best.model_from_scan = now.model_from_scan;
-    best.covariance = now.covariance;
-    best.centre_mm = now.centre_mm;
-    best.sigma_translation_mm = now.sigma_translation_mm;
-    best.sigma_rotation_rad = now.sigma_rotation_rad;
-    best.effective_points = now.effective_points;
-    best.noise_mm = now.noise_mm;
-    best.free_directions = now.free_directions;
-  }
+  for (std::size_t k = 0; k < all.scans.size(); ++k)
+    all.figures[k].best = all.scans[k].registration;
   return steps;
 }
 

@@ -72,6 +72,9 @@ struct MeasuredPart {
 [[nodiscard]] Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& input,
                                     const NominalPart& nominal, const RunContext& run);
 
+/// Which scan each viewpoint belongs to.
+[[nodiscard]] std::vector<std::size_t> scans_of_views(const MeasuredPart& all);
+
 /// Best fits once more, without what was found (scan/refit.hpp): points, viewpoints, poses and
 /// their covariances follow.
 /// @pre the poses are best fits to `surface`, not those of datums

@@ -45,6 +45,11 @@ struct Layer {
   Grid<std::uint8_t> marked;  ///< 1: more than noise, against the background
 };
 
+/// Of a cell's level of detection over its standard deviation: 95 %, two-sided.
+inline constexpr double kLevelOfDetection = 1.96;
+/// The pose's share of a cell's variance, mm^2; 0 where it has no mean.
+[[nodiscard]] double pose_variance(const CellMap& map, std::ptrdiff_t r, std::ptrdiff_t c);
+
 /// A patch and the cells of its map (row, column) that make its height: inside minus around.
 struct FoundPatch {
   using Cells = std::vector<std::pair<std::ptrdiff_t, std::ptrdiff_t>>;

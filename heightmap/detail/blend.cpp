@@ -158,23 +158,24 @@ void Blend::add(const Grid<float>& layer, const Knowledge& known) {
   });
 }
 
-void Blend::lower_beside(Grid<float>& variance_m2, std::size_t better) const {
-  // Of each class whose errors are larger: how alike they are so many nodes apart.
-  const std::size_t reach = std::size_t{1} << (waves_->levels + 1);
-  std::vector<std::vector<double>> alike(known_.size());
-  for (std::size_t k = 0; k < known_.size(); ++k)
-    if (known_[k].error_m2 > known_[better].error_m2 && known_[k].source != kFilled)
-      alike[k] = correlation_of_errors(*waves_, known_[k].known, reach);
-  if (std::all_of(alike.begin(), alike.end(), [](const auto& of) { return of.empty(); })) return;
+void Blend::lower_beside(Grid<float>& variance_m2, std::size_t better,
+                         const std::vector<std::vector<double>>& alike) const {
+  const auto worse = [&](std::size_t k) {
+    return !alike[k].empty() && known_[k].error_m2 > known_[better].error_m2;
+  };
+  bool any = false;
+  for (std::size_t k = 0; k < known_.size(); ++k) any = any || worse(k);
+  if (!any) return;
   Grid<float> there(z_m_.rows(), z_m_.cols(), NAN);
   for_cells(there, [&](auto r, auto c) {
     if (classes_(r, c) == better) there(r, c) = 0.0F;
   });
   const Grid<float> distance = distance_to(there, false);
   for_cells(variance_m2, [&](auto r, auto c) {
+    if (!worse(classes_(r, c))) return;
     const std::vector<double>& rho = alike[classes_(r, c)];
     const double d = kCarried * static_cast<double>(distance(r, c));
-    if (rho.empty() || !(d < static_cast<double>(reach))) return;
+    if (!(d < static_cast<double>(rho.size() - 1))) return;
     const auto i = static_cast<std::size_t>(d);
     const double here = std::lerp(rho[i], rho[i + 1], d - static_cast<double>(i));
     // Of what is known of the error at the border, that share is known here.
@@ -191,8 +192,13 @@ Grid<float> Blend::sigma_m() const {
   for_cells(out, [&](auto r, auto c) {
     out(r, c) = static_cast<float>(known_[classes_(r, c)].error_m2);
   });
+  std::vector<std::vector<double>> alike(known_.size());
   for (std::size_t k = 0; k < known_.size(); ++k)
-    if (is_there[k] && known_[k].source != kFilled) lower_beside(out, k);
+    if (is_there[k] && known_[k].source != kFilled)
+      alike[k] =
+          correlation_of_errors(*waves_, known_[k].known, std::size_t{1} << (waves_->levels + 1));
+  for (std::size_t k = 0; k < known_.size(); ++k)
+    if (!alike[k].empty()) lower_beside(out, k, alike);
   for_cells(out, [&](auto r, auto c) {
     const double filled =
         known_[classes_(r, c)].source == kFilled ? static_cast<double>(filled_m_(r, c)) : 0.0;

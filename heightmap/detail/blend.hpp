@@ -60,7 +60,10 @@ class Blend {
     std::vector<double> restoring;
   };
   /// Where nodes of the class `better` are near.
-  void lower_beside(Grid<float>& variance_m2, std::size_t better) const;
+  /// @param alike  of each class that is there, how alike its errors are so many nodes apart; of
+  ///   others and of what was filled nothing
+  void lower_beside(Grid<float>& variance_m2, std::size_t better,
+                    const std::vector<std::vector<double>>& alike) const;
   [[nodiscard]] Class class_of(Knowledge raw, std::uint8_t source, double source_error_m2) const;
 
   const WaveTable* waves_;

@@ -154,13 +154,22 @@ struct Weights {
       right_slope[i] = right_slope[i + 1] * distance(i) + right[i + 1];
     }
     for (std::size_t i = 0; i < n; ++i) {
-      double scale = 1.0;
-      for (std::size_t j = 0; j < n; ++j)
-        if (j != i) scale *= static_cast<double>(i) - static_cast<double>(j);
-      of_height[i] = left[i] * right[i + 1] / scale;
-      of_slope[i] = (left_slope[i] * right[i + 1] + left[i] * right_slope[i + 1]) / scale;
+      of_height[i] = left[i] * right[i + 1] / kScale[i];
+      of_slope[i] = (left_slope[i] * right[i + 1] + left[i] * right_slope[i + 1]) / kScale[i];
     }
   }
+
+ private:
+  /// Products of each point's distances to all others.
+  static constexpr std::array<double, n> kScale = [] {
+    std::array<double, n> scale{};
+    for (std::size_t i = 0; i < n; ++i) {
+      scale[i] = 1.0;
+      for (std::size_t j = 0; j < n; ++j)
+        if (j != i) scale[i] *= static_cast<double>(i) - static_cast<double>(j);
+    }
+    return scale;
+  }();
 };
 
 template <std::size_t n>

@@ -5,7 +5,6 @@
 /// What fuse.json and its pictures say, for the page of a run and for that of `maquette fuse`.
 
 #include <filesystem>
-#include <span>
 #include <string>
 
 #include <nlohmann/json_fwd.hpp>

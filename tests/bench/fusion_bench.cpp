@@ -6,7 +6,6 @@
 // one product alone on the nodes of a site beside gdalwarp.
 
 #include <array>
-#include <chrono>
 
 #include <fmt/format.h>
 
@@ -20,12 +19,6 @@ namespace {
 
 using namespace maquette;
 using namespace maquette::testing_support;
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
 void time_large() {
   using namespace heightmap::detail;
   constexpr std::ptrdiff_t n = 4001;
@@ -36,10 +29,10 @@ void time_large() {
     for (std::ptrdiff_t c = 0; c < 3 * n / 4; ++c)
       layer(r, c) = static_cast<float>(random_uniform(2, static_cast<std::uint64_t>(r * n + c)));
   const WaveTable waves = wave_table({0.7, 0.01, 0.1}, 0.5, 2000.0, 7);
-  const auto start = Clock::now();
+  const Times start = now();
   Blend blend(waves, std::move(base), knowledge_of(waves, 40.0, 1.0), {}, true);
   blend.add(layer, knowledge_of(waves, 2.0, 0.1));
-  fmt::print("\n{} x {} nodes, two sources: {:.1f} s\n", n, n, seconds_since(start));
+  fmt::print("\n{} x {} nodes, two sources: {:.1f} s\n", n, n, now().wall - start.wall);
 }
 
 /// CPU and wall seconds of gdalwarp, bilinear and on two threads, onto the nodes of the site.

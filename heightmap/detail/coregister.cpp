@@ -39,11 +39,28 @@ struct Pose {
 struct Level {
   Grid<float> lower, upper;
   double cell = 1.0;  ///< in cells of the finest level
+  /// Of cell (0, 0), from the middle of the nodes: not the middle of the cells where nodes are left
+  /// over, and half a node of tilt is more than a mean height's noise.
+  double x0 = 0.0, y0 = 0.0;
   [[nodiscard]] std::array<double, 2> from_middle(std::ptrdiff_t r, std::ptrdiff_t c) const {
-    return {(static_cast<double>(c) - 0.5 * static_cast<double>(lower.cols() - 1)) * cell,
-            (static_cast<double>(r) - 0.5 * static_cast<double>(lower.rows() - 1)) * cell};
+    return {x0 + static_cast<double>(c) * cell, y0 + static_cast<double>(r) * cell};
   }
 };
+
+/// From the surfaces on their cells to ones of at most 96 along the shorter side, finest first.
+std::vector<Level> levels_of(SurfacePair&& pair, const Grid<float>& nodes) {
+  const auto first = [&](std::ptrdiff_t n) {
+    return 0.5 - 0.5 * static_cast<double>(n) / static_cast<double>(pair.nodes);
+  };
+  std::vector<Level> levels{{std::move(pair.lower), std::move(pair.upper), 1.0, first(nodes.cols()),
+                             first(nodes.rows())}};
+  while (std::min(levels.back().lower.rows(), levels.back().lower.cols()) > 96) {
+    const Level& l = levels.back();
+    levels.push_back({block_means(l.lower, 2), block_means(l.upper, 2), 2.0 * l.cell,
+                      l.x0 + 0.5 * l.cell, l.y0 + 0.5 * l.cell});
+  }
+  return levels;
+}
 
 struct Samples {
   std::ptrdiff_t rows = 0, cols = 0;
@@ -369,11 +386,8 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
   const Spread before = spread_of(difference_of(pair));
   result.median_before_m = before.median;
   result.nmad_before_m = result.nmad_after_m = before.nmad;
-  std::vector<Level> levels{{std::move(pair.lower), std::move(pair.upper), 1.0}};
-  while (std::min(levels.back().lower.rows(), levels.back().lower.cols()) > 96) {
-    const Level& l = levels.back();
-    levels.push_back({block_means(l.lower, 2), block_means(l.upper, 2), 2.0 * l.cell});
-  }
+  const bool by_upper = pair.by_upper;
+  const std::vector<Level> levels = levels_of(std::move(pair), lower);
 
   Pose pose;
   {
@@ -383,7 +397,7 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
     pose.v[1] = y * l.cell;
     pose.v[2] = spread_of(compare(l, pose, 1, false).residual).median;
   }
-  const bool by_upper = pair.by_upper;
+  const double least = pair.least_spread_m;
   const Free free{true, true, true, true, true, options.rotation, options.scale};
   const double half =
       0.5 * static_cast<double>(std::max(levels[0].lower.rows(), levels[0].lower.cols()));
@@ -406,7 +420,7 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
       }
       spread = spread_of(samples.residual);
       if (spread.n < 3 * kUnknowns) return refused("too few heights are common at any shift found");
-      const Normal n = normal_of(samples, kTukey * std::max(spread.nmad, 1e-9));
+      const Normal n = normal_of(samples, kTukey * std::max(spread.nmad, least));
       const auto inv = inverse(n.a, free);
       if (!inv) return refused(kOneDirection);
       Vector step = *inv * n.b;
@@ -417,7 +431,7 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
       settled = std::hypot(step[0], step[1]) < 1e-4 * pixel_cells &&
                 half * std::hypot(step[5], step[6]) < 1e-3 * pixel_cells &&
                 std::abs(step[2]) + half * (std::abs(step[3]) + std::abs(step[4])) <
-                    1e-3 * std::max(spread.nmad, 1e-6);
+                    1e-3 * std::max(spread.nmad, least);
     }
   }
   const double moved = std::hypot(pose.v[0], pose.v[1]) / pixel_cells;
@@ -425,10 +439,11 @@ std::optional<Coregistration> coregister(const Grid<float>& lower, const Grid<fl
   if (moved > 2.0 * kCapturePixels)
     return refused(fmt::format("the best shift, {:.1f} pixels, is out of reach", moved));
 
-  const double limit = kTukey * std::max(spread.nmad, 1e-9);
+  const double limit = kTukey * std::max(spread.nmad, least);
   const auto bread = inverse(normal_of(samples, limit).a, free);
   if (!bread) return refused(kOneDirection);
-  const Matrix cov = sandwich(samples, limit, *bread, free);
+  Matrix cov = sandwich(samples, limit, *bread, free);
+  for (int i : {0, 1}) cov(i, i) += std::pow(kInterpolation_px * pixel_cells, 2.0);
   const double sigma_pixels = std::sqrt(std::max(cov(0, 0), cov(1, 1))) / pixel_cells;
   if (!(sigma_pixels <= options.most_sigma_pixels))
     return refused(fmt::format("the relief tells the shift to {:.2f} pixels only, {:g} are needed",

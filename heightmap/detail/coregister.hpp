@@ -69,12 +69,11 @@ struct Coregistration {
 /// @return nothing if no node has both heights
 ///
 /// Accuracy (tests: twenty seeds, three reliefs): same resolution 0.0025 pixel rms; chi^2 per
-/// degree of freedom of the stated covariance 0.97 to 1.04, on strips of 40 pixels 1.04. Ten fine
-/// pixels to a coarse one, 100 coarse ones a side, a fifth of outliers: 0.022 fine pixel, tilt 3.4
-/// microradians, height 2 % of the coarse noise; shifts are covered by what is stated (0.9), all
-/// five unknowns are not (chi^2 per degree of freedom 1.7: heights and tilts). Horizontal
-/// shift is claimed if it is known to a tenth of the coarser pixel from at least 30 of them, and
-/// slopes of both then correlate by 0.5 or more.
+/// degree of freedom of the stated covariance 0.97 to 1.03, on strips of 40 pixels 1.04. Ten fine
+/// pixels to a coarse one, 100 coarse ones a side, jitter, a fifth of outliers: 0.025 fine pixel,
+/// tilt 3.7 microradians, height 1 % of the coarse noise, chi^2 per degree of freedom 1.07.
+/// A horizontal shift is claimed if it is known to a tenth of the coarser pixel from at least 30 of
+/// them, and slopes of both then correlate by 0.5 or more.
 [[nodiscard]] std::optional<Coregistration> coregister(const Grid<float>& lower,
                                                        const Grid<float>& upper, double spacing_m,
                                                        double lower_pixel_m, double upper_pixel_m,

@@ -75,11 +75,13 @@ JointAdjustment JointProblem::result() {
     const JointBlock& b = blocks_[k];
     if (b.first < 0) continue;
     const auto size = static_cast<Eigen::Index>(k == 0 ? b.seams : b.size());
-    const Eigen::MatrixXd own = covariance.block(b.first, b.first, size, size);
-    pose_[k].covariance.assign(own.data(), own.data() + own.size());
     double pixel_m = 0.0;
     for (const AlignedPair& p : pairs_)
       if (p.i == k || p.j == k) pixel_m = std::max(pixel_m, p.pixel_m);
+    Eigen::MatrixXd own = covariance.block(b.first, b.first, size, size);
+    if (k > 0)
+      for (const int i : {0, 1}) own(i, i) += std::pow(kInterpolation_px * pixel_m, 2.0);
+    pose_[k].covariance.assign(own.data(), own.data() + own.size());
     if (k > 0 && !(std::sqrt(std::max(own(0, 0), own(1, 1))) <= kMostSigma_px * pixel_m))
       pose_[k].found = false;
   }

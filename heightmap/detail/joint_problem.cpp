@@ -65,7 +65,7 @@ bool JointProblem::pair_up() {
       p.stride = static_cast<std::ptrdiff_t>(std::max(
           1.0,
           std::ceil(std::sqrt(static_cast<double>(p.cells.lower.cells().size()) / kMostSamples))));
-      p.nmad = alone->nmad_after_m;
+      p.nmad = std::max(p.cells.least_spread_m, alone->nmad_after_m);
       p.alone = std::move(*alone);
       pairs_.push_back(std::move(p));
     }
@@ -228,7 +228,7 @@ bool JointProblem::solve() {
   for (int i = 0; i < kMostSteps; ++i) {
     JointSystem sum{Eigen::MatrixXd::Zero(unknowns_, unknowns_), Eigen::VectorXd::Zero(unknowns_)};
     for (AlignedPair& p : pairs_) {
-      p.nmad = std::max(1e-9, spread(p).nmad);
+      p.nmad = std::max(p.cells.least_spread_m, spread(p).nmad);
       const JointSystem one = system_of(p);
       sum.a += one.a;
       sum.b += one.b;

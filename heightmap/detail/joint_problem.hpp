@@ -57,7 +57,7 @@ class JointProblem {
   template <class Each>
   void for_samples(const AlignedPair& p, std::ptrdiff_t r, const Each& each,
                    bool with_rows = true) const;
-  [[nodiscard]] double limit(const AlignedPair& p) const { return kTukey * std::max(p.nmad, 1e-9); }
+  [[nodiscard]] double limit(const AlignedPair& p) const { return kTukey * p.nmad; }
   [[nodiscard]] JointSystem system_of(const AlignedPair& p) const;
   [[nodiscard]] Spread spread(const AlignedPair& p) const;
   [[nodiscard]] Eigen::MatrixXd meat() const;

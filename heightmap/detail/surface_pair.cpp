@@ -14,6 +14,16 @@ namespace {
 constexpr int kCellsPerPixel = 3;    // of the coarser surface, along each axis
 constexpr double kCommonBlur = 0.5;  // of both, in coarser pixels (standard deviation)
 
+/// Distance of a height from the median of those around; of an even number from the farther of the
+/// two in the middle: with the upper one of them, four high outliers of eight would let a fifth
+/// pass and four low ones not, which draws the mean.
+float off_the_median(float z, std::array<float, 8>& around, std::size_t n) {
+  const auto begin = around.begin(), middle = begin + static_cast<std::ptrdiff_t>(n / 2);
+  std::nth_element(begin, middle, begin + static_cast<std::ptrdiff_t>(n));
+  const float upper = std::abs(z - *middle);
+  return n % 2 == 1 ? upper : std::max(upper, std::abs(z - *std::max_element(begin, middle)));
+}
+
 /// Voids where a cell is off the median of its neighbours by more than six times what cells
 /// usually are: spikes, which smoothing would spread.
 Grid<float> without_spikes(const Grid<float>& z) {
@@ -25,10 +35,7 @@ Grid<float> without_spikes(const Grid<float>& z) {
       for (std::ptrdiff_t i = r - 1; i <= r + 1; ++i)
         for (std::ptrdiff_t j = c - 1; j <= c + 1; ++j)
           if ((i != r || j != c) && !std::isnan(z(i, j))) around[n++] = z(i, j);
-      if (n < 5 || std::isnan(z(r, c))) continue;
-      const auto middle = around.begin() + static_cast<std::ptrdiff_t>(n / 2);
-      std::nth_element(around.begin(), middle, around.begin() + static_cast<std::ptrdiff_t>(n));
-      off(r, c) = std::abs(z(r, c) - *middle);
+      if (n >= 5 && !std::isnan(z(r, c))) off(r, c) = off_the_median(z(r, c), around, n);
     }
   });
   std::vector<double> size;
@@ -91,6 +98,17 @@ Grid<float> convolved(const Grid<float>& z, const std::vector<double>& kernel) {
     height.cells()[i] = w >= 0.75F ? mean + height.cells()[i] / w : NAN;
   }
   return height;
+}
+
+/// Median of the absolute differences from cell to cell along rows, of a million of them at most.
+double usual_step(const Grid<float>& z) {
+  std::vector<double> size;
+  const std::size_t step = 1 + z.cells().size() / 1'000'000;
+  const auto cols = static_cast<std::size_t>(z.cols());
+  for (std::size_t i = 1; i < z.cells().size(); i += step)
+    if (const float d = z.cells()[i] - z.cells()[i - 1]; i % cols != 0 && !std::isnan(d))
+      size.push_back(static_cast<double>(std::abs(d)));
+  return median(std::move(size), 0.0);
 }
 
 std::vector<double> gaussian(double sigma) {
@@ -261,6 +279,7 @@ void bring_to_one_resolution(SurfacePair& pair, double lower_pixel_m, double upp
   // The lower surface's slopes stand on nodes: no interpolation couples their noise to heights.
   // A much finer upper surface has next to no noise after all its means, and better slopes.
   pair.by_upper = 1.5 * upper_pixel_m < lower_pixel_m;
+  pair.least_spread_m = std::max(1e-9, 1e-3 * usual_step(pair.lower));
 }
 
 void MeanSlope::add(double e, double limit) {

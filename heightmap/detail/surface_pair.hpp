@@ -20,7 +20,15 @@ struct SurfacePair {
   double cell_m = 1.0;
   bool resolved = false;  ///< the grid is large enough for cells of a third of the coarser pixel
   bool by_upper = false;  ///< whose slopes residuals are weighed with
+  /// No difference is told more exactly: a thousandth of the usual step from cell to cell, which is
+  /// what interpolation is off by. As residuals' least spread it keeps Tukey's weights from
+  /// taking surfaces without noise apart.
+  double least_spread_m = 1e-9;
 };
+
+/// What interpolation draws a shift by, in pixels of the coarser surface (rms of an axis, measured
+/// without noise on overlaps of 40 to 128 pixels).
+inline constexpr double kInterpolation_px = 2e-4;
 
 /// Three cells to a pixel of the coarser surface, each the mean of whole nodes. Nodes left over at
 /// the upper and right edge are dropped. Both grids on the same nodes.

@@ -205,13 +205,14 @@ TEST(Coregister, StatesAnHonestCovarianceOnNarrowStrips) {
   EXPECT_NEAR(sum / n, 1.0, 0.1);  // 600 degrees of freedom scatter by 0.06
 }
 
-/// 100 x 100 coarse pixels, so that relief and noise can tell the figures.
+/// 100 x 100 coarse pixels, so that relief and noise can tell the figures. 1000 nodes are no whole
+/// number of cells, and tilts are large: a height that is not the one at the middle shows.
 TEST(Coregister, BringsAFineSurfaceOntoACoarseOneDespiteOutliers) {
   constexpr std::ptrdiff_t kSide = 1000;
   double sum = 0.0, up = 0.0, tilt = 0.0, over_sigma = 0.0;
   std::array<double, 2> square{};
   int n = 0;
-  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {  // twenty of each ground
     const Ground& g = kGrounds[seed % 3];
     const WaveRelief relief(seed, g.hurst, g.roughness, g.directions_rad);
     const Truth truth = drawn(50 + seed, 8.0);
@@ -251,11 +252,9 @@ TEST(Coregister, BringsAFineSurfaceOntoACoarseOneDespiteOutliers) {
   EXPECT_LT(north_px, 0.05);
   EXPECT_LT(std::sqrt(up / n), 0.1 * 0.1);
   EXPECT_LT(std::sqrt(tilt / (2.0 * n)), 5e-6);
-  // The shift is covered by what is stated: 40 values scatter by 0.11.
-  EXPECT_LT(std::sqrt(over_sigma / n), 1.3);
-  // All five are not quite: images of relief in the coarse pixels are alike over more cells than
-  // residuals show, which heights and tilts feel most.
-  EXPECT_LT(sum / (5.0 * n), 2.0);
+  // The shift is covered by what is stated: 120 values scatter by 0.07.
+  EXPECT_NEAR(std::sqrt(over_sigma / n), 1.0, 0.2);
+  EXPECT_NEAR(sum / (5.0 * n), 1.0, 0.1);  // 300 degrees of freedom scatter by 0.08
 }
 
 TEST(Coregister, ReachesTwentyPixelsInAnyDirection) {

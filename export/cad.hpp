@@ -55,6 +55,18 @@ struct NamedMesh {
 [[nodiscard]] Result<void> write_3mf(const std::vector<NamedMesh>& meshes,
                                      const std::filesystem::path& path, const RunContext& run = {});
 
+/// One of the meshes, shifted, as it is to be built.
+struct BuildItem {
+  std::size_t mesh = 0;
+  Vec3 shift_mm;
+  std::string part_number;  ///< of this one of them
+};
+/// The same with each mesh once and any number of build items that refer to it.
+/// @pre items name meshes that are there
+[[nodiscard]] Result<void> write_3mf(const std::vector<NamedMesh>& meshes,
+                                     const std::vector<BuildItem>& items,
+                                     const std::filesystem::path& path, const RunContext& run = {});
+
 /// DXF (R12, read by everything): contour lines at the multiples of `interval` as
 /// closed or open POLYLINEs at their height on layer CONTOUR, higher ground on the
 /// left; the rectangle of the field at height 0 on layer OUTLINE. See contours.hpp.

@@ -4,40 +4,14 @@
 #include "core/files.hpp"
 #include "export/cad.hpp"
 #include "export/contours.hpp"
+#include "export/dxf_text.hpp"
 #include "export/limits.hpp"
-#include "export/text_lines.hpp"
 
 namespace maquette::exporting {
 namespace {
 
 /// More lines than a person can tell apart; a larger number is a slip of the unit.
 constexpr double kMaxLevels = 10'000;
-
-void append_coordinate(fmt::memory_buffer& out, std::string_view group, double value) {
-  append_text(out, group);
-  append_micro(out, value);
-  out.push_back('\n');
-}
-
-void append_polyline(fmt::memory_buffer& out, std::string_view layer, const ContourLine& line,
-                     double z) {
-  append_text(out, "0\nPOLYLINE\n8\n");
-  append_text(out, layer);
-  append_text(out, "\n66\n1\n10\n0.0\n20\n0.0\n");
-  append_coordinate(out, "30\n", z);
-  append_text(out, line.closed ? "70\n1\n" : "70\n0\n");
-  for (const auto& p : line.points_mm) {
-    append_text(out, "0\nVERTEX\n8\n");
-    append_text(out, layer);
-    out.push_back('\n');
-    append_coordinate(out, "10\n", p[0]);
-    append_coordinate(out, "20\n", p[1]);
-    append_coordinate(out, "30\n", z);
-  }
-  append_text(out, "0\nSEQEND\n8\n");
-  append_text(out, layer);
-  out.push_back('\n');
-}
 
 ContourLine outline(const heightmap::ModelField& f) {
   const double x0 = f.x_mm(0), x1 = f.x_mm(f.z_mm.cols() - 1);
@@ -46,20 +20,9 @@ ContourLine outline(const heightmap::ModelField& f) {
 }
 
 std::string header(const ContourLine& border, double z_min, double z_max) {
+  constexpr std::array<DxfLayer, 2> kLayers{{{"CONTOUR", 3}, {"OUTLINE", 7}}};
   const auto lo = border.points_mm[0], hi = border.points_mm[2];
-  return fmt::format(
-      "999\nmaquette: contour lines, model frame x east y north z up, millimetres\n"
-      "0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1009\n"
-      "9\n$EXTMIN\n10\n{:.6f}\n20\n{:.6f}\n30\n{:.6f}\n"
-      "9\n$EXTMAX\n10\n{:.6f}\n20\n{:.6f}\n30\n{:.6f}\n0\nENDSEC\n"
-      "0\nSECTION\n2\nTABLES\n"
-      "0\nTABLE\n2\nLTYPE\n70\n1\n0\nLTYPE\n2\nCONTINUOUS\n70\n0\n3\nSolid line\n72\n65\n73\n0\n"
-      "40\n0.0\n0\nENDTAB\n"
-      "0\nTABLE\n2\nLAYER\n70\n2\n"
-      "0\nLAYER\n2\nCONTOUR\n70\n0\n62\n3\n6\nCONTINUOUS\n"
-      "0\nLAYER\n2\nOUTLINE\n70\n0\n62\n7\n6\nCONTINUOUS\n0\nENDTAB\n0\nENDSEC\n"
-      "0\nSECTION\n2\nENTITIES\n",
-      lo[0], lo[1], z_min, hi[0], hi[1], z_max);
+  return dxf_header("contour lines", {{lo[0], lo[1], z_min}, {hi[0], hi[1], z_max}}, kLayers);
 }
 
 struct Range {
@@ -100,7 +63,7 @@ Result<void> write_dxf_contours(const heightmap::ModelField& surface, Millimetre
   const ContourLine border = outline(surface);
   file.write(header(border, range.min, range.max));
   fmt::memory_buffer text;
-  append_polyline(text, "OUTLINE", border, 0.0);
+  append_dxf_polyline(text, "OUTLINE", border.points_mm, border.closed, 0.0);
   file.write(text.data(), text.size());
 
   const ContourTracer tracer(surface);
@@ -112,12 +75,12 @@ Result<void> write_dxf_contours(const heightmap::ModelField& surface, Millimetre
     const double level = static_cast<double>(k) * step;
     for (const ContourLine& line : tracer.trace(level)) {
       text.clear();
-      append_polyline(text, "CONTOUR", line, level);
+      append_dxf_polyline(text, "CONTOUR", line.points_mm, line.closed, level);
       file.write(text.data(), text.size());
     }
     run.progress(static_cast<double>(k - first + 1) / static_cast<double>(last - first + 1));
   }
-  file.write("0\nENDSEC\n0\nEOF\n");
+  file.write(kDxfEnd);
   return file.commit();
 }
 

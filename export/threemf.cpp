@@ -78,8 +78,8 @@ std::vector<NMR::MODELMESHTRIANGLE> faces(const TriMesh& mesh) {
   return result;
 }
 
-void add_object(Steps& step, const Handle& model, const NamedMesh& part, std::size_t number) {
-  Handle object, item;
+void add_object(Steps& step, const Handle& model, Handle& object, const NamedMesh& part,
+                std::size_t number) {
   step("add an object", model, [&] {
     return NMR::lib3mf_model_addmeshobject(model.get(), object.out<NMR::PLib3MFModelMeshObject>());
   });
@@ -97,8 +97,19 @@ void add_object(Steps& step, const Handle& model, const NamedMesh& part, std::si
   });
   step("set an object's UUID", object,
        [&] { return NMR::lib3mf_object_setuuidutf8(object.get(), fixed_uuid(1, number).c_str()); });
+}
+
+void add_item(Steps& step, const Handle& model, const Handle& object, const BuildItem& part,
+              std::size_t number) {
+  Handle item;
+  NMR::MODELTRANSFORM place{};
+  for (std::size_t k = 0; k < 3; ++k) place.m_fFields[k][k] = 1.0F;
+  place.m_fFields[0][3] = static_cast<float>(part.shift_mm.x);
+  place.m_fFields[1][3] = static_cast<float>(part.shift_mm.y);
+  place.m_fFields[2][3] = static_cast<float>(part.shift_mm.z);
   step("build an object", model, [&] {
-    return NMR::lib3mf_model_addbuilditem(model.get(), object.get(), nullptr,
+    return NMR::lib3mf_model_addbuilditem(model.get(), object.get(),
+                                          part.shift_mm == Vec3{} ? nullptr : &place,
                                           item.out<NMR::PLib3MFModelBuildItem>());
   });
   step("number a part", item, [&] {
@@ -109,11 +120,10 @@ void add_object(Steps& step, const Handle& model, const NamedMesh& part, std::si
   });
 }
 
-}  // namespace
-
-Result<void> write_3mf(const std::vector<NamedMesh>& meshes, const std::filesystem::path& path,
-                       const RunContext& run) {
-  if (meshes.empty())
+/// What lib3mf would take silently or answer with a number.
+Result<void> check_parts(const std::vector<NamedMesh>& meshes, const std::vector<BuildItem>& items,
+                         const std::filesystem::path& path) {
+  if (meshes.empty() || items.empty())
     return fail(kEmptyMesh, fmt::format("{}: no mesh to be written", path.string()));
   std::uint64_t triangles = 0;
   for (const NamedMesh& part : meshes) {
@@ -122,6 +132,8 @@ Result<void> write_3mf(const std::vector<NamedMesh>& meshes, const std::filesyst
     triangles += part.mesh->triangles.size();
   }
   MAQUETTE_TRY_VOID(within_limit(triangles, k3mfTriangleLimit, "triangles", "3MF", path));
+  for (const BuildItem& item : items)
+    MAQUETTE_CHECK(item.mesh < meshes.size(), "mesh {} of {}", item.mesh, meshes.size());
   for (const NamedMesh& part : meshes) {
     MAQUETTE_TRY_VOID(check_mesh_for_export(*part.mesh, path));
     const Box3 box = part.mesh->bounds();
@@ -131,7 +143,21 @@ Result<void> write_3mf(const std::vector<NamedMesh>& meshes, const std::filesyst
                                                 "lib3mf takes; shift the model to its origin",
                                                 path.string(), part.name, x));
   }
+  return {};
+}
 
+}  // namespace
+
+Result<void> write_3mf(const std::vector<NamedMesh>& meshes, const std::filesystem::path& path,
+                       const RunContext& run) {
+  std::vector<BuildItem> items;
+  for (const NamedMesh& part : meshes) items.push_back({items.size(), Vec3{}, part.part_number});
+  return write_3mf(meshes, items, path, run);
+}
+
+Result<void> write_3mf(const std::vector<NamedMesh>& meshes, const std::vector<BuildItem>& items,
+                       const std::filesystem::path& path, const RunContext& run) {
+  MAQUETTE_TRY_VOID(check_parts(meshes, items, path));
   AtomicPath partial(path);
   MAQUETTE_TRY_VOID(partial.prepare());
   Steps step(path);
@@ -152,11 +178,14 @@ Result<void> write_3mf(const std::vector<NamedMesh>& meshes, const std::filesyst
     return NMR::lib3mf_model_addmetadatautf8(model.get(), "Description",
                                              "model frame: x east, y north, z up, millimetres");
   });
+  std::vector<Handle> objects(meshes.size());
   for (std::size_t i = 0; i < meshes.size(); ++i) {
     if (run.stopped()) return cancelled();
-    add_object(step, model, meshes[i], i + 1);
+    add_object(step, model, objects[i], meshes[i], i + 1);
     run.progress(0.2 * static_cast<double>(i + 1) / static_cast<double>(meshes.size()));
   }
+  for (std::size_t i = 0; i < items.size(); ++i)
+    add_item(step, model, objects[items[i].mesh], items[i], i + 1);
   step("start the writer", model, [&] {
     return NMR::lib3mf_model_querywriter(model.get(), "3mf", writer.out<NMR::PLib3MFModelWriter>());
   });

@@ -16,7 +16,7 @@
 namespace maquette::meshing {
 namespace {
 
-enum Stream : std::uint64_t { kSizes = 1, kShapes = 2, kInner = 3, kPositions = 4 };
+enum Stream : std::uint64_t { kSizes = 1, kShapes = 2, kInner = 3, kPositions = 4, kCatalogue = 5 };
 constexpr std::uint64_t kTriesPerStone = 20000;
 
 /// Distance of the farthest vertex from the origin, for diameter 1.
@@ -36,6 +36,15 @@ assets::RockShape draw_shape(std::uint64_t seed, std::uint64_t i) {
           .elongation = between(2, 0.65, 0.95),
           .roughness = between(3, 0.015, 0.05),
           .seed = random_bits(stream, 8 * i + 4)};
+}
+
+/// The nearest, by ratio, of `steps` sizes from min to max; of one step, the one between them.
+double catalogue_size(double diameter_m, const SitePlanRequest& request) {
+  const double low = std::log(request.min_diameter.value());
+  const double range = std::log(request.max_diameter.value()) - low;
+  if (request.sizes == 1) return std::exp(low + 0.5 * range);
+  const double step = range / (request.sizes - 1);
+  return std::exp(low + step * std::round((std::log(diameter_m) - low) / step));
 }
 
 /// Which of the stones lie inside: those with the smallest random keys.
@@ -85,9 +94,19 @@ Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request) {
   const double inner_half_m = request.inner_half_width.value();
   MAQUETTE_CHECK(half_m >= 0.0 && inner_half_m >= 0.0, "{}, {}", half_m, inner_half_m);
 
-  const auto diameters =
+  MAQUETTE_CHECK(request.shapes >= 0 && request.sizes >= 0, "{}, {}", request.shapes,
+                 request.sizes);
+  auto diameters =
       assets::draw_rock_diameters(request.count, request.k, request.min_diameter,
                                   request.max_diameter, random_bits(request.seed, kSizes));
+  if (request.sizes > 0)
+    for (Metres& d : diameters) d = Metres{catalogue_size(d.value(), request)};
+  const std::uint64_t catalogue = random_bits(request.seed, kCatalogue);
+  const auto shape_of = [&](std::size_t i) -> std::uint64_t {
+    return request.shapes > 0
+               ? random_bits(catalogue, i) % static_cast<std::uint64_t>(request.shapes)
+               : i;
+  };
   const std::size_t count = diameters.size();
   // 0.1 of 30 is a hair above 3 in double and must not become 4.
   const double share = std::ceil(request.inner_share * request.count - 1e-9);
@@ -98,7 +117,7 @@ Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request) {
   std::vector<double> radius_m(count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
     stones[i] = {.number = static_cast<int>(i + 1),
-                 .shape = draw_shape(request.seed, i),
+                 .shape = draw_shape(request.seed, shape_of(i)),
                  .diameter = diameters[i],
                  .heading = Radians{2.0 * std::numbers::pi *
                                     random_uniform(random_bits(request.seed, kShapes), 8 * i + 5)}};

@@ -42,6 +42,9 @@ struct SitePlanRequest {
   Metres min_diameter{2.0}, max_diameter{5.0};
   double k = 0.1;  ///< Golombek-Rapp area fraction
   std::uint64_t seed = 1;
+  /// A workshop's catalogue: that many distinct shapes, and sizes at that many steps of equal ratio
+  /// from min to max, the nearest one for each stone. 0: each stone its own.
+  int shapes = 0, sizes = 0;
 };
 
 /// Draws sizes, shapes and positions; numbers them by falling size. The circumscribed
@@ -49,7 +52,7 @@ struct SitePlanRequest {
 /// on either side, from the inner square's (centred on the site).
 /// MESHING_STONE_LARGER_THAN_SITE: a stone cannot keep its distance from the border of
 /// its square; MESHING_STONES_DO_NOT_FIT: says how many did.
-/// @pre count >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
+/// @pre count, shapes, sizes >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
 ///      assets::draw_rock_diameters asks
 [[nodiscard]] Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request);
 

@@ -60,6 +60,8 @@ Result<JobResult> stones_job(const Site& site, double scale, const fs::path& des
   request.min_diameter = Metres{site.stone_min_diameter_m};
   request.max_diameter = Metres{site.stone_max_diameter_m};
   request.k = site.stone_k;
+  request.shapes = static_cast<int>(site.stone_shapes);
+  request.sizes = static_cast<int>(site.stone_sizes);
   request.seed = static_cast<std::uint64_t>(site.seed);
   MAQUETTE_TRY(auto plan, meshing::plan_stones(request));
   for (auto& stone : plan) stone.shape.angularity = site.stone_angularity;

@@ -226,6 +226,12 @@ SiteFile empty_site_file() {
   t.add({"stones.min_diameter_m", &s.stone_min_diameter_m, "smallest, on the planet", 1e-3, 1e4});
   t.add({"stones.max_diameter_m", &s.stone_max_diameter_m, "largest, on the planet", 1e-3, 1e4});
   t.add({"stones.area_fraction_k", &s.stone_k, "Golombek-Rapp total rock coverage", 0.005, 0.5});
+  t.add({"stones.shapes", &s.stone_shapes,
+         "distinct ones, so that a workshop can make a catalogue of them; 0: each stone its own", 0,
+         1000});
+  t.add({"stones.sizes", &s.stone_sizes,
+         "distinct ones, at equal ratios from the smallest to the largest; 0: each stone its own",
+         0, 1000});
   t.add({"stones.angularity", &s.stone_angularity, "0 rounded to 1 angular", 0, 1});
   t.add({"stones.embedded_share", &s.stone_embedded_share, "of a stone's height in the ground", 0,
          0.9});

@@ -3,12 +3,15 @@
 // export/cad.hpp, write_3mf; export/zip_times.hpp:
 //   another reader finds the parts ... lib3mf's reader, strict: unit, names, numbers,
 //                                      vertices to 1e-6, triangles, manifold
+//   one mesh built several times ..... read back, and the archive's text as GDAL unpacks it: each
+//                                      mesh once, a transform an item
 //   same bytes ....................... no clock, no random UUID: two files, and the
 //                                      time fields of every archive entry
 //   each error code .................. too many (a mesh named many times), none, a
 //                                      mesh that lib3mf refuses, folder, stopped
 
 #include <Model/COM/NMR_DLLInterfaces.h>
+#include <cpl_vsi.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -135,6 +138,37 @@ TEST(Write3mf, HasNeitherClockNorChanceInIt) {
   EXPECT_EQ(entries, 3);
   EXPECT_EQ(a.substr(0, 4), std::string("PK\3\4", 4));
   EXPECT_EQ(a.substr(10, 4), time);
+}
+
+TEST(Write3mf, BuildsOneMeshSeveralTimes) {
+  const ScratchFolder folder;
+  const TriMesh ball = sphere_solid({0, 0, 2}, 2, 6), box = box_solid({0, 0, 0}, {1, 2, 3});
+  const std::vector<BuildItem> items{
+      {0, {2.5, 3.25, 0}, "A/1"}, {1, {}, "B/2"}, {0, {12.5, 3.25, 7.125}, "A/3"}};
+  const auto path = folder / "a.3mf";
+  ASSERT_THAT(write_3mf({{"ball", "A", &ball}, {"box", "B", &box}}, items, path), Succeeds());
+  const ReadModel model = read_3mf(path);
+  EXPECT_EQ(model.warnings, 0U);
+  ASSERT_EQ(model.parts.size(), 3U);
+  EXPECT_EQ(model.parts[0].part_number, "A/1");
+  EXPECT_EQ(model.parts[2].part_number, "A/3");
+  EXPECT_EQ(model.parts[2].mesh.triangles.size(), ball.triangles.size());
+  EXPECT_EQ(model.parts[1].mesh.triangles.size(), box.triangles.size());
+
+  VSILFILE* in = VSIFOpenL(("/vsizip/{" + path.string() + "}/3D/3dmodel.model").c_str(), "rb");
+  ASSERT_NE(in, nullptr);
+  std::string text(1 << 20, '\0');
+  text.resize(VSIFReadL(text.data(), 1, text.size(), in));
+  VSIFCloseL(in);
+  std::vector<std::string> transforms;
+  for (std::size_t at = 0; (at = text.find("transform=\"", at)) != std::string::npos; ++at)
+    transforms.push_back(text.substr(at + 11, text.find('"', at + 11) - at - 11));
+  // The core specification's order: three rows of the rotation, then the shift.
+  EXPECT_EQ(transforms, (std::vector<std::string>{"1 0 0 0 1 0 0 0 1 2.5 3.25 0",
+                                                  "1 0 0 0 1 0 0 0 1 12.5 3.25 7.125"}));
+  std::size_t objects = 0;
+  for (std::size_t at = 0; (at = text.find("<object ", at)) != std::string::npos; ++at) ++objects;
+  EXPECT_EQ(objects, 2U);
 }
 
 TEST(SetZipTimes, RefusesWhatIsNoArchive) {

@@ -13,6 +13,7 @@
 //   outside, over the border, on a void ..... left out
 //   envelope exact at the nodes ............. slow oracle: vertical line against every triangle
 //   same bits for any number of threads ..... compared for 1 and 4
+//   a catalogue's shapes and sizes ......... counted; each diameter the nearest step
 //   every error of the plan ................. reached
 // stones.json and stones.csv: stone_files_test.cpp.
 
@@ -21,6 +22,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -144,6 +146,31 @@ TEST(PlanStones, RoundsTheShareUpButNotForRoundingErrors) {
   EXPECT_EQ(inside(5, 0.0), 0);
   EXPECT_EQ(inside(5, 1.0), 5);
   EXPECT_EQ(inside(0, 0.5), 0);
+}
+
+TEST(PlanStones, DrawsFromACatalogue) {
+  SitePlanRequest request{.count = 400, .half_width = Metres{1500}, .inner_half_width = Metres{0}};
+  request.k = 0.5;
+  request.min_diameter = Metres{0.1};
+  request.max_diameter = Metres{0.8};
+  const auto free = plan_stones(request).value();
+  request.shapes = 7;
+  request.sizes = 4;
+  const auto stones = plan_stones(request).value();
+  ASSERT_EQ(stones.size(), free.size());
+  std::set<std::uint64_t> shapes;
+  std::set<double> sizes;
+  for (std::size_t i = 0; i < stones.size(); ++i) {
+    shapes.insert(stones[i].shape.seed);
+    sizes.insert(stones[i].diameter.value());
+    // Steps of a factor 2: the nearest by ratio is within its square root.
+    EXPECT_LE(std::abs(std::log(stones[i].diameter.value() / free[i].diameter.value())),
+              0.5 * std::log(2.0) + 1e-12);
+  }
+  EXPECT_EQ(shapes.size(), 7U);
+  ASSERT_EQ(sizes.size(), 4U);
+  for (const double step : {0.1, 0.2, 0.4, 0.8})
+    EXPECT_NEAR(*sizes.lower_bound(step - 1e-9), step, 1e-9);
 }
 
 TEST(PlanStones, SaysWhenAStoneIsLargerThanItsSquare) {

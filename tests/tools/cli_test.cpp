@@ -6,6 +6,8 @@
 
 #include <array>
 #include <fstream>
+#include <numbers>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -881,6 +883,72 @@ TEST_F(CommandLine, TilesAddUpToTheWholeAndStandInTheirOwnFrame) {
   EXPECT_NE(slurp(scratch / "tiles/tiles.svg").find("<rect"), std::string::npos);
 }
 
+TEST_F(CommandLine, StonesGoToTheWorkshop) {
+  const std::string d = design().string();
+  std::vector<meshing::PlacedStone> stones(3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    stones[i].number = static_cast<int>(i) + 1;
+    stones[i].shape.seed = i == 1 ? 8 : 7;
+    stones[i].scale_mm = 3.0;
+    const double x = 4.0 + 5.0 * static_cast<double>(i);
+    stones[i].model_from_stone = {rotation_about({0.6, 0.0, 0.8}, 0.4 * static_cast<double>(i)),
+                                  {x, 9.0, std::sin(0.2 * (x + 9.0)) + 0.8}};
+    stones[i].embedded_depth_mm = 0.3;
+  }
+  ASSERT_TRUE(meshing::write_stone_plan(stones, scratch / "stones.json"));
+  const std::string verb = "stone-parts " + (scratch / "stones.json").string() + " --design " + d +
+                           " --out " + out.string() + " ";
+  const auto o = run(verb + "--quiet --clearance-mm 0.05 --build-mm 8 8 8 --joints-mm 11");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json made = json::parse(slurp(out / "stone_parts.json"));
+  EXPECT_EQ(made["distinct_parts"], 2);
+  EXPECT_EQ(made["parts"][0]["stones"].size() + made["parts"][1]["stones"].size(), 3U);
+  EXPECT_GE(made["builds"], 1);
+  for (const json& f : made["files"]) {
+    const fs::path path = out / f["file"].get<std::string>();
+    EXPECT_EQ(sha256_file(path).value(), f["sha256"]) << path;
+    EXPECT_EQ(fs::file_size(path), f["bytes"]);
+  }
+  // Parts: what STL holds is as large as the list says, and closed.
+  for (const json& p : made["parts"]) {
+    const auto mesh = meshing::read_mesh(out / "parts" / (p["part"].get<std::string>() + ".stl"));
+    ASSERT_TRUE(mesh.has_value());
+    const Box3 box = mesh->bounds();
+    EXPECT_NEAR(norm(box.min), 0.0, 1e-6);
+    EXPECT_NEAR(box.max.x, p["size_mm"][0].get<double>(), 1e-5);
+    EXPECT_GT(p["clearance_mm"][0], 0.04);
+  }
+  // The list gives each rotation back: the long axis above its heading, across the tilted axis.
+  std::istringstream table(slurp(out / "placing.csv"));
+  std::string line;
+  std::getline(table, line);
+  for (const auto& stone : stones) {
+    ASSERT_TRUE(std::getline(table, line));
+    std::vector<double> v;
+    std::istringstream row(line);
+    for (std::string cell; std::getline(row, cell, ',');) v.push_back(std::atof(cell.c_str()));
+    ASSERT_EQ(v.size(), 11U);
+    EXPECT_EQ(v[0], stone.number);
+    constexpr double kRad = std::numbers::pi / 180;
+    const Vec3 up{std::sin(v[8] * kRad) * std::cos(v[9] * kRad),
+                  std::sin(v[8] * kRad) * std::sin(v[9] * kRad), std::cos(v[8] * kRad)};
+    const double c = std::cos(v[7] * kRad), s = std::sin(v[7] * kRad);
+    const Vec3 along = normalized(Vec3{c, s, -(up.x * c + up.y * s) / up.z});
+    const Quaternion q = stone.model_from_stone.rotation;
+    // Angles are given to 0.01 degrees.
+    EXPECT_NEAR(norm(rotate(q, {0, 0, 1}) - up), 0.0, 3e-4);
+    EXPECT_NEAR(norm(rotate(q, {1, 0, 0}) - along), 0.0, 5e-4);
+    EXPECT_NEAR(v[6], meshing::stone_mesh(stone).bounds().min.z, 1e-3);
+  }
+  EXPECT_EQ(run(verb + "--quiet --wall-mm 2.9").exit_code, 1) << "walls that the parts lack";
+  const auto too_small = run(verb + "--build-mm 2 8 8");
+  EXPECT_EQ(too_small.exit_code, 2);
+  EXPECT_THAT(too_small.err, AllOf(HasSubstr("stones.json"), HasSubstr("build volume")));
+  const auto nothing = run(verb + "--clearance-mm 1.5");
+  EXPECT_EQ(nothing.exit_code, 2);
+  EXPECT_THAT(nothing.err, AllOf(HasSubstr("part S00"), HasSubstr("clearance of 1.5 mm")));
+}
+
 TEST_F(CommandLine, ACoatedSolidHasItsUndercoatBesideIt) {
   const std::string d = design().string();
   ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);
@@ -925,10 +993,10 @@ TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
 
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
-       {"init",       "run",           "fuse",   "stones",   "mesh",    "bands",
-        "mill",       "spheres",       "verify", "backplot", "export",  "render",
-        "compare",    "scan",          "clean",  "merge",    "deviate", "diagnose",
-        "compensate", "detectability", "info",   "doctor"}) {
+       {"init",        "run",        "fuse",          "stones", "mesh",     "bands",
+        "stone-parts", "mill",       "spheres",       "verify", "backplot", "export",
+        "render",      "compare",    "scan",          "clean",  "merge",    "deviate",
+        "diagnose",    "compensate", "detectability", "info",   "doctor"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));

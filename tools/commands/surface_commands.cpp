@@ -11,6 +11,7 @@
 #include "tools/commands/commands.hpp"
 #include "tools/fuse_page.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_stone_parts.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/jobs_undercoat.hpp"
 #include "tools/machining_time.hpp"
@@ -134,6 +135,53 @@ Command add_stones(CLI::App& root, const CommonOptions& common) {
             return finish(console, "stones", [&](const RunContext& run) {
               return stones_job(*file.site, o->scale, o->design, o->out, run);
             });
+          }};
+}
+
+Command add_stone_parts(CLI::App& root, const CommonOptions&) {
+  auto o = std::make_shared<StonePartsJob>();
+  auto out = std::make_shared<fs::path>("stone_parts");
+  auto clearance_mm = std::make_shared<double>(o->clearance.value());
+  auto wall_mm = std::make_shared<double>(o->wall.value());
+  auto build_mm = std::make_shared<std::vector<double>>(std::vector<double>{200, 200, 200});
+  auto* app = root.add_subcommand(
+      "stone-parts",
+      "The stones for the workshop: per distinct stone 3MF and STL, smaller by a clearance and\n"
+      "checked for a least wall; packed build volumes; where each goes as CSV, DXF and PDF at "
+      "1:1.\n"
+      "Example: maquette stone-parts out/s1000/stones.json --design out/s1000/design.tif --paper "
+      "a3 "
+      "--out stones");
+  app->add_option("stones", o->stones, "stones.json of `maquette stones`")->required();
+  app->add_option("--design", o->design, "model field (.tif) that they lie on")->required();
+  app->add_option("--out", *out, "folder")->capture_default_str();
+  app->add_option("--clearance-mm", *clearance_mm, "parts are smaller by that on every side")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 100.0));
+  app->add_option("--wall-mm", *wall_mm, "least wall of the sintering process")
+      ->capture_default_str()
+      ->check(CLI::Range(1e-3, 100.0));
+  app->add_option("--build-mm", *build_mm, "the machine's build volume: x y z")
+      ->expected(3)
+      ->capture_default_str()
+      ->check(CLI::Range(1.0, 1e5));
+  app->add_option("--spacing-mm", o->volume.spacing_mm, "between parts in it")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1000.0));
+  app->add_option("--paper", o->paper, "of placing.pdf")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"a4", "a3"}));
+  app->add_option("--joints-mm", o->joint_width_mm,
+                  "draws where bands not wider than that meet (0: none)")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e5));
+  app->add_option("--name", o->name, "on every sheet of placing.pdf")->capture_default_str();
+  return {app, [=](Console& console) -> Result<int> {
+            o->clearance = Millimetres{*clearance_mm};
+            o->wall = Millimetres{*wall_mm};
+            o->volume.size_mm = {(*build_mm)[0], (*build_mm)[1], (*build_mm)[2]};
+            return finish(console, "stone-parts",
+                          [&](const RunContext& run) { return stone_parts_job(*o, *out, run); });
           }};
 }
 

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "scan/check_stations.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
+#include <vector>
 
 #include <fmt/format.h>
+#include <Eigen/Dense>
 
 namespace maquette::scan {
 namespace {
@@ -14,6 +17,13 @@ using heightmap::ModelField;
 constexpr std::size_t kSample = 200'000;
 constexpr std::size_t kLeastPoints = 1'000;
 constexpr double kSigmas = 5.0, kOfNoise = 0.25;
+constexpr std::size_t kColumns = 200, kLeastColumns = 10;  // of a grid, each of so many points:
+constexpr std::size_t kInColumn = 100, kLeastInColumn = 20;
+constexpr int kMostSteps = 50;
+constexpr double kOfRange = 0.01;
+// What circles and rounded coordinates leave at random, and what an instrument in order may have
+// beside (20 arc seconds).
+constexpr double kCirclesRad = 2e-5, kInOrderRad = 1e-4;
 
 /// Does a scanner at `from` see the side of the surface that is up? Nothing beside the part.
 std::optional<bool> from_behind(Vec3 p, Vec3 from, const ModelField& design) {
@@ -39,7 +49,129 @@ std::string name_of(const ScanStation& s, std::size_t number) {
   return s.name.empty() ? fmt::format("station {}", number) : s.name;
 }
 
+/// Some points of some columns.
+using Columns = std::vector<std::vector<Vec3>>;
+
+Columns columns_of(const Cloud& cloud, std::size_t first, std::size_t n) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = first; i < first + n; ++i) order.push_back(i);
+  const auto& grid = cloud.grid;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return grid[a].column < grid[b].column; });
+  std::vector<std::pair<std::size_t, std::size_t>> ranges;  // of `order`
+  for (std::size_t k = 0, end = 0; k < n; k = end) {
+    while (end < n && grid[order[end]].column == grid[order[k]].column) ++end;
+    if (end - k >= kLeastInColumn) ranges.emplace_back(k, end);
+  }
+  Columns columns;
+  for (std::size_t k = 0; k < ranges.size(); k += 1 + ranges.size() / kColumns) {
+    const auto [begin, end] = ranges[k];
+    auto& column = columns.emplace_back();
+    for (std::size_t i = begin; i < end; i += 1 + (end - begin) / kInColumn)
+      column.push_back(cloud.points_mm[order[i]]);
+  }
+  return columns;
+}
+
+/// How columns lie about planes through one place: by distance, for angles vanish as a place goes
+/// far away.
+struct Fan {
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();  ///< of the place, planes refitted
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  double squares_mm2 = 0.0, freedom = -3.0;
+  double range_mm = 0.0;  ///< mean
+  [[nodiscard]] double rms_mm() const { return std::sqrt(squares_mm2 / freedom); }
+};
+
+Fan fan_from(const Columns& columns, const Eigen::Vector3d& from) {
+  Fan fan;
+  double points = 0.0;
+  for (const std::vector<Vec3>& column : columns) {
+    const auto n = static_cast<Eigen::Index>(column.size());
+    Eigen::MatrixX3d beam(n, 3);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const Vec3 p = column[static_cast<std::size_t>(i)];
+      beam.row(i) = (Eigen::Vector3d(p.x, p.y, p.z) - from).transpose();
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(beam.transpose() * beam);
+    const Eigen::Vector3d across = axes.eigenvectors().col(0);
+    const Eigen::VectorXd off = beam * across;
+    // The plane turns about the place as the place moves: what that takes out is no evidence.
+    const Eigen::MatrixX2d turns = beam * axes.eigenvectors().rightCols<2>();
+    const Eigen::VectorXd ones = Eigen::VectorXd::Ones(n);
+    const Eigen::VectorXd moves =
+        turns * (turns.transpose() * turns).ldlt().solve(turns.transpose() * ones) - ones;
+    fan.normal += moves.squaredNorm() * across * across.transpose();
+    fan.gradient += moves.dot(off) * across;
+    fan.squares_mm2 += off.squaredNorm();
+    fan.range_mm += beam.rowwise().norm().sum();
+    fan.freedom += static_cast<double>(n) - 2.0;
+    points += static_cast<double>(n);
+  }
+  fan.range_mm /= points;
+  return fan;
+}
+
+Result<void> check_columns(const Columns& columns, Vec3 stated) {
+  if (columns.size() < kLeastColumns) return {};
+  const Eigen::Vector3d start(stated.x, stated.y, stated.z);
+  const Fan at_stated = fan_from(columns, start);
+  Eigen::Vector3d place = start;
+  Fan best = at_stated;
+  double damping = 1e-3;
+  for (int i = 0; i < kMostSteps && damping < 1e6; ++i) {
+    Eigen::Matrix3d damped = best.normal;
+    damped.diagonal().array() += damping * best.normal.trace() / 3.0;
+    const Eigen::Vector3d step = -damped.ldlt().solve(best.gradient);
+    const Fan there = fan_from(columns, place + step);
+    const bool better = there.squares_mm2 < best.squares_mm2;
+    damping *= better ? 0.1 : 10.0;
+    if (!better) continue;
+    const bool at_rest = best.squares_mm2 - there.squares_mm2 < 1e-6 * best.squares_mm2;
+    place += step;
+    best = there;
+    if (at_rest) break;
+  }
+  // Columns of most scanners share an axis, along which their place stays open.
+  const double noise_mm = std::fmax(kCirclesRad * at_stated.range_mm, best.rms_mm());
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(best.normal);
+  const Eigen::Vector3d along = axes.eigenvectors().transpose() * (place - start);
+  Eigen::Vector3d off = Eigen::Vector3d::Zero();
+  double sigmas = 0.0;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    const double by =
+        std::abs(along(k)) * std::sqrt(std::fmax(0.0, axes.eigenvalues()(k))) / noise_mm;
+    if (!(by > kSigmas)) continue;
+    off += along(k) * axes.eigenvectors().col(k);
+    sigmas = std::hypot(sigmas, by);
+  }
+  const bool elsewhere =
+      at_stated.rms_mm() > std::fmax(kInOrderRad * at_stated.range_mm, 2.0 * noise_mm) &&
+      off.norm() > kOfRange * at_stated.range_mm;
+  if (!elsewhere) return {};
+  return fail(kStationPose,
+              fmt::format("columns of the scan meet at x {:.1f}, y {:.1f}, z {:.1f} mm of the "
+                          "cloud's frame, {:.1f} mm ({:.0f} standard deviations) from the scanner "
+                          "at x {:.1f}, y {:.1f}, z {:.1f} mm; give its place, or none",
+                          stated.x + off.x(), stated.y + off.y(), stated.z + off.z(), off.norm(),
+                          sigmas, stated.x, stated.y, stated.z));
+}
+
 }  // namespace
+
+Result<void> check_sight_planes(const Cloud& cloud) {
+  if (cloud.grid.empty()) return {};
+  if (cloud.station_mm)
+    return check_columns(columns_of(cloud, 0, cloud.points_mm.size()), *cloud.station_mm);
+  std::size_t first = 0;
+  for (const ScanStation& s : cloud.stations) {
+    if (s.position_mm) {
+      MAQUETTE_TRY_VOID(check_columns(columns_of(cloud, first, s.points), *s.position_mm));
+    }
+    first += s.points;
+  }
+  return {};
+}
 
 Result<void> check_viewpoints(const Cloud& cloud, const RigidTransform& model_from_scan,
                               const ModelField& design) {

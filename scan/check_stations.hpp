@@ -5,10 +5,11 @@
 /// Are scanners where a file says they are?
 ///
 /// Takes   a cloud and its pose on the design
-/// Gives   SCAN_STATION_POSE where a scanner would see its points from behind; how far stations
-///         of one file lie from where they would lie alone
-/// Not     a wrong place on the right side of the part: a surface looks alike from there, and rows
-///         and columns of a structured scan are not compared with the angles from its station
+/// Gives   SCAN_STATION_POSE where a scanner would see its points from behind, or where the columns
+///         of its grid meet elsewhere; how far stations of one file lie from where they would lie
+///         alone
+/// Not     a wrong place on the right side of the part where a scan has no columns, or its part no
+///         relief: a surface looks alike from there
 
 #include <cstddef>
 #include <string>
@@ -34,6 +35,15 @@ inline constexpr double kMostFromBehind = 0.25;
 [[nodiscard]] Result<void> check_viewpoints(const Cloud& cloud,
                                             const RigidTransform& model_from_scan,
                                             const heightmap::ModelField& design);
+
+/// A scanner turns or looks so that its column of points, phase-shift or camera, lies in one plane
+/// through its centre. Seen from elsewhere it does not, as far as there is relief along it.
+/// @return SCAN_STATION_POSE with the place that the columns of the cloud's grid meet in, its
+///   and the stated one, both in the cloud's frame: where columns fit the first twice as well, lie
+///   off planes through the second by more than 20 arc seconds, and the two are five standard
+///   deviations and a hundredth of the range apart.
+///   Clouds without grid, without places, or with fewer than ten columns of twenty points pass.
+[[nodiscard]] Result<void> check_sight_planes(const Cloud& cloud);
 
 struct StrayStation {
   std::string name;       ///< of the file, or its number

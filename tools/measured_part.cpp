@@ -252,6 +252,7 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
                  spheres->missing.end();
     });
   }
+  if (auto seen = scan::check_sight_planes(cloud); !seen) return within(std::move(seen.error()));
   auto best = nominal.mesh
                   ? scan::register_mesh(cloud, *nominal.to_mesh, nominal.design, options, run)
                   : scan::register_scan(cloud, nominal.to_meet(), options, run);

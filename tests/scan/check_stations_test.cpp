@@ -1,16 +1,22 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // What is claimed in scan/check_stations.hpp: scanners on the right and the wrong side of the part,
-// in any frame; two stations of one file that agree (20 seeds, none is called stray), and one of
-// which is displaced by known amounts or stands quite elsewhere.
+// in any frame; columns of simulated phase-shift and structured-light scans, which meet where the
+// scanner stands, and say so where another place is stated; two stations of one file that agree (20
+// seeds, none is called stray), and one of which is displaced by known amounts or stands quite
+// elsewhere.
 
 #include "scan/check_stations.hpp"
 
 #include <cmath>
+#include <cstdio>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "assets/devices.hpp"
+#include "scan/scanner_sim.hpp"
+#include "scan/structured_light.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
 
@@ -45,6 +51,98 @@ TEST(Viewpoints, OnTheWrongSideAreRefused) {
   cloud.station_mm.reset();
   EXPECT_THAT(check_viewpoints(cloud, {}, part), Succeeds()) << "not known";
 }
+
+constexpr Vec3 kTarget{100.0, 100.0, 10.0};
+
+ModelField hilly(std::uint64_t seed) {
+  return rough_part(seed, 201, 201, 1.0);
+}
+
+Cloud phase_shift(const ModelField& part, Vec3 station, std::uint64_t seed) {
+  ScanOptions o;
+  o.scanner = *assets::find_preset(assets::scanner_presets(), "zf5006h");
+  o.station_mm = station;
+  o.seed = seed;
+  o.footprint_rays = 1;
+  o.max_points = 4'000'000;
+  // What an instrument in good order has left (some 10 arc seconds), beside its circles' noise.
+  o.angular = {.encoder_noise_rad = 3e-5, .collimation_rad = 5e-5, .trunnion_rad = 5e-5};
+  auto cloud = simulate_scan(part, {}, o);
+  return cloud ? *std::move(cloud) : Cloud{};
+}
+
+Cloud structured_light(const ModelField& part, Vec3 station, std::uint64_t seed) {
+  StructuredLightOptions o;
+  o.scanner = *assets::find_preset(assets::structured_light_presets(), "structured_light");
+  o.model_from_station = look_at(station, kTarget);
+  o.max_points = 200'000;
+  o.seed = seed;
+  auto cloud = simulate_structured_light(part, {}, o);
+  return cloud ? *std::move(cloud) : Cloud{};
+}
+
+using Scanner = Cloud (*)(const ModelField&, Vec3, std::uint64_t);
+class SightPlanes : public testing::TestWithParam<std::pair<Scanner, double>> {};
+
+TEST_P(SightPlanes, MeetWhereTheScannerStands) {
+  const auto [scan, range] = GetParam();
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    const ModelField part = hilly(seed);
+    const double heading = static_cast<double>(seed);
+    const Vec3 stands{100.0 + 0.7 * range * std::cos(heading),
+                      100.0 + 0.7 * range * std::sin(heading), 0.7 * range};
+    Cloud cloud = scan(part, stands, seed);
+    // As files round them: 0.01 mm.
+    for (Vec3& p : cloud.points_mm)
+      p = {std::round(100.0 * p.x) / 100.0, std::round(100.0 * p.y) / 100.0,
+           std::round(100.0 * p.z) / 100.0};
+    ASSERT_GT(cloud.points_mm.size(), 20'000U);
+    cloud.stations.clear();
+    cloud.station_mm = stands;
+    EXPECT_THAT(check_sight_planes(cloud), Succeeds()) << "seed " << seed;
+    // Seen in another frame the same.
+    const RigidTransform other = random_pose(seed, {100, 100, 10}, 1.0, 500.0);
+    EXPECT_THAT(check_sight_planes(seen_from(cloud, other)), Succeeds()) << "seed " << seed;
+    // Beside it, at the same height and distance: the right side of the part.
+    cloud.station_mm = stands + 0.2 * range * Vec3{-std::sin(heading), std::cos(heading), 0.0};
+    const auto checked = check_sight_planes(cloud);
+    ASSERT_THAT(checked, FailsWith(kStationPose)) << "seed " << seed;
+    double x = 0.0, y = 0.0, z = 0.0;
+    ASSERT_EQ(std::sscanf(checked.error().message.c_str(),
+                          "columns of the scan meet at x %lf, y %lf, z %lf", &x, &y, &z),
+              3);
+    // All columns hold the scanner's axis, so it is the distance from that which they tell:
+    // vertical, or the camera's upward direction. Rounding (0.003 mm) over the relief (some 5 mm)
+    // by the range and over the root of 10 000 points: some mm.
+    const Vec3 axis = scan == phase_shift ? Vec3{0.0, 0.0, 1.0}
+                                          : look_at(stands, kTarget).direction({0.0, 1.0, 0.0});
+    EXPECT_LT(norm(cross(Vec3{x, y, z} - stands, axis)), 0.01 * range) << checked.error().message;
+  }
+}
+
+TEST_P(SightPlanes, OfAFlatPartSayNothing) {
+  const auto [scan, range] = GetParam();
+  const ModelField flat{Grid<float>(201, 201, 10.0F), Millimetres{1.0}, Millimetres{0.0},
+                        Millimetres{0.0}};
+  Cloud cloud = scan(flat, {100.0, -0.6 * range, 0.7 * range}, 3);
+  cloud.stations.clear();
+  cloud.station_mm = Vec3{100.0 + 0.2 * range, -0.6 * range, 0.7 * range};
+  EXPECT_THAT(check_sight_planes(cloud), Succeeds());
+}
+
+TEST_P(SightPlanes, WithoutAGridPass) {
+  const auto [scan, range] = GetParam();
+  Cloud cloud = scan(hilly(1), {100.0, -0.6 * range, 0.7 * range}, 3);
+  cloud.stations.clear();
+  cloud.grid.clear();
+  cloud.station_mm = Vec3{100.0 + 0.2 * range, -0.6 * range, 0.7 * range};
+  EXPECT_THAT(check_sight_planes(cloud), Succeeds());
+}
+
+INSTANTIATE_TEST_SUITE_P(Scanners, SightPlanes,
+                         testing::Values(std::pair<Scanner, double>{phase_shift, 1500.0},
+                                         std::pair<Scanner, double>{structured_light, 550.0}),
+                         [](const auto& of) { return of.index == 0 ? "PhaseShift" : "Camera"; });
 
 /// Two stations of 20 000 points; the second one's are moved.
 Cloud two_stations(const ModelField& part, std::uint64_t seed, const RigidTransform& moved) {

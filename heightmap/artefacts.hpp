@@ -10,7 +10,8 @@
 ///   spike   one pixel, or up to 2 x 2, ten local deviations off the median of those around, which
 ///           do not rise with it (stereo smears a boulder over its matching window)
 ///   box     a rectangle along rows and columns, 4 to 64 pixels wide, raised or lowered as a whole:
-///           all four sides are steps of one height, and together 7.5 deviations clear
+///           all four sides are steps of one height, and together 7.5 deviations clear; more
+///           where steps are the ground's and not noise, for craters have walls on four sides too
 ///   seam    a straight step of two pixels at most, within 15 degrees of rows or columns, with one
 ///           sign: right through, 7 deviations clear, or in a quarter of it or more, 8 deviations;
 ///           or a row or column whose steps, of either sign, are 1.8 times those of rows around

@@ -5,7 +5,8 @@
 //   clean ground changes by < 2 % of its noise    smooth, rough, very rough, dunes, boulders and a
 //                                                   straight scarp; ten seeds each
 //   95 % of boxes >= 0.5 m found                  300 boxes of 6 to 40 pixels, 0.5 to 2 m, either
-//                                                   sign; what is found beside them
+//                                                   sign; what is found beside them; craters of
+//                                                   one pixel's walls are none
 //   spikes                                        one pixel and 2 x 2, either sign; boulders stay
 //   seams                                         place, step, sigma; moved back; one whose step
 //                                                   grows is shown and left
@@ -230,6 +231,28 @@ TEST(Boxes, AreFound) {
   EXPECT_GE(found, 0.95 * injected);
   EXPECT_GE(lowest_found, 0.9 * lowest);
   EXPECT_LE(beside, 3);
+}
+
+/// Level floors behind walls of one pixel, 4 to 14 pixels wide, over ground that is itself above
+/// all noise: as products of large pixels show craters.
+TEST(Boxes, AreNotCraters) {
+  int found = 0;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    Grid<double> ground = relief(384, seed, 0.5, 1.0);
+    for (std::uint64_t k = 0; k < 250; ++k) {
+      const auto draw = [&](std::uint64_t i) { return random_uniform(900 + seed, 4 * k + i); };
+      const double row = 384.0 * draw(0), col = 384.0 * draw(1), radius = 2.0 + 5.0 * draw(2);
+      const double depth = 5.0 * draw(3);
+      for (std::ptrdiff_t r = 0; r < 384; ++r)
+        for (std::ptrdiff_t c = 0; c < 384; ++c)
+          if (std::hypot(static_cast<double>(r) - row, static_cast<double>(c) - col) < radius)
+            ground(r, c) -= depth;
+    }
+    Grid<float> h = seen(ground, seed);
+    found += static_cast<int>(clean(h, Clean::detect).report.boxes.size());
+  }
+  RecordProperty("boxes", found);
+  EXPECT_LE(found, 5) << "of 1500 craters: 3 measured, 21 if only noise counted";
 }
 
 TEST(Boxes, GiveWayToReliefLikeThatAround) {

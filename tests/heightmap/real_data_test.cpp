@@ -223,6 +223,16 @@ TEST_F(RealData, LdemIsFoundOnAnotherRelease) {
   RecordProperty("in_place_nmad_m", std::to_string(still.nmad_after_m));
 }
 
+/// Craters of four to ten pixels passed for boxes: 16 at the two places.
+TEST_F(RealData, LdemHasNoStereoBoxes) {
+  for (const double latitude : {20.0, -30.0}) {
+    const auto fused = fuse(site("moon", latitude, 150.0, 1200e3, 8e3,
+                                 {{"ldem", real_data() / "moon/LDEM_4.LBL", "auto", 10.0}}));
+    ASSERT_THAT(fused, Succeeds());
+    EXPECT_TRUE(fused->sources[0].artefacts.boxes.empty()) << latitude;
+  }
+}
+
 TEST_F(RealData, ShoemakerCleaned) {
   const auto lola = real_data() / "moon/shoemaker_lola_5m.tif";
   const auto with = [&](Clean clean) {

@@ -27,6 +27,11 @@ find_package(GeographicLib REQUIRED)  # sets variables only; wrapped below
 add_library(GeographicLib INTERFACE)
 target_link_libraries(GeographicLib INTERFACE ${GeographicLib_LIBRARIES})
 
+find_package(OpenCASCADE CONFIG REQUIRED)  # 7.6; it answers to its exact version only
+add_library(opencascade_step INTERFACE)
+target_include_directories(opencascade_step SYSTEM INTERFACE ${OpenCASCADE_INCLUDE_DIR})
+target_link_libraries(opencascade_step INTERFACE TKSTEP TKXSBase TKTopAlgo TKShHealing TKBRep TKernel)
+
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(CAIRO REQUIRED IMPORTED_TARGET cairo>=1.16)
 pkg_check_modules(FFTW REQUIRED IMPORTED_TARGET fftw3)

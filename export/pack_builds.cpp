@@ -81,10 +81,11 @@ Result<std::vector<PackedBox>> pack_builds(std::span<const Vec3> sizes_mm,
     const Vec3 s = sizes_mm[i];
     MAQUETTE_CHECK(s.x > 0.0 && s.y > 0.0 && s.z > 0.0, "box {}", i);
     if (s.x > room.x || s.y > room.y || s.z > room.z)
-      return fail(kPartTooLarge,
-                  fmt::format("part {} of the list is {:.1f} x {:.1f} x {:.1f} mm; the build volume "
-                              "has {:g} x {:g} x {:g} mm; name a larger machine",
-                              i + 1, s.x, s.y, s.z, room.x, room.y, room.z));
+      return fail(
+          kPartTooLarge,
+          fmt::format("part {} of the list is {:.1f} x {:.1f} x {:.1f} mm; the build volume "
+                      "has {:g} x {:g} x {:g} mm; name a larger machine",
+                      i + 1, s.x, s.y, s.z, room.x, room.y, room.z));
   }
   std::vector<std::size_t> order(sizes_mm.size());
   std::iota(order.begin(), order.end(), std::size_t{0});

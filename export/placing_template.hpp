@@ -67,10 +67,9 @@ inline constexpr double kLabelLetters_mm = 2.5;
 /// the model point min + (column step_x, row step_y) is `margin` right of and above the page's
 /// lower left corner, so nothing needs to be measured to join sheets. Crop marks stand at the
 /// window's corners, the same crosses appear on both sheets of an overlap, and each sheet has a
-/// bar of 100 mm (50 where the window is below 130) to be measured after printing. Fonts are whatever
-/// the system has for sans-serif.
-/// EXPORT_OPTION_OUT_OF_RANGE: a window below 70 mm, an overlap of more than half of it, or more
-/// than 2000 sheets.
+/// bar of 100 mm (50 where the window is below 130) to be measured after printing. Fonts are
+/// whatever the system has for sans-serif. EXPORT_OPTION_OUT_OF_RANGE: a window below 70 mm, an
+/// overlap of more than half of it, or more than 2000 sheets.
 /// @pre min < max
 [[nodiscard]] Result<void> write_template_pdf(const PlacingTemplate& plan, const Sheet& sheet,
                                               const std::filesystem::path& path);

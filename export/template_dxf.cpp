@@ -28,9 +28,9 @@ Result<void> write_template_dxf(const PlacingTemplate& plan, const std::filesyst
     append_dxf_point(text, "CENTRE", s.centre_mm);
     append_dxf_text(text, "NUMBER", labels[i], kLabelLetters_mm, label_of(s));
   }
-  return write_file(path, dxf_header("where stones go", {{lo[0], lo[1], 0}, {hi[0], hi[1], 0}},
-                                     kLayers) +
-                              std::string(text.data(), text.size()) + std::string(kDxfEnd));
+  return write_file(path,
+                    dxf_header("where stones go", {{lo[0], lo[1], 0}, {hi[0], hi[1], 0}}, kLayers) +
+                        std::string(text.data(), text.size()) + std::string(kDxfEnd));
 }
 
 }  // namespace maquette::exporting

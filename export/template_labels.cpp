@@ -33,8 +33,7 @@ std::vector<std::array<double, 2>> label_places(const PlacingTemplate& plan) {
   std::vector<std::array<double, 2>> places;
   std::vector<Box> labels;
   for (const TemplateStone& s : plan.stones) {
-    const double wide =
-        kWidthOfLetter * kLabelLetters_mm * static_cast<double>(label_of(s).size());
+    const double wide = kWidthOfLetter * kLabelLetters_mm * static_cast<double>(label_of(s).size());
     const double high = 0.75 * kLabelLetters_mm, r = s.radius_mm + kGap_mm;
     const auto [x, y] = s.centre_mm;
     const std::array<std::array<double, 2>, 8> candidates{{{x + r, y - 0.5 * high},

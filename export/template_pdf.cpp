@@ -87,8 +87,8 @@ class Drawer {
     const double foot = 30.0;
     const double shown_w = grid_.step_x_mm * (grid_.columns - 1) + sheet_.window_width_mm();
     const double shown_h = grid_.step_y_mm * (grid_.rows - 1) + sheet_.window_height_mm();
-    const double scale = std::min(sheet_.window_width_mm() / shown_w,
-                                  (sheet_.window_height_mm() - foot) / shown_h);
+    const double scale =
+        std::min(sheet_.window_width_mm() / shown_w, (sheet_.window_height_mm() - foot) / shown_h);
     const auto at = [&](Point p) -> Point {
       return {sheet_.margin_mm + scale * (p[0] - plan_.min_mm[0]),
               sheet_.margin_mm + scale * (p[1] - plan_.min_mm[1])};
@@ -112,10 +112,10 @@ class Drawer {
     }
     const double top = sheet_.height_mm - sheet_.margin_mm;
     pen.text({sheet_.margin_mm, top - 5.0}, 5.0, plan_.name + ": where the stones go");
-    pen.text({sheet_.margin_mm, top - 11.0}, kLetters_mm,
-             fmt::format("{} stones on {:g} x {:g} mm; {} sheets, this overview is 1:{:.3g}.",
-                         plan_.stones.size(), width, height, grid_.columns * grid_.rows,
-                         1.0 / scale));
+    pen.text(
+        {sheet_.margin_mm, top - 11.0}, kLetters_mm,
+        fmt::format("{} stones on {:g} x {:g} mm; {} sheets, this overview is 1:{:.3g}.",
+                    plan_.stones.size(), width, height, grid_.columns * grid_.rows, 1.0 / scale));
     pen.text({sheet_.margin_mm, top - 16.0}, kLetters_mm,
              "Print at 100 % without fitting to the page; measure the bar on every sheet.");
     pen.text({sheet_.margin_mm, top - 21.0}, kLetters_mm,

@@ -127,6 +127,9 @@ struct ExportOptions {
   Millimetres contour_interval{5.0};
   std::int64_t lod_triangles = 100000;
   int position_bits = 16;
+  Millimetres step_tolerance{0.02};
+  std::string step_schema = "ap242";  ///< or ap214
+  double step_band_mm = 0.0;          ///< a file for each band not wider than that; 0: one file
 };
 [[nodiscard]] const std::vector<std::string>& export_formats();
 /// One format: <stem>.<ext>; glb also writes the decimated level <stem>_lod1.glb where

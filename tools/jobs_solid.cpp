@@ -5,6 +5,7 @@
 #include "core/files.hpp"
 #include "export/cad.hpp"
 #include "export/gltf.hpp"
+#include "export/step.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/bands.hpp"
 #include "meshing/decimate.hpp"
@@ -135,7 +136,7 @@ Result<Box3> surface_bounds(const fs::path& surface) {
 }
 
 const std::vector<std::string>& export_formats() {
-  static const std::vector<std::string> formats{"stl", "ply", "obj", "3mf", "dxf", "glb"};
+  static const std::vector<std::string> formats{"stl", "ply", "obj", "3mf", "step", "dxf", "glb"};
   return formats;
 }
 
@@ -178,6 +179,44 @@ Result<bool> export_terrain(const std::string& format, const fs::path& surface, 
   return true;
 }
 
+/// Terrain alone: stones are parts of their own. One file, or one a band: NAME_band_01.step ...
+Result<void> export_step(const heightmap::ModelField& field, const ExportOptions& options,
+                         const fs::path& out, json& figures, JobResult& result,
+                         const RunContext& run) {
+  exporting::StepOptions step;
+  step.tolerance = options.step_tolerance;
+  // Of the whole, so that bands stand level beside each other.
+  step.base_z = solid_options(field, Millimetres{10.0}).base_z;
+  if (options.step_schema == "ap214") step.schema = exporting::StepSchema::ap214;
+  const double width = options.step_band_mm > 0.0
+                           ? options.step_band_mm
+                           : field.spacing.value() * static_cast<double>(field.z_mm.rows());
+  MAQUETTE_TRY(const auto bands,
+               meshing::split_into_bands(field, meshing::BandAxis::y, Millimetres{width}));
+  figures["files"] = json::array();
+  for (std::size_t b = 0; b < bands.size(); ++b) {
+    const double parts = static_cast<double>(bands.size()), done = static_cast<double>(b);
+    step.name = out.stem().string();
+    if (bands.size() > 1) step.name += fmt::format("_band_{:02}", bands[b].number);
+    const fs::path file = out.parent_path() / (step.name + ".step");
+    MAQUETTE_TRY(const auto report,
+                 exporting::write_step(meshing::band_field(field, bands[b]), step, file,
+                                       part(run, done / parts, (done + 1.0) / parts)));
+    const fs::path proof = file.string() + ".certificate.json";
+    MAQUETTE_TRY_VOID(write_file(proof, exporting::to_json(report)));
+    result.outputs.push_back(file);
+    result.outputs.push_back(proof);
+    figures["files"].push_back({{"file", file.filename().string()},
+                                {"patches", report.patches},
+                                {"poles", report.poles},
+                                {"max_error_mm", report.max_error_mm},
+                                {"rms_error_mm", report.rms_error_mm},
+                                {"max_between_nodes_mm", report.max_between_mm},
+                                {"volume_mm3", report.volume_mm3}});
+  }
+  return {};
+}
+
 JobResult sized(JobResult result, json figures) {
   std::error_code ec;
   std::uint64_t bytes = 0;
@@ -201,14 +240,20 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
   JobResult result;
   json figures{{"format", format}};
 
-  if (format == "dxf") {
+  if (format == "dxf" || format == "step") {
     if (!is_field(surface) && !design)
-      return fail(kUnknownFormat,
-                  fmt::format("{}: contours (dxf) are drawn from a height field; give the .tif as "
-                              "SURFACE or with --design",
-                              surface.string()));
+      return fail(
+          kUnknownFormat,
+          fmt::format("{}: {} from a height field; give the .tif as SURFACE or with "
+                      "--design",
+                      surface.string(),
+                      format == "dxf" ? "contours (dxf) are drawn" : "patches (step) are fitted"));
     MAQUETTE_TRY(const auto field,
                  heightmap::read_model_field(is_field(surface) ? surface : *design));
+    if (format == "step") {
+      MAQUETTE_TRY_VOID(export_step(field, options, out, figures, result, run));
+      return sized(std::move(result), std::move(figures));
+    }
     MAQUETTE_TRY_VOID(exporting::write_dxf_contours(field, options.contour_interval, out, run));
     result.outputs = {out};
   } else {

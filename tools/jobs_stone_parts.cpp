@@ -8,8 +8,8 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <oneapi/tbb/parallel_for.h>
+#include <nlohmann/json.hpp>
 
 #include "cnc/engrave.hpp"
 #include "core/files.hpp"
@@ -33,7 +33,7 @@ constexpr double kTick_mm = 1.5;
 struct Part {
   CatalogueStone stone;
   std::vector<int> numbers;  ///< of the plan's stones that are made so
-  TriMesh mesh;              ///< lower corner of its box at the origin, coordinates as a file has them
+  TriMesh mesh;  ///< lower corner of its box at the origin, coordinates as a file has them
   Vec3 size_mm;
   meshing::ClearanceRange clearance;
   double thin_mm = 0.0;
@@ -49,8 +49,8 @@ void to_file_coordinates(TriMesh& mesh, Vec3 corner) {
   }
 }
 
-Result<Part> make_part(const CatalogueStone& stone,
-                       const std::vector<meshing::PlacedStone>& plan, const StonePartsJob& job) {
+Result<Part> make_part(const CatalogueStone& stone, const std::vector<meshing::PlacedStone>& plan,
+                       const StonePartsJob& job) {
   Part part;
   part.stone = stone;
   for (const std::size_t place : stone.places) part.numbers.push_back(plan[place].number);
@@ -69,8 +69,8 @@ Result<Part> make_part(const CatalogueStone& stone,
   to_file_coordinates(part.mesh, box.min);
   MAQUETTE_TRY(part.certificate, meshing::check_mesh(part.mesh));
   if (!part.certificate.passed())
-    return fail(kMeshFailed, fmt::format("part {}: {}", stone.part_number,
-                                         meshing::to_json(part.certificate)));
+    return fail(kMeshFailed,
+                fmt::format("part {}: {}", stone.part_number, meshing::to_json(part.certificate)));
   return part;
 }
 
@@ -133,8 +133,7 @@ class Writer {
     std::vector<Vec3> sizes;
     for (const std::size_t p : part_of) sizes.push_back(parts[p].size_mm);
     auto packed = exporting::pack_builds(sizes, job_.volume);
-    if (!packed)
-      return tl::unexpected(std::move(packed.error()).within(job_.stones.string()));
+    if (!packed) return tl::unexpected(std::move(packed.error()).within(job_.stones.string()));
     std::size_t volumes = 0;
     std::string list = "build,stone,part,x_mm,y_mm,z_mm,width_mm,depth_mm,height_mm\n";
     for (const auto& box : *packed) volumes = std::max(volumes, box.volume + 1);
@@ -171,9 +170,8 @@ class Writer {
     plan.min_mm = {design.x_mm(0), design.y_mm(0)};
     plan.max_mm = {design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1)};
     if (job_.joint_width_mm > 0.0) {
-      MAQUETTE_TRY(const auto bands,
-                   meshing::split_into_bands(design, meshing::BandAxis::y,
-                                             Millimetres{job_.joint_width_mm}));
+      MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, meshing::BandAxis::y,
+                                                               Millimetres{job_.joint_width_mm}));
       for (std::size_t b = 1; b < bands.size(); ++b) {
         const double y = design.y_mm(bands[b].first);
         plan.joints.push_back({plan.min_mm[0], y, plan.max_mm[0], y});
@@ -188,7 +186,7 @@ class Writer {
       const Part& part = parts[part_of[i]];
       const StoneLie lie = lie_of(s.model_from_stone.rotation);
       const Vec3 at = s.model_from_stone.translation_mm;
-      exporting::TemplateStone drawn{s.number, part.stone.part_number, {}, {at.x, at.y},
+      exporting::TemplateStone drawn{s.number,        part.stone.part_number,     {}, {at.x, at.y},
                                      lie.heading_deg, 0.5 * s.scale_mm + kTick_mm};
       double floor_mm = meshing::stone_mesh(s).bounds().min.z;
       for (const cnc::Seat& seat : seats)
@@ -214,24 +212,23 @@ class Writer {
     for (const Part& p : parts) {
       if (too_thin(p, job_)) thin.push_back(p.stone.part_number);
       volume += p.certificate.volume_mm3 * static_cast<double>(p.stone.places.size());
-      part_list.push_back({{"part", p.stone.part_number},
-                           {"shape", p.stone.shape_number},
-                           {"diameter_mm", p.stone.scale_mm},
-                           {"stones", p.numbers},
-                           {"size_mm", {p.size_mm.x, p.size_mm.y, p.size_mm.z}},
-                           {"volume_mm3", p.certificate.volume_mm3},
-                           {"clearance_mm", {p.clearance.least_mm, p.clearance.most_mm}},
-                           // JSON has no infinity: nothing of it is as thick as the wall.
-                           {"thinner_than_wall_mm",
-                            std::isfinite(p.thin_mm) ? json(p.thin_mm) : json(nullptr)},
-                           {"wall_kept", !too_thin(p, job_)}});
+      part_list.push_back(
+          {{"part", p.stone.part_number},
+           {"shape", p.stone.shape_number},
+           {"diameter_mm", p.stone.scale_mm},
+           {"stones", p.numbers},
+           {"size_mm", {p.size_mm.x, p.size_mm.y, p.size_mm.z}},
+           {"volume_mm3", p.certificate.volume_mm3},
+           {"clearance_mm", {p.clearance.least_mm, p.clearance.most_mm}},
+           // JSON has no infinity: nothing of it is as thick as the wall.
+           {"thinner_than_wall_mm", std::isfinite(p.thin_mm) ? json(p.thin_mm) : json(nullptr)},
+           {"wall_kept", !too_thin(p, job_)}});
     }
     for (const std::string& name : names_) {
       std::error_code ec;
       MAQUETTE_TRY(const std::string hash, sha256_file(folder_ / name));
-      file_list.push_back({{"file", name},
-                           {"bytes", fs::file_size(folder_ / name, ec)},
-                           {"sha256", hash}});
+      file_list.push_back(
+          {{"file", name}, {"bytes", fs::file_size(folder_ / name, ec)}, {"sha256", hash}});
     }
     const json figures{{"schema", "maquette.stone_parts/1"},
                        {"unit", "mm"},
@@ -245,22 +242,23 @@ class Writer {
                        {"files", file_list}};
     MAQUETTE_TRY_VOID(write_file(add("stone_parts.json"), figures.dump(1) + "\n"));
     for (const std::string& name : names_) result.outputs.push_back(folder_ / name);
-    result.figures_json = json{{"stones", stones},
-                               {"distinct_parts", parts.size()},
-                               {"builds", volumes},
-                               {"material_mm3", volume},
-                               {"thin_parts", thin}}
-                              .dump();
-    result.note = fmt::format("{} stones of {} parts in {} build volumes", stones, parts.size(),
-                              volumes);
+    result.figures_json = json{
+        {"stones", stones},
+        {"distinct_parts", parts.size()},
+        {"builds", volumes},
+        {"material_mm3", volume},
+        {"thin_parts", thin}}.dump();
+    result.note =
+        fmt::format("{} stones of {} parts in {} build volumes", stones, parts.size(), volumes);
     if (!thin.empty())
       result.unmet = fmt::format(
           "{} of {} parts stand out of what walls of {:g} mm can make by more than half of that "
           "({}{}); see thinner_than_wall_mm in stone_parts.json",
           thin.size(), parts.size(), job_.wall.value(),
-          fmt::join(thin.begin(), thin.begin() + static_cast<std::ptrdiff_t>(
-                                                     std::min<std::size_t>(thin.size(), 8)),
-                    ", "),
+          fmt::join(
+              thin.begin(),
+              thin.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(thin.size(), 8)),
+              ", "),
           thin.size() > 8 ? ", ..." : "");
     return result;
   }

@@ -358,10 +358,18 @@ SiteFile empty_site_file() {
          "files of the solid",
          -kInf,
          kInf,
-         {"stl", "ply", "obj", "3mf", "dxf", "glb"}});
+         {"stl", "ply", "obj", "3mf", "step", "dxf", "glb"}});
   t.add({"export.lod_triangles", &s.lod_triangles, "of the decimated level", 100, 1e8});
   t.add({"export.position_bits", &s.position_bits, "Draco quantisation", 8, 24});
   t.add({"export.contour_interval_mm", &s.contour_interval_mm, "of the DXF", 0.01, 1000});
+  t.add({"export.step_tolerance_mm", &s.step_tolerance_mm,
+         "of the STEP's patches from the surface's nodes", 1e-4, 10});
+  t.add({"export.step_schema",
+         &s.step_schema,
+         "application protocol of the STEP",
+         -kInf,
+         kInf,
+         {"ap214", "ap242"}});
 
   t.section("camera", "");
   t.add({"camera.name", &s.camera, "preset", -kInf, kInf, preset_names(assets::camera_presets())});

@@ -112,7 +112,8 @@ struct Site {
   std::vector<std::string> export_formats{"stl", "glb"};
   std::int64_t lod_triangles = 100000;
   std::int64_t position_bits = 16;
-  double contour_interval_mm = 5.0;
+  double contour_interval_mm = 5.0, step_tolerance_mm = 0.02;
+  std::string step_schema = "ap242";
 
   std::string camera = "mono_space";
   double camera_azimuth_deg = 200.0, camera_elevation_deg = 40.0, camera_distance_mm = 0.0;

@@ -56,7 +56,8 @@ TEST_P(Packing, KeepsBoxesApartAndInside) {
       EXPECT_GE(apart, 1.5 - 1e-6) << i << " and " << j;
     }
   }
-  // Shelves of mixed stones fill a third and more; a slip that opens a volume for each row does not.
+  // Shelves of mixed stones fill a third and more; a slip that opens a volume for each row does
+  // not.
   EXPECT_GT(filled / (static_cast<double>(volumes) * 60 * 50 * 40), 0.3) << volumes;
 }
 

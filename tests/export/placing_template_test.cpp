@@ -3,8 +3,8 @@
 // export/placing_template.hpp:
 //   sheets cover the part, one fewer not .. counted for many sizes
 //   paper is at 1:1 ....................... poppler draws the sheets at 10 pixels a millimetre:
-//                                           the bar is 1000 long; each stone's outline is dark where
-//                                           the header says, and nothing is dark within it
+//                                           the bar is 1000 long; each stone's outline is dark
+//                                           where the header says, and nothing is dark within it
 //   labels cover no stone, no label ....... forty in a heap, boxes against boxes
 //   neighbours show the same crosses ...... in the pixels of both
 //   each sheet says which it is ........... pdftotext
@@ -68,9 +68,7 @@ TEST(SheetsOf, AreAsFewAsCoverThePart) {
     PlacingTemplate p;
     p.max_mm = {size, 100.0};
     const SheetGrid grid = sheets_of(p, sheet);
-    const auto covered = [&](int n) {
-      return (n - 1) * grid.step_x_mm + sheet.window_width_mm();
-    };
+    const auto covered = [&](int n) { return (n - 1) * grid.step_x_mm + sheet.window_width_mm(); };
     EXPECT_GE(covered(grid.columns), size - 1e-6);
     if (grid.columns > 1) {
       EXPECT_LT(covered(grid.columns - 1), size);
@@ -125,9 +123,8 @@ struct Page {
 
 Page draw(const ScratchFolder& folder, int page) {
   const std::string stem = folder / "page";
-  const std::string command =
-      fmt::format("pdftoppm -gray -r 254 -f {} -l {} -singlefile '{}' '{}'", page, page,
-                  (folder / "a.pdf").string(), stem);
+  const std::string command = fmt::format("pdftoppm -gray -r 254 -f {} -l {} -singlefile '{}' '{}'",
+                                          page, page, (folder / "a.pdf").string(), stem);
   EXPECT_EQ(std::system(command.c_str()), 0);
   std::istringstream in(read_file(stem + ".pgm").value());
   Page result;
@@ -141,8 +138,8 @@ Page draw(const ScratchFolder& folder, int page) {
   return result;
 }
 
-#define NEEDS_POPPLER()                                                        \
-  if (std::system("command -v pdftoppm pdftotext >/dev/null 2>&1") != 0)       \
+#define NEEDS_POPPLER()                                                  \
+  if (std::system("command -v pdftoppm pdftotext >/dev/null 2>&1") != 0) \
   GTEST_SKIP() << "no poppler-utils"
 
 TEST(WriteTemplatePdf, IsTrueToScaleOnPaper) {
@@ -237,8 +234,8 @@ TEST(WriteTemplateDxf, IsReadByOgr) {
   const ScratchFolder folder;
   ASSERT_THAT(write_template_dxf(plan(), folder / "a.dxf"), Succeeds());
   GDALAllRegister();
-  const std::unique_ptr<GDALDataset> data(GDALDataset::Open(
-      (folder / "a.dxf").c_str(), GDAL_OF_VECTOR | GDAL_OF_VERBOSE_ERROR));
+  const std::unique_ptr<GDALDataset> data(
+      GDALDataset::Open((folder / "a.dxf").c_str(), GDAL_OF_VECTOR | GDAL_OF_VERBOSE_ERROR));
   ASSERT_NE(data, nullptr);
   std::map<std::string, std::vector<std::unique_ptr<OGRGeometry>>> layers;
   std::vector<std::string> texts;

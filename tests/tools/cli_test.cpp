@@ -883,6 +883,37 @@ TEST_F(CommandLine, TilesAddUpToTheWholeAndStandInTheirOwnFrame) {
   EXPECT_NE(slurp(scratch / "tiles/tiles.svg").find("<rect"), std::string::npos);
 }
 
+TEST_F(CommandLine, StepFilesAreWholeOrBandByBand) {
+  const std::string d = design().string();
+  const auto certificate = [&](const std::string& name) {
+    return json::parse(slurp(out / (name + ".step.certificate.json")));
+  };
+  ASSERT_EQ(run("export " + d + " --quiet --format step --out " + out.string()).exit_code, 0);
+  const json whole = certificate("design");
+  EXPECT_EQ(whole["nodes_compared"], 41 * 41);
+  EXPECT_LE(whole["max_error_mm"], 0.02);
+  ASSERT_EQ(run("export " + d +
+                " --quiet --format step --step-band-mm 11 --step-schema ap214 "
+                "--step-tolerance-mm 0.001 --out " +
+                out.string())
+                .exit_code,
+            0);
+  double volume = 0.0;
+  for (const char* name : {"design_band_01", "design_band_02"}) {
+    EXPECT_EQ(certificate(name)["nodes_compared"], 21 * 41) << "the joint's nodes are in both";
+    EXPECT_LE(certificate(name)["max_error_mm"], 0.001);
+    EXPECT_THAT(slurp(out / (std::string(name) + ".step")).substr(0, 600),
+                HasSubstr("AUTOMOTIVE_DESIGN"));
+    volume += certificate(name)["volume_mm3"].get<double>();
+  }
+  // Tolerance times area is the most that the volumes may differ by.
+  EXPECT_NEAR(volume, whole["volume_mm3"], 0.021 * 400);
+  const auto mesh =
+      run("export " + (scratch / "none.ply").string() + " --format step --out " + out.string());
+  EXPECT_EQ(mesh.exit_code, 2);
+  EXPECT_THAT(mesh.err, AllOf(HasSubstr("none.ply"), HasSubstr("height field")));
+}
+
 TEST_F(CommandLine, StonesGoToTheWorkshop) {
   const std::string d = design().string();
   std::vector<meshing::PlacedStone> stones(3);

@@ -135,20 +135,31 @@ Command add_export(CLI::App& root, const CommonOptions&) {
     fs::path surface, out = "export", design;
     std::vector<std::string> formats;
     ExportOptions options;
-    double interval_mm = 5.0;
+    double interval_mm = 5.0, step_tolerance_mm = 0.02;
   };
   auto o = std::make_shared<Options>();
   auto* app =
       root.add_subcommand("export",
                           "CAD files and render assets of a mesh or a designed surface.\n"
-                          "Example: maquette export surface.ply --format stl,3mf,glb --out export");
+                          "Example: maquette export surface.ply --format stl,3mf,glb --out export\n"
+                          "         maquette export design.tif --format step --step-tolerance-mm "
+                          "0.05 --out cad");
   app->add_option("surface", o->surface, "mesh (PLY, STL, OBJ) or model field (.tif)")->required();
   app->add_option("--format", o->formats, fmt::format("{}", fmt::join(export_formats(), ", ")))
       ->delimiter(',')
       ->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
-  app->add_option("--design", o->design, "model field for contours and the decimated level");
+  app->add_option("--design", o->design, "model field for contours, STEP and the decimated level");
   app->add_option("--contour-interval-mm", o->interval_mm, "of dxf")->capture_default_str();
+  app->add_option("--step-tolerance-mm", o->step_tolerance_mm, "of step, at the surface's nodes")
+      ->capture_default_str();
+  app->add_option("--step-band-mm", o->options.step_band_mm,
+                  "of step: a file for each band not wider than that (0: one file)")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
+  app->add_option("--step-schema", o->options.step_schema, "of step: ap242 or ap214")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"ap214", "ap242"}));
   app->add_option("--position-bits", o->options.position_bits, "of glb")
       ->capture_default_str()
       ->check(CLI::Range(8, 24));
@@ -158,6 +169,7 @@ Command add_export(CLI::App& root, const CommonOptions&) {
       ->capture_default_str();
   return {app, [o](Console& console) -> Result<int> {
             o->options.contour_interval = Millimetres{o->interval_mm};
+            o->options.step_tolerance = Millimetres{o->step_tolerance_mm};
             for (const std::string& f : o->formats)
               if (std::find(export_formats().begin(), export_formats().end(), f) ==
                   export_formats().end())

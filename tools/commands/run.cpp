@@ -314,8 +314,12 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
          {mesh, design},
          values({"export."}),
          [=, &site](const RunContext& run) {
-           const ExportOptions options{scale, Millimetres{site.contour_interval_mm},
-                                       site.lod_triangles, static_cast<int>(site.position_bits)};
+           const ExportOptions options{scale,
+                                       Millimetres{site.contour_interval_mm},
+                                       site.lod_triangles,
+                                       static_cast<int>(site.position_bits),
+                                       Millimetres{site.step_tolerance_mm},
+                                       site.step_schema};
            return export_job(format, mesh, design, options, here / "export", run);
          }});
   stages.push_back(std::move(export_stage));

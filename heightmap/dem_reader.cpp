@@ -134,7 +134,7 @@ Result<HeightRule> height_rule(const Source& source, GDALDataset& dataset, const
   rule.single_precision = type == GDT_Float32;
   const bool isis = std::string_view(dataset.GetDriverName()) == "ISIS3";
   // ISIS: NULL, LRS, LIS, HIS, HRS take the ends of the integer ranges.
-  if (isis && type == GDT_Int16) rule.lowest_special = -32752.0;
+  if (isis && type == GDT_Int16) rule.lowest_special = -32753.0;  // valid from -32752 on
   if (isis && type == GDT_UInt16) {
     rule.lowest_special = 2.0;
     rule.highest_special = 65523.0;

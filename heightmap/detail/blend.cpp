@@ -18,6 +18,10 @@ constexpr std::size_t kMostClasses = 32;
 /// its middle lies half as far again. Measured: 1.5 at pixels of four and of eight nodes.
 constexpr double kCarried = 1.5;
 
+/// Variance of a source's outermost nodes, over that of others: what lies beyond is only carried
+/// over there. Measured on 120 reliefs, next to alike for any noise and pixel (1.2 to 1.45).
+constexpr float kOutermost = 1.33F;
+
 template <class Cell>
 void for_cells(const Grid<float>& like, const Cell& cell) {
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, like.rows(), [&](std::ptrdiff_t r) {
@@ -199,6 +203,15 @@ Grid<float> Blend::sigma_m() const {
           correlation_of_errors(*waves_, known_[k].known, std::size_t{1} << (waves_->levels + 1));
   for (std::size_t k = 0; k < known_.size(); ++k)
     if (!alike[k].empty()) lower_beside(out, k, alike);
+  const auto worse = [&](std::ptrdiff_t r, std::ptrdiff_t c, double than_m2) {
+    return classes_.contains(r, c) && known_[classes_(r, c)].error_m2 > than_m2;
+  };
+  for_cells(out, [&](auto r, auto c) {
+    const double own = known_[classes_(r, c)].error_m2;
+    if (worse(r - 1, c, own) || worse(r + 1, c, own) || worse(r, c - 1, own) ||
+        worse(r, c + 1, own))
+      out(r, c) *= kOutermost;
+  });
   for_cells(out, [&](auto r, auto c) {
     const double filled =
         known_[classes_(r, c)].source == kFilled ? static_cast<double>(filled_m_(r, c)) : 0.0;

@@ -92,6 +92,11 @@ TEST(Fusion, HasTheTruthsSpectrumAndSaysHowFarItIsOff) {
     RecordProperty(fmt::format("within 1 and 1.96 sigma, place {}", static_cast<int>(p)),
                    fmt::format("{:.4f} {:.4f}", one, two));
   }
+  const auto& [one, two, nodes] = coverage.outermost;
+  RecordProperty("within 1 and 1.96 sigma, outermost nodes",
+                 fmt::format("{:.4f} {:.4f}", one / nodes, two / nodes));
+  EXPECT_NEAR(one / nodes, 0.683, 0.03);
+  EXPECT_NEAR(two / nodes, 0.950, 0.03);
 }
 
 /// Beyond a finer source: octaves from two pixels on, where relief is above the pixels' noise.

@@ -319,6 +319,7 @@ void add_to(Score& score, const Trial& t, const Heights& z) {
 /// Share of errors within one and within 1.96 stated sigma.
 struct Coverage {
   std::array<double, kPlaces> one{}, two{}, nodes{};
+  std::array<double, 3> outermost{};  ///< of the fine source's outermost nodes: one, two, nodes
   void add(const Trial& t, const Fused& f) {
     for_trial_nodes([&](auto r, auto c) {
       const Place p = place_of(t, r, c);
@@ -327,6 +328,10 @@ struct Coverage {
       one[p] += e < s ? 1.0 : 0.0;
       two[p] += e < 1.96 * s ? 1.0 : 0.0;
       nodes[p] += 1.0;
+      if (c + 1 != t.border(r)) return;
+      outermost[0] += e < s ? 1.0 : 0.0;
+      outermost[1] += e < 1.96 * s ? 1.0 : 0.0;
+      outermost[2] += 1.0;
     });
   }
 };

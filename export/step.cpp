@@ -23,18 +23,18 @@
 #include <Interface_Static.hxx>
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
+#include <Precision.hxx>
 #include <STEPControl_Controller.hxx>
 #include <STEPControl_Reader.hxx>
-#include <Precision.hxx>
 #include <STEPControl_Writer.hxx>
 #include <ShapeAnalysis_ShapeTolerance.hxx>
 #include <Standard_Failure.hxx>
 #include <StepBasic_Product.hxx>
 #include <StepData_StepModel.hxx>
-#include <TCollection_HAsciiString.hxx>
 #include <TColStd_Array1OfInteger.hxx>
 #include <TColStd_Array1OfReal.hxx>
 #include <TColgp_Array2OfPnt.hxx>
+#include <TCollection_HAsciiString.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
@@ -165,9 +165,9 @@ class SolidMaker {
                        gp_Pnt(places_x_[u.first_pole + i], places_y_[v.first_pole + j],
                               spline_.poles_mm(static_cast<std::ptrdiff_t>(v.first_pole + j),
                                                static_cast<std::ptrdiff_t>(u.first_pole + i))));
-    Handle(Geom_BSplineSurface) surface = new Geom_BSplineSurface(
-        poles, reals(u.knots), reals(v.knots), integers(u.multiplicities),
-        integers(v.multiplicities), 3, 3);
+    Handle(Geom_BSplineSurface) surface =
+        new Geom_BSplineSurface(poles, reals(u.knots), reals(v.knots), integers(u.multiplicities),
+                                integers(v.multiplicities), 3, 3);
     // Where the function goes on the knots are simple: inserted until the range stands alone.
     surface->Segment(spline_.knots_x_mm[column.first], spline_.knots_x_mm[column.last],
                      spline_.knots_y_mm[row.first], spline_.knots_y_mm[row.last]);
@@ -213,9 +213,9 @@ class SolidMaker {
     BRepBuilderAPI_MakeWire wire;
     for (std::size_t i = 0; i < ring.size(); ++i)
       wire.Add(BRepBuilderAPI_MakeEdge(ring[i], ring[(i + 1) % ring.size()]).Edge());
-    sewing_.Add(BRepBuilderAPI_MakeFace(gp_Pln(ring[0], gp_Dir(0, 0, -1)), wire.Wire(),
-                                        Standard_True)
-                    .Face());
+    sewing_.Add(
+        BRepBuilderAPI_MakeFace(gp_Pln(ring[0], gp_Dir(0, 0, -1)), wire.Wire(), Standard_True)
+            .Face());
   }
 
   const HeightSpline& spline_;
@@ -321,9 +321,8 @@ void read_back(const std::filesystem::path& path, const ModelField& field, StepR
   if (comparison.aside_mm > 1e-6) throw Standard_Failure("patches lie beside their places");
   report.max_error_mm = comparison.max_mm;
   report.nodes_compared = comparison.nodes;
-  report.rms_error_mm =
-      std::sqrt(comparison.squares_mm2 / static_cast<double>(std::max<std::uint64_t>(
-                                             1, comparison.nodes)));
+  report.rms_error_mm = std::sqrt(
+      comparison.squares_mm2 / static_cast<double>(std::max<std::uint64_t>(1, comparison.nodes)));
   report.sewing_tolerance_mm = ShapeAnalysis_ShapeTolerance().Tolerance(shape, 1);
   GProp_GProps properties;
   BRepGProp::VolumeProperties(shape, properties);
@@ -343,9 +342,10 @@ Result<void> check_input(const ModelField& surface, const StepOptions& options,
                             path.string(), tolerance));
   const auto range = heightmap::height_range(surface.z_mm);
   if (static_cast<double>(range.min) - options.base_z.value() < 1.0)
-    return fail(kOptionOutOfRange,
-                fmt::format("{}: base at {} mm; 1 mm or more below the lowest node ({} mm) expected",
-                            path.string(), options.base_z.value(), range.min));
+    return fail(
+        kOptionOutOfRange,
+        fmt::format("{}: base at {} mm; 1 mm or more below the lowest node ({} mm) expected",
+                    path.string(), options.base_z.value(), range.min));
   return {};
 }
 
@@ -353,13 +353,13 @@ Result<void> check_size(const HeightSpline& spline, const StepOptions& options,
                         const std::filesystem::path& path) {
   const std::uint64_t poles = spline.poles_mm.cells().size();
   if (poles <= options.most_poles) return {};
-  return fail(kTooManyPatchPoles,
-              fmt::format("{}: patches that keep {} mm take {} poles, about {:.0f} GiB in "
-                          "OpenCASCADE, more than {} that are allowed; choose a larger tolerance or "
-                          "export it band by band",
-                          path.string(), options.tolerance.value(), poles,
-                          static_cast<double>(poles) * kBytesPerPole / 1073741824.0,
-                          options.most_poles));
+  return fail(
+      kTooManyPatchPoles,
+      fmt::format("{}: patches that keep {} mm take {} poles, about {:.0f} GiB in "
+                  "OpenCASCADE, more than {} that are allowed; choose a larger tolerance or "
+                  "export it band by band",
+                  path.string(), options.tolerance.value(), poles,
+                  static_cast<double>(poles) * kBytesPerPole / 1073741824.0, options.most_poles));
 }
 
 }  // namespace
@@ -396,34 +396,35 @@ Result<StepReport> write_step(const ModelField& surface, const StepOptions& opti
     if (!report.valid || report.solids != 1 || report.patches != maker.patches() ||
         report.nodes_compared != surface.z_mm.cells().size() ||
         report.max_error_mm > std::fmax(spline->max_error_mm + 1e-6, options.tolerance.value()))
-      throw Standard_Failure(("what was read back is not what was meant: " + to_json(report)).c_str());
+      throw Standard_Failure(
+          ("what was read back is not what was meant: " + to_json(report)).c_str());
   } catch (const Standard_Failure& e) {
     return fail(kLibraryFailed,
                 fmt::format("{}: OpenCASCADE: {}", path.string(), e.GetMessageString()));
   }
   report.max_between_mm = spline->max_between_mm;
-  report.knot_spacing_mm =
-      (spline->knots_x_mm.back() - spline->knots_x_mm.front()) /
-      static_cast<double>(spline->knots_x_mm.size() - 1);
+  report.knot_spacing_mm = (spline->knots_x_mm.back() - spline->knots_x_mm.front()) /
+                           static_cast<double>(spline->knots_x_mm.size() - 1);
   run.progress(1.0);
   MAQUETTE_TRY_VOID(partial.commit());
   return report;
 }
 
 std::string to_json(const StepReport& r) {
-  return nlohmann::ordered_json{{"proof", "OpenCASCADE: BRepCheck, heights read back from the file"},
-                                {"valid", r.valid},
-                                {"solids", r.solids},
-                                {"faces", r.faces},
-                                {"patches", r.patches},
-                                {"poles", r.poles},
-                                {"knot_spacing_mm", r.knot_spacing_mm},
-                                {"volume_mm3", r.volume_mm3},
-                                {"nodes_compared", r.nodes_compared},
-                                {"max_error_mm", r.max_error_mm},
-                                {"rms_error_mm", r.rms_error_mm},
-                                {"max_between_nodes_mm", r.max_between_mm},
-                                {"sewing_tolerance_mm", r.sewing_tolerance_mm}}
+  return nlohmann::ordered_json{
+             {"proof", "OpenCASCADE: BRepCheck, heights read back from the file"},
+             {"valid", r.valid},
+             {"solids", r.solids},
+             {"faces", r.faces},
+             {"patches", r.patches},
+             {"poles", r.poles},
+             {"knot_spacing_mm", r.knot_spacing_mm},
+             {"volume_mm3", r.volume_mm3},
+             {"nodes_compared", r.nodes_compared},
+             {"max_error_mm", r.max_error_mm},
+             {"rms_error_mm", r.rms_error_mm},
+             {"max_between_nodes_mm", r.max_between_mm},
+             {"sewing_tolerance_mm", r.sewing_tolerance_mm}}
              .dump(2) +
          "\n";
 }

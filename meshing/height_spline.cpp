@@ -157,8 +157,8 @@ class Fit {
     for (ptrdiff_t r = 0; r < surface_.z_mm.rows(); ++r) {
       combine(by_[static_cast<std::size_t>(r)], row);
       for (std::size_t c = 0; c < bx_.size(); ++c) {
-        const double e = along(bx_[c], row) -
-                         static_cast<double>(surface_.z_mm(r, static_cast<ptrdiff_t>(c)));
+        const double e =
+            along(bx_[c], row) - static_cast<double>(surface_.z_mm(r, static_cast<ptrdiff_t>(c)));
         s.max_error_mm = std::fmax(s.max_error_mm, std::abs(e));
         squares += e * e;
       }
@@ -193,7 +193,8 @@ class Fit {
   }
   static double along(const Basis& b, const std::vector<double>& row) {
     double z = 0.0;
-    for (std::size_t k = 0; k < 4; ++k) z += b.value[k] * row[static_cast<std::size_t>(b.first) + k];
+    for (std::size_t k = 0; k < 4; ++k)
+      z += b.value[k] * row[static_cast<std::size_t>(b.first) + k];
     return z;
   }
 
@@ -207,9 +208,9 @@ Result<void> check_voids(const ModelField& f) {
   for (ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
     for (ptrdiff_t c = 0; c < f.z_mm.cols(); ++c)
       if (!std::isfinite(f.z_mm(r, c)))
-        return fail(kSurfaceHasVoids,
-                    fmt::format("void at row {}, column {}; fill the surface before it is fitted",
-                                r, c));
+        return fail(
+            kSurfaceHasVoids,
+            fmt::format("void at row {}, column {}; fill the surface before it is fitted", r, c));
   return {};
 }
 

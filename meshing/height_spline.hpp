@@ -8,11 +8,11 @@
 /// Takes   ModelField, millimetres, no voids, 4 x 4 nodes or more
 /// Gives   z(x, y) as a bicubic tensor-product B-spline: C2, clamped at the border, knots in mm
 ///
-/// Method. Least squares at the nodes (C. de Boor, "A Practical Guide to Splines", 2001, ch. XIV and
-/// XVII): the problem is separable, so rows and columns are solved one after the other by banded
-/// Cholesky factors. Knots are evenly spaced, as far apart as the tolerance allows: 32 cells, then
-/// ever closer; at last one pole a node (not-a-knot interpolation), which meets every node.
-/// Time goes with the nodes, memory with the poles.
+/// Method. Least squares at the nodes (C. de Boor, "A Practical Guide to Splines", 2001, ch. XIV
+/// and XVII): the problem is separable, so rows and columns are solved one after the other by
+/// banded Cholesky factors. Knots are evenly spaced, as far apart as the tolerance allows: 32
+/// cells, then ever closer; at last one pole a node (not-a-knot interpolation), which meets every
+/// node. Time goes with the nodes, memory with the poles.
 
 #include <vector>
 

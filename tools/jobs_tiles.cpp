@@ -43,6 +43,15 @@ class OwnFrame final : public MeshStream {
   Vec3 origin_;
 };
 
+/// A tile with its holes: CGAL alone can speak of it, and above its limit not of intersections.
+Result<MeshCertificate> prove(const TriMesh& bored, const RunContext& run) {
+  MAQUETTE_TRY(MeshCertificate found, meshing::check_mesh(bored, nullptr, {}, run));
+  if (!found.passed())
+    return fail(kMeshFailed,
+                fmt::format("CGAL does not find the bored solid valid: {}", to_json(found)));
+  return found;
+}
+
 /// What the construction proves, and where it is not too large CGAL's word on it, too.
 Result<MeshCertificate> prove(const GridSolidStream& solid, const RunContext& run) {
   MAQUETTE_TRY(MeshCertificate proven, solid.certify(meshing::CoordinateRounding::none, run));
@@ -61,7 +70,8 @@ Result<MeshCertificate> prove(const GridSolidStream& solid, const RunContext& ru
 
 /// From above: tiles with their numbers, stones with theirs. Millimetres.
 std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile>& tiles,
-                     const std::vector<meshing::PlacedStone>& stones) {
+                     const std::vector<meshing::PlacedStone>& stones,
+                     const std::vector<meshing::Dowel>& dowels, double depth_mm) {
   const double x0 = design.x_mm(0), y1 = design.y_mm(design.z_mm.rows() - 1);
   const double width = design.x_mm(design.z_mm.cols() - 1) - x0, height = y1 - design.y_mm(0);
   const double line = 0.002 * std::max(width, height), letter = 15.0 * line;
@@ -79,6 +89,13 @@ std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile
     texts += fmt::format("<text x=\"{:.4f}\" y=\"{:.4f}\">{}</text>\n", 0.5 * (west + east),
                          south - 0.5 * letter, t.number);
   }
+  for (const auto& d : dowels) {
+    const double x = d.centre_mm.x - x0, y = y1 - d.centre_mm.y;
+    const double dx = d.along_x ? depth_mm : 0.0, dy = d.along_x ? 0.0 : depth_mm;
+    svg += fmt::format(
+        "<line x1=\"{:.4f}\" y1=\"{:.4f}\" x2=\"{:.4f}\" y2=\"{:.4f}\" stroke=\"#3060c0\"/>\n",
+        x - dx, y - dy, x + dx, y + dy);
+  }
   svg += "</g>\n<g fill=\"#b08050\">\n";
   for (const auto& s : stones) {
     const Box3 box = meshing::stone_mesh(s).bounds();
@@ -89,6 +106,44 @@ std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile
                          box.max.x - x0 + 0.4 * letter, y1 - box.max.y, 0.6 * letter, s.number);
   }
   return svg + "</g>\n" + texts + "</g>\n</svg>\n";
+}
+
+/// One tile to its file. @param origin  of the file's frame
+Result<MeshCertificate> make_tile(const heightmap::ModelField& design, const Tile& tile,
+                                  Millimetres base_z, const std::vector<meshing::Dowel>& dowels,
+                                  const TilesJob& job, Vec3 origin, const fs::path& file,
+                                  const RunContext& run) {
+  const auto write = [&](const MeshStream& mesh) {
+    return job.own_frame ? meshing::write_ply(OwnFrame(mesh, origin), file)
+                         : meshing::write_ply(mesh, file);
+  };
+  if (!dowels.empty()) {
+    MAQUETTE_TRY(const TriMesh bored,
+                 meshing::bored_solid(design, tile, base_z, dowels, *job.dowels));
+    MAQUETTE_TRY(const MeshCertificate certificate, prove(bored, run));
+    MAQUETTE_TRY_VOID(write(TriMeshStream(bored)));
+    return certificate;
+  }
+  MAQUETTE_TRY(const auto solid, GridSolidStream::create(design, tile.nodes,
+                                                         meshing::SolidOptions{.base_z = base_z}));
+  MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, run));
+  MAQUETTE_TRY_VOID(write(solid));
+  return certificate;
+}
+
+/// Where dowels sit, and what their holes take.
+json dowels_json(const std::vector<meshing::Dowel>& dowels, const meshing::DowelOptions& o) {
+  json list = json::array();
+  for (const auto& d : dowels)
+    list.push_back({{"number", d.number},
+                    {"tiles", d.tiles},
+                    {"axis", d.along_x ? "x" : "y"},
+                    {"centre_mm", {d.centre_mm.x, d.centre_mm.y, d.centre_mm.z}}});
+  return {{"diameter_mm", o.diameter_mm},
+          {"hole_diameter_mm", o.diameter_mm + o.play_mm},
+          {"hole_depth_mm", o.depth_mm},
+          {"hole_volume_mm3", meshing::hole_volume_mm3(o)},
+          {"places", list}};
 }
 
 }  // namespace
@@ -108,22 +163,28 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
       .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
                 job.base_thickness};
 
+  std::vector<meshing::Dowel> dowels;
+  if (job.dowels) {
+    auto placed = meshing::place_dowels(design, *tiles, solid_options.base_z, job.base_thickness,
+                                        *job.dowels);
+    if (!placed) return tl::unexpected(std::move(placed.error()).within(job.design.string()));
+    dowels = std::move(*placed);
+  }
+
   JobResult result;
   json list = json::array();
   double volume = 0.0;
   for (std::size_t i = 0; i < tiles->size(); ++i) {
     if (run.stopped()) return fail(kCancelled, "cutting into tiles was stopped");
     const Tile& t = (*tiles)[i];
-    MAQUETTE_TRY(const auto solid, GridSolidStream::create(design, t.nodes, solid_options));
-    MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, run));
     const Vec3 corner{design.x_mm(t.nodes.col0), design.y_mm(t.nodes.row0),
                       solid_options.base_z.value()};
     const Vec3 origin = job.own_frame ? corner : Vec3{};
     const std::string name = fmt::format("tile_{:02}", t.number);
     result.outputs.push_back(folder / (name + ".ply"));
-    MAQUETTE_TRY_VOID(job.own_frame
-                          ? meshing::write_ply(OwnFrame(solid, origin), result.outputs.back())
-                          : meshing::write_ply(solid, result.outputs.back()));
+    MAQUETTE_TRY(const MeshCertificate certificate,
+                 make_tile(design, t, solid_options.base_z, dowels, job, origin,
+                           result.outputs.back(), run));
     result.outputs.push_back(folder / (name + ".certificate.json"));
     MAQUETTE_TRY_VOID(write_file(result.outputs.back(), meshing::to_json(certificate)));
     volume += certificate.volume_mm3;
@@ -138,12 +199,16 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
     run.progress(static_cast<double>(i + 1) / static_cast<double>(tiles->size()));
   }
   result.outputs.push_back(folder / "tiles.svg");
-  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones)));
-  const json figures{{"tiles", list}, {"volume_mm3", volume}};
+  MAQUETTE_TRY_VOID(write_file(
+      result.outputs.back(),
+      plan_svg(design, *tiles, stones, dowels, job.dowels ? job.dowels->depth_mm : 0.0)));
+  json figures{{"tiles", list}, {"volume_mm3", volume}};
+  if (job.dowels) figures["dowels"] = dowels_json(dowels, *job.dowels);
   result.outputs.push_back(folder / "tiles.json");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), figures.dump(2) + "\n"));
   result.figures_json = figures.dump();
-  result.note = fmt::format("{} tiles", tiles->size());
+  result.note = job.dowels ? fmt::format("{} tiles, {} dowels", tiles->size(), dowels.size())
+                           : fmt::format("{} tiles", tiles->size());
   return result;
 }
 

@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "meshing/dowels.hpp"
 #include "meshing/tiles.hpp"
 #include "tools/jobs.hpp"
 
@@ -14,9 +15,10 @@ struct TilesJob {
   meshing::TileOptions options;
   Millimetres base_thickness{10.0};
   bool own_frame = false;  ///< each with its south-western corner and base at the origin
+  std::optional<meshing::DowelOptions> dowels{};  ///< holes in the joints
 };
-/// tile_01.ply with certificate ..., tiles.json (place, origin, volume), tiles.svg (plan from
-/// above with stones, 1:1).
+/// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels), tiles.svg (plan
+/// from above with stones, 1:1).
 [[nodiscard]] Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder,
                                           const RunContext& run);
 

@@ -64,9 +64,8 @@ ModelField hills(std::ptrdiff_t rows, std::ptrdiff_t cols) {
   ModelField f{Grid<float>(rows, cols), Millimetres{0.5}, Millimetres{12.0}, Millimetres{-30.0}};
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c)
-      f.z_mm(r, c) = static_cast<float>(4.0 * std::sin(0.13 * f.x_mm(c)) *
-                                            std::cos(0.17 * f.y_mm(r)) +
-                                        0.05 * f.x_mm(c));
+      f.z_mm(r, c) = static_cast<float>(
+          4.0 * std::sin(0.13 * f.x_mm(c)) * std::cos(0.17 * f.y_mm(r)) + 0.05 * f.x_mm(c));
   return f;
 }
 
@@ -116,8 +115,8 @@ TEST(WriteStep, IsTheHeightmap) {
   double most = 0.0;
   for (std::ptrdiff_t r = 1; r < 89; r += 7)
     for (std::ptrdiff_t c = 1; c < 120; c += 7)
-      most = std::fmax(most, std::abs(top_at(solid, f.x_mm(c), f.y_mm(r)) -
-                                      static_cast<double>(f.z_mm(r, c))));
+      most = std::fmax(
+          most, std::abs(top_at(solid, f.x_mm(c), f.y_mm(r)) - static_cast<double>(f.z_mm(r, c))));
   EXPECT_LE(most, 0.01);
   EXPECT_LE(most, report.max_error_mm + 1e-6);
   EXPECT_LE(report.max_error_mm, 0.01);
@@ -125,8 +124,8 @@ TEST(WriteStep, IsTheHeightmap) {
   // Between nodes the function itself is the better truth: the facets are chords of it.
   for (double x = 12.3; x < 72; x += 5.1)
     for (double y = -29.7; y < 14; y += 4.3)
-      EXPECT_NEAR(top_at(solid, x, y),
-                  4.0 * std::sin(0.13 * x) * std::cos(0.17 * y) + 0.05 * x, 0.01);
+      EXPECT_NEAR(top_at(solid, x, y), 4.0 * std::sin(0.13 * x) * std::cos(0.17 * y) + 0.05 * x,
+                  0.01);
 }
 
 TEST(WriteStep, SewsManyPatches) {
@@ -165,8 +164,9 @@ TEST(WriteStep, SewsManyPatches) {
         const double y = ay0 + t * (ay1 - ay0);
         const GeomLProp_SLProps pa(a, ax1, y, 1, 1e-9), pb(b, bx0, y, 1, 1e-9);
         EXPECT_LT(pa.Value().Distance(pb.Value()), 1e-9);
-        EXPECT_LT(GeomLProp_SLProps(a, ax1, y, 1, 1e-9).Normal().Angle(
-                      GeomLProp_SLProps(b, bx0, y, 1, 1e-9).Normal()),
+        EXPECT_LT(GeomLProp_SLProps(a, ax1, y, 1, 1e-9)
+                      .Normal()
+                      .Angle(GeomLProp_SLProps(b, bx0, y, 1, 1e-9).Normal()),
                   1e-8);
         ++met;
       }
@@ -179,8 +179,10 @@ TEST(WriteStep, OfAPlaneHasItsVolume) {
   ModelField f = hills(41, 61);
   for (std::ptrdiff_t r = 0; r < 41; ++r)
     for (std::ptrdiff_t c = 0; c < 61; ++c)
-      f.z_mm(r, c) = static_cast<float>(0.25 * static_cast<double>(c) - 0.125 * static_cast<double>(r));
-  const StepReport report = write_step(f, {.base_z = Millimetres{-16.0}}, folder / "a.step").value();
+      f.z_mm(r, c) =
+          static_cast<float>(0.25 * static_cast<double>(c) - 0.125 * static_cast<double>(r));
+  const StepReport report =
+      write_step(f, {.base_z = Millimetres{-16.0}}, folder / "a.step").value();
   const double known = 30.0 * 20.0 * (16.0 + 0.25 * 30 - 0.125 * 20);
   EXPECT_NEAR(report.volume_mm3, known, 1e-9 * known);
   EXPECT_LT(report.max_error_mm, 1e-9);

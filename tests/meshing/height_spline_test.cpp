@@ -61,14 +61,12 @@ TEST_P(Terrain, KeepsTheToleranceAtEveryNode) {
     double most = 0.0, squares = 0.0, between = 0.0;
     for (std::ptrdiff_t r = 0; r < 150; ++r)
       for (std::ptrdiff_t c = 0; c < 131; ++c) {
-        const double e =
-            height_of(s, f.x_mm(c), f.y_mm(r)) - static_cast<double>(f.z_mm(r, c));
+        const double e = height_of(s, f.x_mm(c), f.y_mm(r)) - static_cast<double>(f.z_mm(r, c));
         most = std::fmax(most, std::abs(e));
         squares += e * e;
         if (r == 149 || c == 130) continue;
         const double x = f.x_mm(c) + 0.25, y = f.y_mm(r) + 0.25;
-        between =
-            std::fmax(between, std::abs(height_of(s, x, y) - heightmap::height_at(f, x, y)));
+        between = std::fmax(between, std::abs(height_of(s, x, y) - heightmap::height_at(f, x, y)));
       }
     EXPECT_LE(most, tolerance);
     EXPECT_NEAR(s.max_error_mm, most, 1e-9);
@@ -89,17 +87,17 @@ TEST_P(Terrain, IsLeastSquares) {
     double squares = 0.0;
     for (std::ptrdiff_t r = 0; r < 65; ++r)
       for (std::ptrdiff_t c = 0; c < 90; ++c)
-        squares += std::pow(
-            height_of(s, f.x_mm(c), f.y_mm(r)) - static_cast<double>(f.z_mm(r, c)), 2.0);
+        squares +=
+            std::pow(height_of(s, f.x_mm(c), f.y_mm(r)) - static_cast<double>(f.z_mm(r, c)), 2.0);
     return squares;
   };
   const double best = sum_of_squares();
   for (std::uint64_t i = 0; i < 12; ++i) {
-    double& pole = s.poles_mm(
-        static_cast<std::ptrdiff_t>(random_bits(GetParam(), 2 * i) %
-                                    static_cast<std::uint64_t>(s.poles_mm.rows())),
-        static_cast<std::ptrdiff_t>(random_bits(GetParam(), 2 * i + 1) %
-                                    static_cast<std::uint64_t>(s.poles_mm.cols())));
+    double& pole =
+        s.poles_mm(static_cast<std::ptrdiff_t>(random_bits(GetParam(), 2 * i) %
+                                               static_cast<std::uint64_t>(s.poles_mm.rows())),
+                   static_cast<std::ptrdiff_t>(random_bits(GetParam(), 2 * i + 1) %
+                                               static_cast<std::uint64_t>(s.poles_mm.cols())));
     const double keep = pole;
     pole = keep + 1e-3;
     const double up = sum_of_squares();

@@ -980,6 +980,24 @@ TEST_F(CommandLine, StonesGoToTheWorkshop) {
   EXPECT_THAT(nothing.err, AllOf(HasSubstr("part S00"), HasSubstr("clearance of 1.5 mm")));
 }
 
+TEST_F(CommandLine, DowelsHoldTilesTogether) {
+  const std::string d = design().string();
+  const std::string verb = "bands " + d + " --max-width-mm 11 --out " + out.string() + " ";
+  ASSERT_EQ(run(verb + "--quiet --dowel-mm 1.5 --dowel-depth-mm 2 --dowel-wall-mm 0.5").exit_code,
+            0);
+  const json tiles = json::parse(slurp(out / "tiles.json"));
+  ASSERT_EQ(tiles["tiles"].size(), 2U);
+  ASSERT_EQ(tiles["dowels"]["places"].size(), 2U);
+  ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);
+  const double whole = json::parse(slurp(scratch / "whole.certificate.json"))["volume_mm3"];
+  EXPECT_NEAR(
+      tiles["volume_mm3"].get<double>() + 4.0 * tiles["dowels"]["hole_volume_mm3"].get<double>(),
+      whole, 1e-9 * whole);
+  EXPECT_THAT(slurp(out / "tiles.svg"), HasSubstr("<line"));
+  fs::remove_all(out);
+  expect_refused(run(verb + "--dowel-mm 8"), AllOf(HasSubstr("design.tif"), HasSubstr("base of")));
+}
+
 TEST_F(CommandLine, ACoatedSolidHasItsUndercoatBesideIt) {
   const std::string d = design().string();
   ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);

@@ -229,17 +229,19 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
     double max_length_mm = INFINITY, clearance_mm = 1.0;
     fs::path stones;
     bool own_frame = false;
+    meshing::DowelOptions dowels{.diameter_mm = 0.0};  // 0: none
     std::string shard;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
       "bands",
       "Splits a designed surface into bands, each a closed solid with certificate; with\n"
-      "--max-length-mm or --stones into tiles whose joints keep off the stones (tile_01.ply ...,\n"
+      "--max-length-mm, --stones or --dowel-mm into tiles whose joints keep off the stones "
+      "(tile_01.ply ...,\n"
       "tiles.json, tiles.svg).\n"
       "Example: maquette bands design.tif --max-width-mm 500 --out bands\n"
       "         maquette bands design.tif --max-width-mm 500 --max-length-mm 700 --stones "
-      "stones.json --out tiles");
+      "stones.json --dowel-mm 4 --out tiles");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
   app->add_option("--max-width-mm", o->max_width_mm, "of a band, in y")->capture_default_str();
@@ -254,12 +256,28 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
       ->needs(stones);
   auto* own = app->add_flag("--own-frame", o->own_frame,
                             "tiles with their south-western corner and base at the origin");
+  auto* dowel = app->add_option("--dowel-mm", o->dowels.diameter_mm,
+                                "diameter of dowels that hold tiles together, in the base")
+                    ->check(CLI::Range(0.1, 1000.0));
+  app->add_option("--dowel-depth-mm", o->dowels.depth_mm, "of their holes, in each tile")
+      ->capture_default_str()
+      ->needs(dowel);
+  app->add_option("--dowel-play-mm", o->dowels.play_mm, "that holes are wider")
+      ->capture_default_str()
+      ->needs(dowel);
+  app->add_option("--dowel-wall-mm", o->dowels.wall_mm, "least material around holes")
+      ->capture_default_str()
+      ->needs(dowel);
+  app->add_option("--dowel-spacing-mm", o->dowels.spacing_mm, "along a joint, at most")
+      ->capture_default_str()
+      ->needs(dowel);
   auto* shards =
       app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
-  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own})
+  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel})
     shards->excludes(tiles_only);
   return {app, [o](Console& console) -> Result<int> {
-            if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame) {
+            if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame ||
+                o->dowels.diameter_mm > 0.0) {
               TilesJob job{.design = o->design,
                            .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
                            .options = {.max_width = Millimetres{o->max_length_mm},
@@ -267,6 +285,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
                                        .clearance = Millimetres{o->clearance_mm}},
                            .base_thickness = Millimetres{o->base_thickness_mm},
                            .own_frame = o->own_frame};
+              if (o->dowels.diameter_mm > 0.0) job.dowels = o->dowels;
               return finish(console, "tiles",
                             [&](const RunContext& run) { return tiles_job(job, o->out, run); });
             }

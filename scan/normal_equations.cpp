@@ -17,24 +17,37 @@ using heightmap::ModelField;
 namespace {
 
 constexpr std::size_t kChunk = 8192;
+// Cosine: facets that stand farther off from the smooth surface are steps, beside a stone.
+constexpr double kAlike = 0.9;
 
-Foot foot_on(const ModelField& f, double per_mm, Vec3 p) {
+/// A cell and the place in it, in spacings.
+struct Place {
+  std::ptrdiff_t r = 0, c = 0;
+  double u = 0.0, v = 0.0;
+};
+
+/// False beside the field.
+bool find_place(const ModelField& f, double per_mm, Vec3 p, Place& at) {
   const double u = (p.x - f.x0.value()) * per_mm, v = (p.y - f.y0.value()) * per_mm;
   const std::ptrdiff_t cols = f.z_mm.cols(), rows = f.z_mm.rows();
   if (!(u >= 0.0 && v >= 0.0 && u <= static_cast<double>(cols - 1) &&
         v <= static_cast<double>(rows - 1)))
-    return {};
-  const auto c = std::min(static_cast<std::ptrdiff_t>(u), cols - 2);
-  const auto r = std::min(static_cast<std::ptrdiff_t>(v), rows - 2);
-  const double du = u - static_cast<double>(c), dv = v - static_cast<double>(r);
-  const float* lower = &f.z_mm(r, c);
-  const float* upper = &f.z_mm(r + 1, c);
+    return false;
+  at.c = std::min(static_cast<std::ptrdiff_t>(u), cols - 2);
+  at.r = std::min(static_cast<std::ptrdiff_t>(v), rows - 2);
+  at.u = u - static_cast<double>(at.c), at.v = v - static_cast<double>(at.r);
+  return true;
+}
+
+Foot foot_on(const ModelField& f, double per_mm, const Place& at, Vec3 p) {
+  const float* lower = &f.z_mm(at.r, at.c);
+  const float* upper = &f.z_mm(at.r + 1, at.c);
   const auto z00 = static_cast<double>(lower[0]), z11 = static_cast<double>(upper[1]);
-  const bool right = du >= dv;
+  const bool right = at.u >= at.v;
   const auto corner = static_cast<double>(right ? lower[1] : upper[0]);
   const double rise_x = right ? corner - z00 : z11 - corner;
   const double rise_y = right ? z11 - corner : corner - z00;
-  const double h = z00 + du * rise_x + dv * rise_y;
+  const double h = z00 + at.u * rise_x + at.v * rise_y;
   const double s = f.spacing.value();
   const double n_z = s / std::sqrt(rise_x * rise_x + rise_y * rise_y + s * s);
   return {(p.z - h) * n_z,
@@ -79,7 +92,11 @@ Influence influence(const Loss& loss, const Foot& foot) {
 
 void FieldSurface::feet(std::span<const Vec3> points, std::span<Foot> feet) const {
   const double per_mm = 1.0 / field_->spacing.value();
-  for (std::size_t i = 0; i < points.size(); ++i) feet[i] = foot_on(*field_, per_mm, points[i]);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    Place at;
+    feet[i] = find_place(*field_, per_mm, points[i], at) ? foot_on(*field_, per_mm, at, points[i])
+                                                         : Foot{};
+  }
 }
 
 namespace {
@@ -94,30 +111,61 @@ double slope_at(const Height& height, std::ptrdiff_t i, std::ptrdiff_t n) {
          (4.0 * height(i + in) - 3.0 * height(i) - height(i + 2 * in));
 }
 
+double between(double a, double b, double t) {  // std::lerp is exact at its ends, and slow
+  return a + t * (b - a);
+}
+
+/// What the surface through the nodes rises over a spacing.
+struct Rise {
+  double x = 0.0, y = 0.0;
+};
+
+Rise rise_at_rim(const ModelField& f, const Place& at) {
+  const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
+  Rise rise;
+  for (std::ptrdiff_t a = 0; a <= 1; ++a)
+    for (std::ptrdiff_t b = 0; b <= 1; ++b) {
+      const double w = (a == 0 ? 1.0 - at.v : at.v) * (b == 0 ? 1.0 - at.u : at.u);
+      const std::ptrdiff_t row = at.r + a, col = at.c + b;
+      rise.x += w * slope_at([&](std::ptrdiff_t k) { return double{f.z_mm(row, k)}; }, col, cols);
+      rise.y += w * slope_at([&](std::ptrdiff_t k) { return double{f.z_mm(k, col)}; }, row, rows);
+    }
+  return rise;
+}
+
+Rise rise_within(const ModelField& f, const Place& at) {
+  const auto [r, c, u, v] = at;
+  const float* z0 = &f.z_mm(r - 1, c);
+  const float* z1 = &f.z_mm(r, c - 1);
+  const float* z2 = &f.z_mm(r + 1, c - 1);
+  const float* z3 = &f.z_mm(r + 2, c);
+  const auto along = [](const float* z, double t) {
+    return between(double{z[2]} - double{z[0]}, double{z[3]} - double{z[1]}, t);
+  };
+  const auto up = [&](std::ptrdiff_t k) {
+    return between(double{z2[k + 1]} - double{z0[k]}, double{z3[k]} - double{z1[k + 1]}, v);
+  };
+  return {0.5 * between(along(z1, u), along(z2, u), v), 0.5 * between(up(0), up(1), u)};
+}
+
 }  // namespace
 
 void SmoothFieldSurface::feet(std::span<const Vec3> points, std::span<Foot> feet) const {
-  FieldSurface(*field_).feet(points, feet);
   const ModelField& f = *field_;
-  const double per_mm = 1.0 / f.spacing.value();
+  const double spacing = f.spacing.value(), per_mm = 1.0 / spacing;
   const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (std::isnan(feet[i].e_mm)) continue;
-    const double u = (points[i].x - f.x0.value()) * per_mm;
-    const double v = (points[i].y - f.y0.value()) * per_mm;
-    const auto c = std::min(static_cast<std::ptrdiff_t>(u), cols - 2);
-    const auto r = std::min(static_cast<std::ptrdiff_t>(v), rows - 2);
-    const double du = u - static_cast<double>(c), dv = v - static_cast<double>(r);
-    double rise_x = 0.0, rise_y = 0.0;
-    for (std::ptrdiff_t a = 0; a <= 1; ++a)
-      for (std::ptrdiff_t b = 0; b <= 1; ++b) {
-        const double w = (a == 0 ? 1.0 - dv : dv) * (b == 0 ? 1.0 - du : du);
-        const std::ptrdiff_t row = r + a, col = c + b;
-        rise_x += w * slope_at([&](std::ptrdiff_t k) { return double{f.z_mm(row, k)}; }, col, cols);
-        rise_y += w * slope_at([&](std::ptrdiff_t k) { return double{f.z_mm(k, col)}; }, row, rows);
-      }
-    if (std::isnan(rise_x) || std::isnan(rise_y)) continue;  // beside a void: the facet's own
-    feet[i].normal = normalized(Vec3{-rise_x * per_mm, -rise_y * per_mm, 1.0});
+    Place at;
+    feet[i] = {};
+    if (!find_place(f, per_mm, points[i], at)) continue;
+    feet[i] = foot_on(f, per_mm, at, points[i]);
+    const bool at_rim = at.r == 0 || at.c == 0 || at.r + 2 >= rows || at.c + 2 >= cols;
+    const Rise rise = at_rim ? rise_at_rim(f, at) : rise_within(f, at);
+    const double per_length =
+        1.0 / std::sqrt(rise.x * rise.x + rise.y * rise.y + spacing * spacing);
+    const Vec3 normal{-rise.x * per_length, -rise.y * per_length, spacing * per_length};
+    // Beside a void, where this is not a number, too.
+    if (dot(normal, feet[i].normal) > kAlike) feet[i].normal = normal;
   }
 }
 

@@ -15,6 +15,7 @@ namespace {
 
 constexpr double kAtRestMm = 1e-6;
 constexpr double kAtRestSigmas = 0.01;
+constexpr double kNearRestSigmas = 10.0;
 constexpr std::ptrdiff_t kFinestBlocks = 256;  // a side; halved down to 16
 constexpr int kBlockLevels = 5;
 
@@ -75,6 +76,7 @@ Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>&
   double noise = 0.0, damping = 1.0;
   Vector7 last = Vector7::Zero();
   Matrix7 shape;
+  const Surface* surface = level.quick != nullptr ? level.quick : level.surface;
   while (r.iterations < options.most_iterations) {
     if (run.stopped()) return fail(kCancelled, "the registration was cancelled");
     // Later the limit is kept: one that follows the residuals moves the solution and never
@@ -86,7 +88,7 @@ Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>&
       const Sums sums = accumulate(met, frame, r.loss);
       shape = sums.weighted / sums.weight;
     }
-    r.sums = accumulate(points, r.pose, *level.surface, frame, r.loss);
+    r.sums = accumulate(points, r.pose, *surface, frame, r.loss);
     if (r.sums.count < kLeastPoints) return too_few(r.sums.count);
     r.solution = solve(r.sums, {noise, level.flat, level.spacing_mm,
                                 static_cast<double>(r.sums.count), options.scale, &shape});
@@ -104,6 +106,15 @@ Result<Rest> come_to_rest(std::span<const Vec3> points, const std::vector<Vec3>&
     last = r.solution.step;
     const Vector7 step = damping * r.solution.step;
     r.pose = moved(r.pose, frame, step);
+    if (surface != level.surface) {
+      // What is still to go is then less than what the normals differ by.
+      if (r.solution.step_sigmas < kNearRestSigmas || full < kAtRestMm) {
+        surface = level.surface;
+        last.setZero();
+        damping = 1.0;
+      }
+      continue;
+    }
     // Where points hop between triangles updates alternate: they have been halved down to
     // nothing, and the full one is below a quarter of its standard deviation.
     if (full < kAtRestMm || r.solution.step_sigmas < kAtRestSigmas ||

@@ -48,7 +48,7 @@ class FieldSurface : public Surface {
 };
 
 /// The same distances with the normals of the smooth surface through the nodes: differences of
-/// second order, bilinear between nodes. Slow, for samples.
+/// second order, bilinear between nodes; at steps those of the facets.
 class SmoothFieldSurface : public Surface {
  public:
   explicit SmoothFieldSurface(const heightmap::ModelField& field) : field_(&field) {}

@@ -52,6 +52,7 @@ struct Level {
   double spacing_mm = 1.0;
   double cells = 1.0;
   double flat = 1e-8;
+  const Surface* quick = nullptr;  ///< the same distances, for the way to the rest; null: `surface`
 };
 /// Gauss-Newton with Huber's weights until steps are small against the spacing.
 [[nodiscard]] Pose settle(std::span<const Vec3> points, Pose pose, const Level& level);

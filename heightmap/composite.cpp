@@ -132,9 +132,10 @@ Result<CompositeSurface> composite(const CompositeRequest& request, const RunCon
   if (run.stopped()) return fail(kCancelled, "the composite was stopped");
   exchange(out, detail, request.relief.spacing.value());
   out.surface.synthetic = std::move(detail.synthetic);
+  out.surface.synthetic_m = out.match.gain * detail.synthetic_m;
   out.surface.craters = detail.craters;
   append_reports(out.surface, detail);
-  if (!request.wider.z_m.empty()) enlarge(out.surface, request.wider);
+  if (!request.wider.field.z_m.empty()) enlarge(out.surface, request.wider);
   run.progress(1.0);
   return out;
 }

@@ -47,9 +47,9 @@ struct CompositeRequest {
   FuseRequest relief;        ///< of the site; no synthetic detail
   FuseRequest detail;        ///< of another body, on the same nodes around its own centre
   double crossover_m = 0.0;  ///< 0: four pixels of the finest relief source, or nodes if wider
-  /// Of a surface that enlarges another: as its detail was fitted, and its heights.
+  /// Of a surface that enlarges another: as its detail was fitted, and itself (without sources).
   std::optional<CompositeMatch> as_before{};
-  PlanetField wider{};
+  Enlarged wider{};
 };
 
 struct CompositeSurface {

@@ -146,16 +146,28 @@ Result<Grid<float>> read_heights(GDALDataset& dataset, const std::string& name) 
 
 }  // namespace
 
-Result<ModelField> read_model_field(const std::filesystem::path& path) {
-  const std::string name = path.string();
-  MAQUETTE_TRY(const detail::DatasetPtr dataset, detail::open_raster(path));
-  MAQUETTE_TRY_VOID(check_unit(*dataset, name));
-  MAQUETTE_TRY(const Frame frame, read_frame(*dataset, name));
-  MAQUETTE_TRY(Grid<float> z, read_heights(*dataset, name));
+namespace {
+
+Result<ModelField> read_whole(GDALDataset& dataset, const std::string& name) {
+  MAQUETTE_TRY(const Frame frame, read_frame(dataset, name));
+  MAQUETTE_TRY(Grid<float> z, read_heights(dataset, name));
   if (std::isnan(height_range(z).min))
     return fail(kAllVoid, fmt::format("{}: has no height, only voids", name));
   return ModelField{std::move(z), Millimetres{frame.spacing_mm}, Millimetres{frame.x0_mm},
                     Millimetres{frame.y0_mm}};
+}
+
+}  // namespace
+
+Result<ModelField> read_model_field(const std::filesystem::path& path) {
+  MAQUETTE_TRY(const detail::DatasetPtr dataset, detail::open_raster(path));
+  MAQUETTE_TRY_VOID(check_unit(*dataset, path.string()));
+  return read_whole(*dataset, path.string());
+}
+
+Result<ModelField> read_model_grid(const std::filesystem::path& path) {
+  MAQUETTE_TRY(const detail::DatasetPtr dataset, detail::open_raster(path));
+  return read_whole(*dataset, path.string());
 }
 
 Result<std::vector<double>> heights_at(const std::filesystem::path& path,

@@ -34,6 +34,10 @@ inline constexpr ErrorCode kAllVoid{"HEIGHTMAP_ALL_VOID"};
 ///   HEIGHTMAP_ALL_VOID              no finite height
 [[nodiscard]] Result<ModelField> read_model_field(const std::filesystem::path& path);
 
+/// The same of a grid of any unit in the model frame, as write_model_grid leaves it; z_mm is then
+/// in that unit.
+[[nodiscard]] Result<ModelField> read_model_grid(const std::filesystem::path& path);
+
 /// Heights of the triangulated surface of a field file at many places (their z does not matter),
 /// without holding the field; NaN where height_at gives it.
 /// @return one height a place, in order; read_model_field's errors

@@ -223,7 +223,8 @@ Result<double> add_images(const Sources& sources, const FuseRequest& request,
 
 }  // namespace
 
-void enlarge(FusedSurface& surface, const PlanetField& wide) {
+void enlarge(FusedSurface& surface, const Enlarged& from) {
+  const PlanetField& wide = from.field;
   const auto grid_of = [](const PlanetField& f) {
     return detail::NodeGrid{f.x0.value(), f.y0.value(), f.spacing.value(), f.z_m.rows(),
                             f.z_m.cols()};
@@ -232,6 +233,22 @@ void enlarge(FusedSurface& surface, const PlanetField& wide) {
   surface.mean_off_before_m = detail::farthest_mean(surface.field.z_m, nodes, wide.z_m, wide_nodes);
   detail::match_means(surface.field.z_m, nodes, wide.z_m, wide_nodes);
   surface.mean_off_m = detail::farthest_mean(surface.field.z_m, nodes, wide.z_m, wide_nodes);
+  // By the wide node in whose cell a node lies.
+  const auto cell = [&](double at, double first) {
+    return static_cast<std::ptrdiff_t>(std::lround((at - first) / wide_nodes.spacing_m));
+  };
+  for (std::ptrdiff_t r = 0; r < nodes.rows; ++r)
+    for (std::ptrdiff_t c = 0; c < nodes.cols; ++c) {
+      const std::ptrdiff_t row =
+          cell(nodes.y0_m + nodes.spacing_m * static_cast<double>(r), wide_nodes.y0_m);
+      const std::ptrdiff_t col =
+          cell(nodes.x0_m + nodes.spacing_m * static_cast<double>(c), wide_nodes.x0_m);
+      if (from.artefacts.contains(row, col))
+        surface.artefacts(r, c) =
+            static_cast<std::uint8_t>(surface.artefacts(r, c) | from.artefacts(row, col));
+      if (from.sigma_m.contains(row, col))
+        surface.sigma_m(r, c) = std::max(surface.sigma_m(r, c), from.sigma_m(row, col));
+    }
 }
 
 Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
@@ -258,8 +275,7 @@ Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run) {
   MAQUETTE_TRY(const double shown_pixel_m, add_images(sources, request, nodes, surface, run));
   MAQUETTE_TRY_VOID(
       detail::add_synthetic(surface, request, nodes, sources.roughness, shown_pixel_m, run));
-  if (request.enlarges && !request.enlarges->field.z_m.empty())
-    enlarge(surface, request.enlarges->field);
+  if (request.enlarges && !request.enlarges->field.z_m.empty()) enlarge(surface, *request.enlarges);
   run.progress(1.0);
   return surface;
 }

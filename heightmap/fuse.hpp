@@ -163,6 +163,10 @@ struct ResidualMap {
 struct Enlarged {
   PlanetField field;                  ///< without nodes: heights are matched by `enlarge` later
   std::vector<SourceReport> sources;  ///< as in the request
+  /// On the nodes of `field`, or empty. What a wider window tells of artefacts counts in the
+  /// enlargement too, and no node is surer than the mean over the cell that it lies in.
+  Grid<float> sigma_m{};
+  Grid<std::uint8_t> artefacts{};
 };
 
 struct FuseRequest {
@@ -200,9 +204,10 @@ struct FusedSurface {
   /// Same nodes: bits of Artefact of any source there. Of the most exact source they are in sigma_m
   /// too.
   Grid<std::uint8_t> artefacts;
-  /// Same nodes: 1 where synthetic detail is more than what was uncertain without it.
+  /// Same nodes: 1 where synthetic detail was added.
   Grid<std::uint8_t> synthetic;
-  std::size_t craters = 0;  ///< synthetic ones
+  double synthetic_m = 0.0;  ///< its standard deviation
+  std::size_t craters = 0;   ///< synthetic ones
   std::vector<SourceReport> sources;
   std::vector<ResidualMap> residuals;  ///< of all but the base; none of an enlargement
   std::vector<ImageReport> images;
@@ -235,8 +240,9 @@ struct FusedSurface {
 [[nodiscard]] Result<FusedSurface> fuse(const FuseRequest& request, const RunContext& run = {});
 
 /// Makes the means of a surface over the cells of wide nodes the heights of these
-/// (detail/enlargement.hpp), and says in the surface how far they were and are apart.
-void enlarge(FusedSurface& surface, const PlanetField& wide);
+/// (detail/enlargement.hpp), and says in the surface how far they were and are apart; takes over
+/// artefacts and uncertainty.
+void enlarge(FusedSurface& surface, const Enlarged& wide);
 
 /// The one place where the planet becomes a model. The lowest height of the
 /// field becomes `floor`, the lower-left node (0, 0).

@@ -88,7 +88,14 @@ std::string sources_html(const json& fuse, const fs::path& folder) {
                   "smaller",
                   fuse.value("sigma_median_mm", 0.0)),
       kWidth_px, signed_legend_svg(fuse.value("sigma_colour_octaves", 1.0), "octaves"));
-  html += picture_html(folder / "source.png", "most exact source", kWidth_px, source_key(fuse));
+  const double synthetic_mm = fuse.value("synthetic_mm", 0.0);
+  html += picture_html(folder / "source.png",
+                       synthetic_mm > 0.0
+                           ? fmt::format("most exact source; below its pixels synthetic detail, "
+                                         "standard deviation {:.3g} mm (source.tif: + 100)",
+                                         synthetic_mm)
+                           : "most exact source",
+                       kWidth_px, source_key(fuse));
   if (fs::exists(folder / "detail_source.png"))
     html += picture_html(folder / "detail_source.png",
                          "most exact source of waves shorter than the crossover", kWidth_px,

@@ -44,7 +44,8 @@ struct WiderSurface {
   fs::path folder;
   double scale = 0.0;
   [[nodiscard]] std::vector<fs::path> files() const {
-    return {folder / "design.tif", folder / "fuse.json"};
+    return {folder / "design.tif", folder / "fuse.json", folder / "sigma.tif",
+            folder / "artefacts.tif"};
   }
 };
 

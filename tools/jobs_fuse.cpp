@@ -24,8 +24,8 @@ using nlohmann::json;
 
 constexpr int kSmallestPicture_px = 500;
 
-/// Of source.tif: index of the most exact source, + 100 where synthetic detail is more than what
-/// was uncertain before; 255 filled. There are at most 100 sources.
+/// Of source.tif: index of the most exact source, + 100 where synthetic detail was added; 255
+/// filled. There are at most 100 sources.
 int source_value(const Grid<std::uint8_t>& sources, const heightmap::FusedSurface& fused,
                  std::size_t i) {
   const int source = sources.cells()[i];
@@ -37,10 +37,22 @@ struct Wider {
   heightmap::PlanetField field;
   std::vector<heightmap::SourceReport> sources;
   std::optional<heightmap::CompositeMatch> match;
+  Grid<float> sigma_m;
+  Grid<std::uint8_t> artefacts;
 };
 Result<Wider> read_wider(const Site& site, const WiderSurface& wider, std::size_t sources) {
   const auto files = wider.files();
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(files[0]));
+  MAQUETTE_TRY(const auto sigma, heightmap::read_model_field(files[2]));
+  MAQUETTE_TRY(const auto artefacts, heightmap::read_model_grid(files[3]));
+  const auto same_nodes = [&](const Grid<float>& g) {
+    return g.rows() == design.z_mm.rows() && g.cols() == design.z_mm.cols();
+  };
+  if (!same_nodes(sigma.z_mm) || !same_nodes(artefacts.z_mm))
+    return fail(kInputMissing,
+                fmt::format("{}: not of the same nodes as sigma.tif and artefacts.tif beside it; "
+                            "fuse 1:{:g} again",
+                            files[0].string(), wider.scale));
   MAQUETTE_TRY(const auto text, read_file(files[1]));
   const ModelScale scale(wider.scale, site.exaggeration);
   Wider out;
@@ -50,7 +62,12 @@ Result<Wider> read_wider(const Site& site, const WiderSurface& wider, std::size_
     if (figures.contains("composite")) out.match = composite_match(figures.at("composite"));
     const double lowest_m = figures.at("lowest_m");
     out.field.z_m = Grid<float>(design.z_mm.rows(), design.z_mm.cols());
+    out.sigma_m = out.field.z_m;
+    out.artefacts = Grid<std::uint8_t>(design.z_mm.rows(), design.z_mm.cols());
     for (std::size_t i = 0; i < design.z_mm.cells().size(); ++i) {
+      out.artefacts.cells()[i] = static_cast<std::uint8_t>(artefacts.z_mm.cells()[i]);
+      out.sigma_m.cells()[i] = static_cast<float>(
+          scale.unscale_vertical(Millimetres{static_cast<double>(sigma.z_mm.cells()[i])}).value());
       const Millimetres above{static_cast<double>(design.z_mm.cells()[i]) - site.lowest_mm};
       out.field.z_m.cells()[i] =
           static_cast<float>(lowest_m + scale.unscale_vertical(above).value());
@@ -111,7 +128,9 @@ Result<heightmap::CompositeSurface> fuse_same_body(const Site& site,
                                                    const RunContext& run) {
   heightmap::FuseRequest request = request_of(site, scale);
   for (const SiteSource& s : sources) request.sources.push_back(source_of(s));
-  if (wider) request.enlarges.emplace(std::move(wider->field), std::move(wider->sources));
+  if (wider)
+    request.enlarges.emplace(std::move(wider->field), std::move(wider->sources),
+                             std::move(wider->sigma_m), std::move(wider->artefacts));
   heightmap::CompositeSurface out;
   MAQUETTE_TRY(out.surface, heightmap::fuse(request, run));
   return out;
@@ -138,7 +157,8 @@ Result<heightmap::CompositeSurface> fuse_composite(const Site& site,
     request.relief.enlarges.emplace().sources.assign(wider->sources.begin(), first_detail);
     request.detail.enlarges.emplace().sources.assign(first_detail, wider->sources.end());
     request.as_before = wider->match;
-    request.wider = std::move(wider->field);
+    request.wider = {
+        std::move(wider->field), {}, std::move(wider->sigma_m), std::move(wider->artefacts)};
   }
   return heightmap::composite(request, run);
 }
@@ -283,6 +303,7 @@ Result<JobResult> fuse_job(const Site& site, std::span<const SiteSource> sources
                {"nodes", {design.z_mm.cols(), design.z_mm.rows()}},
                {"spacing_mm", site.spacing_mm},
                {"synthetic_craters", fused.craters},
+               {"synthetic_mm", model_scale.vertical(Metres{fused.synthetic_m}).value()},
                {"lowest_m", range_m.min},
                {"highest_m", range_m.max},
                {"relief_mm", static_cast<double>(range_mm.max) - static_cast<double>(range_mm.min)},

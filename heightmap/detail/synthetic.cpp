@@ -40,9 +40,10 @@ Result<void> add_synthetic(FusedSurface& surface, const FuseRequest& request, co
         "no synthetic detail: nodes are not finer than the finest source, or it has too few "
         "pixels to measure its roughness");
   const double sigma_m = std::hypot(relief_m, std::sqrt(crater_variance_m2(craters)));
+  surface.synthetic_m = sigma_m;
   for (std::size_t i = 0; i < made.cells().size(); ++i) {
     float& s = surface.sigma_m.cells()[i];
-    surface.synthetic.cells()[i] = std::abs(made.cells()[i]) > s ? 1 : 0;
+    surface.synthetic.cells()[i] = relief_m > 0.0 || made.cells()[i] != 0.0F ? 1 : 0;
     surface.field.z_m.cells()[i] += made.cells()[i];
     s = static_cast<float>(std::hypot(static_cast<double>(s), sigma_m));
   }

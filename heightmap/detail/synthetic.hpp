@@ -18,8 +18,8 @@
 
 namespace maquette::heightmap::detail {
 
-/// Adds it to the surface's heights and uncertainty, marks where it is more than what the
-/// uncertainty was before, counts the craters. A warning says if there is none to add.
+/// Adds it to the surface's heights and uncertainty, marks where it was added, counts the craters.
+/// A warning says if there is none to add.
 /// @return CORE_CANCELLED
 [[nodiscard]] Result<void> add_synthetic(FusedSurface& surface, const FuseRequest& request,
                                          const NodeGrid& nodes, const Roughness& roughness,

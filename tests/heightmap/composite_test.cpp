@@ -326,9 +326,9 @@ TEST_F(Composite, IsEnlargedWithTheSameHeights) {
   fine.relief.half_width = fine.detail.half_width = Metres{20.0};
   fine.relief.spacing = fine.detail.spacing = Metres{0.2};
   fine.as_before = wide->match;
-  fine.wider = wide->surface.field;
-  fine.relief.enlarges = Enlarged{{}, {wide->surface.sources[0]}};
-  fine.detail.enlarges = Enlarged{{}, {wide->surface.sources[1]}};
+  fine.wider.field = wide->surface.field;
+  fine.relief.enlarges.emplace().sources = {wide->surface.sources[0]};
+  fine.detail.enlarges.emplace().sources = {wide->surface.sources[1]};
   const auto made = composite(fine);
   ASSERT_THAT(made, Succeeds());
   EXPECT_EQ(made->match.gain, wide->match.gain);

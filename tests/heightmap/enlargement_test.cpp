@@ -9,6 +9,8 @@
 //   finer waves stay                             change of waves of two fine nodes
 //   sources lie as they lay                      shift and height, at a place of no relief
 //   a source outside the enlargement             is left out, not refused
+//   artefacts of the wider window                a seam that the enlargement's own window is too
+//                                                  small for, in mask and uncertainty
 
 #include <cmath>
 #include <numbers>
@@ -184,6 +186,39 @@ TEST_P(Site, At200IsAnEnlargementOfThatAt1000) {
   RecordProperty("low_pass_alone_um", std::to_string(um_of_model(without.off_m)));
   EXPECT_EQ(fine->sources[1].shift_up_m, wide->sources[1].shift_up_m);
   EXPECT_EQ(fine->sources[1].shift_east_m, wide->sources[1].shift_east_m);
+}
+
+TEST(Enlarged, ShowsArtefactsThatOnlyTheWiderWindowTells) {
+  const ScratchFolder scratch;
+  PlanetRaster seamed = hills(2.0, 120.0, 3, 0.05);
+  seamed.height = [hill = seamed.height](double x, double y) mutable {
+    return hill(x, y) + (x > 5.0 ? 0.8 : 0.0);
+  };
+  write_planet_raster(seamed, scratch / "fine.tif");
+  FuseRequest request;
+  request.body = *body_by_name("moon");
+  request.half_width = Metres{100.0};
+  request.spacing = Metres{1.0};
+  request.sources = {{"fine", scratch / "fine.tif", "auto", 0.05}};
+  const auto wide = fuse(request);
+  ASSERT_THAT(wide, Succeeds());
+  request.half_width = Metres{20.0};
+  request.spacing = Metres{0.2};
+  request.enlarges = Enlarged{wide->field, wide->sources};
+  const auto alone = fuse(request);
+  ASSERT_THAT(alone, Succeeds());
+  request.enlarges->sigma_m = wide->sigma_m;
+  request.enlarges->artefacts = wide->artefacts;
+  const auto fine = fuse(request);
+  ASSERT_THAT(fine, Succeeds());
+  // x = 5 m and -15 m at y = 0: wide nodes 105 and 85, fine ones 125 and 25.
+  ASSERT_EQ(wide->artefacts(100, 105) & kSeam, kSeam);
+  EXPECT_EQ(alone->artefacts(100, 125) & kSeam, 0) << "or this test sees nothing";
+  EXPECT_EQ(fine->artefacts(100, 125) & kSeam, kSeam);
+  EXPECT_EQ(fine->artefacts(100, 25), wide->artefacts(100, 85));
+  EXPECT_GE(fine->sigma_m(100, 125), wide->sigma_m(100, 105));
+  EXPECT_EQ(fine->sigma_m(100, 25), std::max(alone->sigma_m(100, 25), wide->sigma_m(100, 85)));
+  EXPECT_EQ(fine->field.z_m, alone->field.z_m);
 }
 
 TEST(Enlarged, LeavesOutASourceThatEndsBeforeIt) {

@@ -52,16 +52,19 @@ std::vector<double> places_along(double from, double to, double end_mm, double h
   const double free = to - from - 2.0 * end_mm;
   if (free < 0.0) return {};
   if (free < 2.0 * half_mm) return {0.5 * (from + to)};
-  const double gaps = std::clamp(std::ceil(free / o.spacing_mm), 1.0, std::floor(free / (2.0 * half_mm)));
+  const double gaps =
+      std::clamp(std::ceil(free / o.spacing_mm), 1.0, std::floor(free / (2.0 * half_mm)));
   std::vector<double> places;
   for (double i = 0.0; i <= gaps; i += 1.0) places.push_back(from + end_mm + free * i / gaps);
   return places;
 }
 
 Result<void> check_options(const DowelOptions& o, Millimetres base_thickness) {
-  for (const auto& [name, value, least] :
-       {std::tuple{"diameter", o.diameter_mm, 0.1}, {"play", o.play_mm, 0.0},
-        {"depth", o.depth_mm, 0.1}, {"wall", o.wall_mm, 0.1}, {"spacing", o.spacing_mm, 1.0}})
+  for (const auto& [name, value, least] : {std::tuple{"diameter", o.diameter_mm, 0.1},
+                                           {"play", o.play_mm, 0.0},
+                                           {"depth", o.depth_mm, 0.1},
+                                           {"wall", o.wall_mm, 0.1},
+                                           {"spacing", o.spacing_mm, 1.0}})
     if (!(value >= least && value <= 1e4))
       return fail(kDowelDoesNotFit, fmt::format("a dowel's {} of {} mm; {} to 10000 mm expected",
                                                 name, value, least));

@@ -8,9 +8,9 @@
 /// Takes   a field, its tiles (tiles.hpp), a dowel's diameter and length
 /// Gives   where dowels sit; each tile's solid with its halves of the holes
 ///
-/// A hole is a prism of 32 sides round the dowel (the dowel with its play fits in it), level, square
-/// to the joint, at the same height in all of the part: in the middle of the base, which lies
-/// under every node. Around it the wall is triangulated anew (CGAL's constrained Delaunay
+/// A hole is a prism of 32 sides round the dowel (the dowel with its play fits in it), level,
+/// square to the joint, at the same height in all of the part: in the middle of the base, which
+/// lies under every node. Around it the wall is triangulated anew (CGAL's constrained Delaunay
 /// triangulation) in coordinates that do not know on which side the tile lies: both tiles have the
 /// same triangles there, to the bit, as they have elsewhere. Top, base and rims stay as they were.
 
@@ -29,18 +29,18 @@ inline constexpr ErrorCode kDowelDoesNotFit{"MESHING_DOWEL_DOES_NOT_FIT"};
 
 struct DowelOptions {
   double diameter_mm = 4.0;
-  double play_mm = 0.2;      ///< a hole is wider than its dowel by that
-  double depth_mm = 10.0;    ///< of a hole, in each of the two tiles
-  double wall_mm = 2.0;      ///< least material around a hole
-  double spacing_mm = 200.0; ///< from one to the next along a joint, at most; never fewer than two
+  double play_mm = 0.2;       ///< a hole is wider than its dowel by that
+  double depth_mm = 10.0;     ///< of a hole, in each of the two tiles
+  double wall_mm = 2.0;       ///< least material around a hole
+  double spacing_mm = 200.0;  ///< from one to the next along a joint, at most; never fewer than two
 };
 
 /// A level cylinder with its middle on a joint.
 struct Dowel {
-  int number = 0;    ///< 1, 2, ...
+  int number = 0;              ///< 1, 2, ...
   std::array<int, 2> tiles{};  ///< south or west of the joint, north or east of it
-  bool along_x = false;  ///< its axis: the joint lies across x
-  Vec3 centre_mm;        ///< on the joint
+  bool along_x = false;        ///< its axis: the joint lies across x
+  Vec3 centre_mm;              ///< on the joint
 };
 
 /// Corners of a hole and how much material one half of it takes.

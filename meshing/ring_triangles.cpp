@@ -15,7 +15,8 @@ using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Vertices = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
 using Faces = CGAL::Constrained_triangulation_face_base_2<Kernel>;
 using Plane = CGAL::Constrained_Delaunay_triangulation_2<
-    Kernel, CGAL::Triangulation_data_structure_2<Vertices, Faces>, CGAL::No_constraint_intersection_tag>;
+    Kernel, CGAL::Triangulation_data_structure_2<Vertices, Faces>,
+    CGAL::No_constraint_intersection_tag>;
 
 }  // namespace
 
@@ -46,8 +47,7 @@ std::vector<std::array<std::uint32_t, 3>> triangulate_ring(std::span<const Flat>
   std::vector<std::array<std::uint32_t, 3>> triangles;
   for (auto f = plane.finite_faces_begin(); f != plane.finite_faces_end(); ++f)
     if (inside.contains(f))
-      triangles.push_back(
-          {f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
+      triangles.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
   MAQUETTE_CHECK(triangles.size() == outer.size() + hole.size(), "{} triangles of {} corners",
                  triangles.size(), outer.size() + hole.size());
   // CGAL's own order goes by addresses.

@@ -16,6 +16,8 @@
 #include <openvdb/tools/MeshToVolume.h>
 #include <openvdb/tools/VolumeToMesh.h>
 
+#include "meshing/detail/terrain_level_set.hpp"
+
 namespace maquette::meshing::detail {
 namespace {
 
@@ -23,29 +25,16 @@ using heightmap::ModelField;
 using openvdb::FloatGrid;
 using Quad = std::array<std::uint32_t, 4>;
 
-constexpr float kBandVoxels = 4.0F;  // more than the fillet reaches
 constexpr int kCollarRings = 2;
 
-/// The terrain goes on level beyond the field's outline.
-double clamped_height(const ModelField& field, double x, double y) {
-  const double x_last = field.x_mm(field.z_mm.cols() - 1);
-  const double y_last = field.y_mm(field.z_mm.rows() - 1);
-  return heightmap::height_at(field, std::clamp(x, field.x_mm(0), x_last),
-                              std::clamp(y, field.y_mm(0), y_last));
-}
-
-struct Box {
-  Vec3 origin_mm;  ///< lattice node (0, 0, 0)
-  openvdb::Coord nodes;
-};
-
-Box lattice_box(const ModelField& field, const StoneCluster& cluster, const Lattice& lattice) {
+LatticeBox lattice_box(const ModelField& field, const StoneCluster& cluster,
+                       const Lattice& lattice) {
   Box3 around;
   for (const TriMesh* stone : cluster.stones)
     for (const Vec3& v : stone->vertices_mm) around.add(v);
   const double voxel = lattice.voxel_mm;
   const double margin = kMarginVoxels * voxel;
-  Box box;
+  LatticeBox box;
   // On a node of the field, so that lattice and field coincide if voxel = spacing.
   const double s = field.spacing.value();
   box.origin_mm.x =
@@ -64,54 +53,7 @@ Box lattice_box(const ModelField& field, const StoneCluster& cluster, const Latt
   return box;
 }
 
-/// Signed distance to the terrain, to first order: height difference over
-/// sqrt(1 + slope^2), per column of nodes.
-FloatGrid::Ptr terrain_level_set(const ModelField& field, const Box& box, double voxel) {
-  const float outside = kBandVoxels * static_cast<float>(voxel);
-  FloatGrid::Ptr grid = FloatGrid::create(outside);
-  grid->setGridClass(openvdb::GRID_LEVEL_SET);
-  grid->setTransform(openvdb::math::Transform::createLinearTransform(voxel));
-  constexpr int kLeaf = 8;
-  for (int i0 = 0; i0 < box.nodes.x(); i0 += kLeaf)
-    for (int j0 = 0; j0 < box.nodes.y(); j0 += kLeaf) {
-      std::array<double, kLeaf * kLeaf> height{}, flattening{};
-      for (int i = 0; i < kLeaf; ++i)
-        for (int j = 0; j < kLeaf; ++j) {
-          const double x = box.origin_mm.x + voxel * (i0 + i);
-          const double y = box.origin_mm.y + voxel * (j0 + j);
-          const double dx =
-              clamped_height(field, x + voxel, y) - clamped_height(field, x - voxel, y);
-          const double dy =
-              clamped_height(field, x, y + voxel) - clamped_height(field, x, y - voxel);
-          const auto at = static_cast<std::size_t>(kLeaf * i + j);
-          height[at] = clamped_height(field, x, y) - box.origin_mm.z;
-          flattening[at] = 1.0 / std::sqrt(1.0 + (dx * dx + dy * dy) / (4.0 * voxel * voxel));
-        }
-      for (int k0 = 0; k0 < box.nodes.z(); k0 += kLeaf) {
-        std::array<float, kLeaf * kLeaf * kLeaf> value{};
-        bool any = false;
-        for (std::size_t n = 0; n < value.size(); ++n) {
-          const double z = voxel * (k0 + static_cast<int>(n % kLeaf));
-          const auto d = static_cast<float>((z - height[n / kLeaf]) * flattening[n / kLeaf]);
-          value[n] = std::clamp(d, -outside, outside);
-          any = any || std::abs(d) < outside;
-        }
-        if (any) {
-          auto* leaf = grid->tree().touchLeaf({i0, j0, k0});
-          for (openvdb::Index n = 0; n < value.size(); ++n)
-            if (std::abs(value[n]) < outside)
-              leaf->setValueOn(n, value[n]);
-            else
-              leaf->setValueOff(n, value[n]);
-        } else if (value[0] < 0.0F) {
-          grid->tree().addTile(1, {i0, j0, k0}, -outside, false);
-        }
-      }
-    }
-  return grid;
-}
-
-FloatGrid::Ptr stone_level_set(const TriMesh& stone, const Box& box, double voxel) {
+FloatGrid::Ptr stone_level_set(const TriMesh& stone, const LatticeBox& box, double voxel) {
   std::vector<openvdb::Vec3s> points;
   points.reserve(stone.vertices_mm.size());
   for (const Vec3& v : stone.vertices_mm) {
@@ -319,7 +261,7 @@ Result<StoneCap> contour_stones(const ModelField& surface, const StoneCluster& c
                                 const Lattice& lattice) try {
   openvdb::initialize();
   const double voxel = lattice.voxel_mm;
-  const Box box = lattice_box(surface, cluster, lattice);
+  const LatticeBox box = lattice_box(surface, cluster, lattice);
   const FloatGrid::Ptr terrain = terrain_level_set(surface, box, voxel);
   FloatGrid::Ptr whole = terrain;
   for (const TriMesh* stone : cluster.stones)

@@ -11,6 +11,11 @@
 //                                    plain greedy insertion (Garland and Heckbert 1995: a heap,
 //                                    two triangles to start with) of as many triangles
 
+//   meshing_bench level-set [NODES]  narrow band of a NODES x NODES fractal terrain (4001) straight
+//                                    from its grid, beside OpenVDB's meshToLevelSet on 501 nodes
+//   meshing_bench volume [STONES [NODES]]   500 stones united with 4001 x 4001 nodes: time, memory,
+//                                    errors
+
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -32,6 +37,7 @@
 #include "meshing/bands.hpp"
 #include "meshing/decimate.hpp"
 #include "meshing/grid_stream.hpp"
+#include "meshing_volume.hpp"
 #include "support/bench_times.hpp"
 
 namespace maquette::meshing {
@@ -413,5 +419,18 @@ int main(int argc, char** argv) {
     const auto triangles =
         argc > 3 ? std::stoull(argv[3]) : static_cast<unsigned long long>(nodes * nodes / 16);
     decimate_case(nodes, triangles);
+  }
+  const auto number = [&](int i, long otherwise) {
+    return argc > i && !what.empty() ? std::stol(argv[i]) : otherwise;
+  };
+  if (what.empty() || what == "level-set") {
+    fmt::print("level sets\n");
+    in_its_own_process([] { level_set_case(fractal(501), 0.5, true); });
+    in_its_own_process([&] { level_set_case(fractal(number(2, 4001)), 0.5, false); });
+  }
+  if (what.empty() || what == "volume") {
+    fmt::print("stones on terrain\n");
+    in_its_own_process(
+        [&] { volume_case(fractal(number(3, 4001)), static_cast<int>(number(2, 500))); });
   }
 }

@@ -3,8 +3,9 @@
 // meshing/dowels.hpp:
 //   a bored tile is a solid ............... CGAL: closed, manifold, outward, does not cut itself
 //   volumes add up ........................ whole = tiles + all half holes, to 1e-9
-//   neighbours have the same wall ......... triangles in the joint's plane, to the bit, turned round
-//   holes are where they are said to be ... ring of 32 corners on both sides, a pin of the dowel's
+//   neighbours have the same wall ......... triangles in the joint's plane, to the bit, turned
+//   round holes are where they are said to be ... ring of 32 corners on both sides, a pin of the
+//   dowel's
 //                                           size touches no vertex or facet
 //   wall around them ...................... distance of every hole from every other surface
 //   a ring's triangles .................... area = outer - hole; no corner twice; random outlines
@@ -43,8 +44,10 @@ struct Part {
   Part() {
     field.x0 = Millimetres{17.25};
     field.y0 = Millimetres{-3.1};
-    tiles = {{1, 1, 1, {0, 110, 0, 140}}, {2, 1, 2, {0, 110, 140, 300}},
-             {3, 2, 1, {110, 240, 0, 210}}, {4, 2, 2, {110, 240, 210, 300}}};
+    tiles = {{1, 1, 1, {0, 110, 0, 140}},
+             {2, 1, 2, {0, 110, 140, 300}},
+             {3, 2, 1, {110, 240, 0, 210}},
+             {4, 2, 2, {110, 240, 210, 300}}};
     base_z = Millimetres{static_cast<double>(heightmap::height_range(field.z_mm).min)} - kThickness;
     dowels = place_dowels(field, tiles, base_z, kThickness, options).value();
   }
@@ -136,8 +139,8 @@ TEST(BoredSolid, TakesThePinAndKeepsItsWalls) {
       EXPECT_EQ(rim, kDowelSides);
       EXPECT_EQ(bottom, kDowelSides);
       for (const auto& t : m.triangles) {  // flats of the prism are what the pin comes nearest to
-        const Vec3 middle = (1.0 / 3.0) * (m.vertices_mm[t[0]] + m.vertices_mm[t[1]] +
-                                           m.vertices_mm[t[2]]);
+        const Vec3 middle =
+            (1.0 / 3.0) * (m.vertices_mm[t[0]] + m.vertices_mm[t[1]] + m.vertices_mm[t[2]]);
         const auto [depth, off] = seen(middle);
         if (depth > -1e-9 && depth < 8.0 - 1e-9) {
           EXPECT_GT(off, 2.1 - 1e-9);

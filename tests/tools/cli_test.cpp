@@ -180,6 +180,21 @@ TEST_F(CommandLine, RasterOfNothingButVoids) {
                  HasSubstr("void.tif"));
 }
 
+TEST_F(CommandLine, SolidsThatCannotBe) {
+  const auto d = design().string();
+  const auto to = " --out " + out.string();
+  expect_refused(run("mesh " + d + " --base-thickness-mm 0" + to), HasSubstr("base-thickness"));
+  expect_refused(run("bands " + d + " --base-thickness-mm 0" + to), HasSubstr("base-thickness"));
+  expect_refused(run("bands " + d + " --max-width-mm 0.6" + to),
+                 AllOf(HasSubstr("0.6"), HasSubstr("two cells")));
+  expect_refused(run("bands " + d + " --max-length-mm 0" + to), HasSubstr("two cells"));
+  expect_refused(run("bands " + d + " --max-width-mm nan" + to), HasSubstr("two cells"));
+  const auto holed = design(NAN).string();
+  for (const char* verb :
+       {"bands ", "bands --max-length-mm 9 ", "export --format step ", "export --format stl "})
+    expect_refused(run(verb + holed + to), AllOf(HasSubstr("row 7"), HasSubstr("column 9")));
+}
+
 TEST_F(CommandLine, PlanetRasterAsADesign) {
   const auto p = products();
   fs::copy(p.fine_img, scratch / "planet.tif");

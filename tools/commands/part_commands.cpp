@@ -147,6 +147,7 @@ Command add_export(CLI::App& root, const CommonOptions&) {
   app->add_option("surface", o->surface, "mesh (PLY, STL, OBJ) or model field (.tif)")->required();
   app->add_option("--format", o->formats, fmt::format("{}", fmt::join(export_formats(), ", ")))
       ->delimiter(',')
+      ->allow_extra_args(false)  // or a surface behind it would be taken for a format
       ->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
   app->add_option("--design", o->design, "model field for contours, STEP and the decimated level");

@@ -418,6 +418,25 @@ TEST(SyntheticDetail, IsWhatItSaysItIs) {
   EXPECT_LT(std::sqrt(block_squares / blocks), 0.1 * *sigma);
 }
 
+/// One octave is a spline over a lattice of 0.21 of its longest wave: on its points and half-way
+/// between them variances are alike, or nodes nearly as far apart would show a pattern.
+TEST(SyntheticDetail, IsAsStrongAtEveryPlaceOfItsLattice) {
+  const double step_m = 0.21 / 0.125;  // pixels of 4 m
+  const auto variance = [&](double x0, double y0) {
+    Grid<float> z(201, 201, 0.0F);
+    EXPECT_THAT(
+        detail::add_small_relief(z, {x0, y0, 2.0 * step_m, 201, 201}, {0.7, 0.01}, 4.0, 1.0, 9, {}),
+        Succeeds());
+    double squares = 0.0;
+    for (const float h : z.cells()) squares += static_cast<double>(h) * static_cast<double>(h);
+    return squares;
+  };
+  const double on = variance(0.0, 0.0);
+  // 40 000 nodes, nearly independent: a ratio of two variances scatters by 1 %.
+  EXPECT_NEAR(variance(0.5 * step_m, 0.5 * step_m) / on, 1.0, 0.03);
+  EXPECT_NEAR(variance(0.5 * step_m, 0.0) / on, 1.0, 0.03);
+}
+
 TEST(SyntheticDetail, DependsOnSeedAndPlaceAlone) {
   const detail::Roughness law{0.7, 0.01};
   const auto make = [&](detail::NodeGrid nodes, std::uint64_t seed) {

@@ -48,7 +48,8 @@ using testing_support::slurp;
 constexpr const char* kSmall =
     " --quiet --set size_mm=40 --set bands.max_width_mm=15 --set stones.count=5 "
     "--set stones.max_diameter_m=3 --set scanner.max_points=60000 --set camera.samples_per_pixel=1 "
-    "--set export.lod_triangles=2000 --set mill.work_offset_per_band=true ";
+    "--set export.lod_triangles=2000 --set mill.work_offset_per_band=true "
+    "--set 'export.formats=[\"stl\", \"glb\", \"step\"]' ";
 
 const std::string kSite = std::string("run ") + MAQUETTE_SOURCE + "/assets/sites/default.toml";
 
@@ -122,6 +123,8 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
                              "export/surface.stl",
                              "export/surface.glb",
                              "export/surface_lod1.glb",
+                             "export/surface_band_03.step",
+                             "export/surface_band_03.step.certificate.json",
                              "picture.exr",
                              "picture.png",
                              "scene.toml",

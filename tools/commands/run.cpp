@@ -312,14 +312,15 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     export_stage.units.push_back(
         {fmt::format("{}.export.{}", name, format),
          {mesh, design},
-         values({"export."}),
+         format == "step" ? values({"export.", "bands."}) : values({"export."}),
          [=, &site](const RunContext& run) {
            const ExportOptions options{scale,
                                        Millimetres{site.contour_interval_mm},
                                        site.lod_triangles,
                                        static_cast<int>(site.position_bits),
                                        Millimetres{site.step_tolerance_mm},
-                                       site.step_schema};
+                                       site.step_schema,
+                                       site.band_max_width_mm};
            return export_job(format, mesh, design, options, here / "export", run);
          }});
   stages.push_back(std::move(export_stage));

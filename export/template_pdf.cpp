@@ -4,21 +4,19 @@
 
 #include <cairo-pdf.h>
 #include <cmath>
-#include <memory>
 #include <numbers>
 #include <string>
 
 #include <fmt/format.h>
 
 #include "core/check.hpp"
-#include "core/files.hpp"
 #include "export/cad.hpp"
+#include "export/pdf_file.hpp"
 #include "export/placing_template.hpp"
 
 namespace maquette::exporting {
 namespace {
 
-constexpr double kPointsPerMm = 72.0 / 25.4;
 constexpr double kThin_mm = 0.1, kLine_mm = 0.25;
 constexpr double kLetters_mm = 3.0;
 constexpr int kMostSheets = 2000;
@@ -235,11 +233,6 @@ Result<void> check_sheet(const PlacingTemplate& plan, const Sheet& sheet,
   return {};
 }
 
-cairo_status_t append_bytes(void* to, const unsigned char* data, unsigned int length) {
-  static_cast<std::string*>(to)->append(reinterpret_cast<const char*>(data), length);
-  return CAIRO_STATUS_SUCCESS;
-}
-
 }  // namespace
 
 SheetGrid sheets_of(const PlacingTemplate& plan, const Sheet& sheet) {
@@ -260,32 +253,18 @@ Result<void> write_template_pdf(const PlacingTemplate& plan, const Sheet& sheet,
   MAQUETTE_CHECK(plan.min_mm[0] < plan.max_mm[0] && plan.min_mm[1] < plan.max_mm[1], "{}",
                  plan.name);
   MAQUETTE_TRY_VOID(check_sheet(plan, sheet, path));
-  std::string bytes;
-  const auto drop = [](cairo_surface_t* surface) { cairo_surface_destroy(surface); };
-  const std::unique_ptr<cairo_surface_t, decltype(drop)> surface(
-      cairo_pdf_surface_create_for_stream(append_bytes, &bytes, sheet.width_mm * kPointsPerMm,
-                                          sheet.height_mm * kPointsPerMm),
-      drop);
-  cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_TITLE,
-                                 (plan.name + ": placing template 1:1").c_str());
-  cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE, "");
-  cairo_t* cairo = cairo_create(surface.get());
-  {
-    Pen pen(cairo, sheet);
-    const Drawer drawer(plan, sheet);
-    drawer.overview(pen);
-    pen.next_sheet();
-    for (int row = 0; row < drawer.grid().rows; ++row)
-      for (int column = 0; column < drawer.grid().columns; ++column) {
-        drawer.sheet(pen, column, row);
-        pen.next_sheet();
-      }
-  }
-  cairo_destroy(cairo);
-  cairo_surface_finish(surface.get());
-  MAQUETTE_CHECK(cairo_surface_status(surface.get()) == CAIRO_STATUS_SUCCESS, "cairo: {}",
-                 cairo_status_to_string(cairo_surface_status(surface.get())));
-  return write_file(path, bytes);
+  return write_pdf_file(path, plan.name + ": placing template 1:1", sheet.width_mm * kPointsPerMm,
+                        sheet.height_mm * kPointsPerMm, [&](cairo_t* cairo) {
+                          Pen pen(cairo, sheet);
+                          const Drawer drawer(plan, sheet);
+                          drawer.overview(pen);
+                          pen.next_sheet();
+                          for (int row = 0; row < drawer.grid().rows; ++row)
+                            for (int column = 0; column < drawer.grid().columns; ++column) {
+                              drawer.sheet(pen, column, row);
+                              pen.next_sheet();
+                            }
+                        });
 }
 
 }  // namespace maquette::exporting

@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// Cairo (1.16) sets text and pictures on pages; it puts subsets of the fonts into the file.
+// Cairo sets text and pictures on pages.
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 
 #include <cairo-pdf.h>
 
-#include "core/check.hpp"
-#include "core/files.hpp"
+#include "export/pdf_file.hpp"
 #include "tools/document.hpp"
 #include "tools/pdf_plots.hpp"
 #include "tools/pdf_table.hpp"
@@ -103,24 +101,11 @@ void sign(PdfPage& page) {
   }
 }
 
-cairo_status_t append_bytes(void* to, const unsigned char* data, unsigned int length) {
-  static_cast<std::string*>(to)->append(reinterpret_cast<const char*>(data), length);
-  return CAIRO_STATUS_SUCCESS;
-}
-
 }  // namespace
 
 Result<void> write_pdf(const Document& document, const std::string& title,
                        const std::filesystem::path& out) {
-  std::string bytes;
-  const auto drop = [](cairo_surface_t* surface) { cairo_surface_destroy(surface); };
-  const std::unique_ptr<cairo_surface_t, decltype(drop)> surface(
-      cairo_pdf_surface_create_for_stream(append_bytes, &bytes, PdfPage::kWidth, PdfPage::kHeight),
-      drop);
-  cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_TITLE, title.c_str());
-  cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE, "");
-  cairo_t* cairo = cairo_create(surface.get());
-  {
+  const auto draw = [&](cairo_t* cairo) {
     PdfPage page(cairo, title);
     print(page, Heading{1, title});
     for (std::size_t i = 0; i < document.size(); ++i) {
@@ -138,12 +123,8 @@ Result<void> write_pdf(const Document& document, const std::string& title,
       }
     }
     sign(page);
-  }
-  cairo_destroy(cairo);
-  cairo_surface_finish(surface.get());
-  MAQUETTE_CHECK(cairo_surface_status(surface.get()) == CAIRO_STATUS_SUCCESS, "cairo: {}",
-                 cairo_status_to_string(cairo_surface_status(surface.get())));
-  return write_file(out, bytes);
+  };
+  return exporting::write_pdf_file(out, title, PdfPage::kWidth, PdfPage::kHeight, draw);
 }
 
 }  // namespace maquette::tools

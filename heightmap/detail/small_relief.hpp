@@ -20,8 +20,9 @@ namespace maquette::heightmap::detail {
 
 /// Adds octaves of noise between the wavelengths 2 pixel_m and 2 spacing, each a cubic
 /// B-spline over high-passed random normals, so that hardly anything is added to what
-/// the source resolves, of the same variance everywhere. The value at a point depends on seed and position in the site
-/// alone. Counters: (octave, lattice row, lattice column) from the site's centre.
+/// the source resolves, of the same variance everywhere. The value at a point depends on seed and
+/// position in the site alone. Counters: (octave, lattice row, lattice column) from the site's
+/// centre.
 /// @return standard deviation of what was added, or CORE_CANCELLED
 [[nodiscard]] Result<double> add_small_relief(Grid<float>& z, const NodeGrid& nodes,
                                               const Roughness& roughness, double pixel_m,

@@ -4,11 +4,13 @@
 /// @file bands.hpp
 /// A grid of heights as a sum of bands of waves, three an octave, and each multiplied by a weight.
 ///
-/// Level k of the pyramid has every 2^k-th node (Burt and Adelson 1983,
-/// doi:10.1109/TCOM.1983.1095851). Its three bands are what (1 2 1) / 4 takes away, what
-/// (1 4 6 4 1) / 16 takes away beyond that, and what every second node and interpolation by the
-/// same filter take away beyond that; the last band of all is what is left. Beyond the grid's
-/// edge slopes go on.
+/// A pyramid (Burt and Adelson 1983, doi:10.1109/TCOM.1983.1095851) with more nodes than it needs:
+/// level 0 and 1 have all nodes, level k every 2^(k-1)-th. With half as many, waves between two and
+/// four of a level's nodes leave images in others, which show as a pattern of the level's nodes
+/// wherever bands have different weights. A level's three bands are what (1 2 1) / 4 takes away,
+/// what (1 4 6 4 1) / 16 takes away beyond that, and what coming back from the next level takes
+/// away beyond that (by the latter filter in level 0, (1 8 28 56 70 56 28 8 1) / 256 in others);
+/// the last band of all is what is left. Beyond the grid's edge slopes go on.
 
 #include <vector>
 

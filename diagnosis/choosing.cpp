@@ -101,7 +101,7 @@ Members pruned(Members with, Linearised& residuals) {
   return with;
 }
 
-/// Forms of lag and lost motion made anew of the sizes that fit.
+/// Forms that are made of a size made anew of the one that fits.
 /// @param make  Form::of_size or at_size
 /// @return whether any has changed
 bool resize(Members& now, const Search& search, Bank& bank, const Linearised& residuals,
@@ -111,11 +111,12 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
   bool moved = false;
   for (Member& k : now) {
     const auto what = k.form.columns[0].follows;
-    if (!what || !(k.form.*make)) continue;
+    const double made_of_mm = what ? what->size_mm : k.form.made_of_mm;
+    if (!(made_of_mm > 0.0) || !(k.form.*make)) continue;
     const auto at =
         std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) - model.begin();
-    const double size = size_mm({*what, f.coefficients(at)});
-    if (!(size > kLeastSize_mm) || std::abs(std::log(size / what->size_mm)) < kSameSize) continue;
+    const double size = what ? size_mm({*what, f.coefficients(at)}) : f.coefficients(at);
+    if (!(size > kLeastSize_mm) || std::abs(std::log(size / made_of_mm)) < kSameSize) continue;
     moved = true;
     k.form = (k.form.*make)(size);
     add_columns(bank, search.observations, k.form.columns);
@@ -124,7 +125,8 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
 }
 
 /// Lost motion alone is followed at the width that is found, and answers there as it does: with
-/// the secant of another width what the machine or the scanner does to the ridges has a say.
+/// the secant of another width what the machine or the scanner does to the ridges has a say. So
+/// does a ball that runs out.
 Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
   if (follows_any(now, true)) return now;
   for (int round = 0; round < kSizeRounds; ++round) {

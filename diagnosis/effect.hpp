@@ -53,7 +53,10 @@ struct Form {
   std::size_t signed_columns = 1;
   /// Neighbours of this form, closer than the grid's; empty: nothing to refine.
   std::function<std::vector<Form>()> finer{};
-  /// The form of a cause that follows the motion, of another size (Follows::size_mm).
+  /// The size that the signature was made of, where it hangs on that; 0: it does not, or `follows`
+  /// has it.
+  double made_of_mm = 0.0;
+  /// The form made of another size.
   std::function<Form(double size_mm)> of_size{};
   /// The same with the tangent at that size for a signature; empty: none.
   std::function<Form(double size_mm)> at_size{};

@@ -107,23 +107,35 @@ struct Observation : CutState {
   return (o.normal.z / o.slope_normal.z) * o.slope_normal;
 }
 
-/// What a cause does to a pass: the tip is elsewhere, the ball larger (its tip where it is).
+/// What a cause does to a pass: the tip is elsewhere, the ball larger (its tip where it is), or out
+/// of true.
 struct CutChange {
   Vec3 tip_mm;
   double radius_mm = 0.0;
   Vec3 tip_per_mm{};   ///< by how much more elsewhere with each mm of way; small changes need none
   bool bends = false;  ///< within kBendReach_mm of the way `tip_per_mm` jumps
+  double runout_mm = 0.0;  ///< its axis turns about the spindle's at that distance
   CutChange& operator+=(const CutChange& o) {
     tip_mm += o.tip_mm;
     radius_mm += o.radius_mm;
     tip_per_mm += o.tip_per_mm;
     bends |= o.bends;
+    runout_mm += o.runout_mm;
     return *this;
   }
   friend CutChange operator*(double k, const CutChange& c) {
-    return {k * c.tip_mm, k * c.radius_mm, k * c.tip_per_mm, c.bends && k != 0.0};
+    return {k * c.tip_mm, k * c.radius_mm, k * c.tip_per_mm, c.bends && k != 0.0, k * c.runout_mm};
   }
 };
+
+/// Of all balls that a runout turns to a place, seen from the ball's middle along -n, the nearest:
+/// it comes no nearer than above it, and the swept body is flat below.
+[[nodiscard]] inline Vec3 towards_place(Vec3 n, double radius_mm, double runout_mm) {
+  const double plan = std::hypot(n.x, n.y);
+  if (runout_mm == 0.0 || !(plan > 0.0)) return {};
+  const double nearer = std::fmin(radius_mm, runout_mm / plan);
+  return {-nearer * n.x, -nearer * n.y, 0.0};
+}
 
 /// Rise a length of the steepest pass whose slope is taken from its command and displacement.
 inline constexpr double kSteepPass = 0.8;
@@ -142,10 +154,11 @@ inline constexpr double kSteepPass = 0.8;
   if (length > 1e-9 && std::abs(s.feed.z) < kSteepPass) f = normalized(f + c.tip_per_mm);
   const auto across = [&](Vec3 v) { return v - dot(v, f) * f; };
   const Vec3 up = across({0.0, 0.0, 1.0});
-  const Vec3 from = across(-radius_mm * n - c.tip_mm - Vec3{0.0, 0.0, c.radius_mm});
+  const Vec3 tip = c.tip_mm + towards_place(n, radius_mm, c.runout_mm);
+  const Vec3 from = across(-radius_mm * n - tip - Vec3{0.0, 0.0, c.radius_mm});
   const double r = radius_mm + c.radius_mm, a = dot(up, up), b = dot(from, up),
                d = dot(from, from) - r * r, root = b * b - a * d;
-  if (!(root > 0.0) || !(r > 0.0)) return dot(n, c.tip_mm) / n.z + c.radius_mm * (1.0 - 1.0 / n.z);
+  if (!(root > 0.0) || !(r > 0.0)) return dot(n, tip) / n.z + c.radius_mm * (1.0 - 1.0 / n.z);
   return d / (std::sqrt(root) - b);
 }
 
@@ -158,9 +171,11 @@ template <class Change>
   const auto rise = [&](const CutState& s, Vec3 n, double above_mm) {
     const CutChange c = change(s, n);
     if (c.bends && o.pass) {
-      const double height =
-          o.pass->height_mm(s, o.place.x, o.place.y, radius_mm + c.radius_mm,
-                            [&](const CutState& at) { return change(at, n).tip_mm; });
+      const double height = o.pass->height_mm(
+          s, o.place.x, o.place.y, radius_mm + c.radius_mm, [&](const CutState& at) {
+            const CutChange there = change(at, n);
+            return there.tip_mm + towards_place(n, radius_mm, there.runout_mm);
+          });
       if (std::isfinite(height)) return height - o.place.z;
     }
     return above_mm + rise_mm(s, n, radius_mm, c);

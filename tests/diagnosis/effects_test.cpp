@@ -200,6 +200,22 @@ TEST(Library, BlursACreaseFromAnySide) {
   }
 }
 
+TEST(Library, ABallOutOfTrueCutsFlatBelowAndWiderBeside) {
+  // A level pass along x: the swept body's section is flat for e to either side, then the circle.
+  constexpr double kRadius = 3.0;
+  const auto height = [](double u) { return kRadius - std::sqrt(kRadius * kRadius - u * u); };
+  for (const double e : {0.02, 0.1, 0.3})
+    for (const double u : {0.0, 0.05, 0.1, 0.25, 0.8, 1.7}) {
+      CutState s;
+      s.feed = {1, 0, 0};
+      CutChange change;
+      change.runout_mm = e;
+      const Vec3 n{0.0, -u / kRadius, std::sqrt(1.0 - u * u / (kRadius * kRadius))};
+      EXPECT_NEAR(rise_mm(s, n, kRadius, change), height(std::fmax(0.0, u - e)) - height(u), 1e-12)
+          << "eccentric by " << e << ", " << u << " beside the pass";
+    }
+}
+
 TEST(Library, MarksAreMovedByMachinesOnly) {
   Observation mark = place();
   mark.on_surface = false;

@@ -53,6 +53,9 @@ struct Form {
   std::size_t signed_columns = 1;
   /// Neighbours of this form, closer than the grid's; empty: nothing to refine.
   std::function<std::vector<Form>()> finer{};
+  /// Where a size hangs on what the law fixes (a growth on its time constant): the form with other
+  /// values of that, even in its logarithm; the spread of sizes over them is part of the error.
+  std::function<std::vector<Form>()> alternatives{};
   /// The size that the signature was made of, where it hangs on that; 0: it does not, or `follows`
   /// has it.
   double made_of_mm = 0.0;

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/choosing.hpp"
 #include "diagnosis/detail/standing.hpp"
@@ -45,8 +46,44 @@ Scored scored(const Linearised& residuals, const Members& with) {
   return {residuals.fit_of(with).objective, residuals.left_by(with)};
 }
 
+/// Variance of the first size of the k-th about `fitted`, over what its law might have fixed:
+/// averaged by likelihood (a profile would end where the law's own range does).
+double variance_over_laws(const Search& search, const Bank& bank, const Model& model, std::size_t k,
+                          double fitted) {
+  const auto forms = model.members[k].form.alternatives();
+  std::vector<Column> columns;
+  for (const Member& m : model.members)
+    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
+  for (const Form& f : forms) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
+  Bank wide = sum_up(search.observations, search.nuisances, columns, search.layout, &bank.theta);
+  wide.weight = bank.weight;
+  struct Law {
+    double objective, square;
+  };
+  std::vector<Law> laws(forms.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, forms.size(), [&](std::size_t i) {
+    Members with = model.members;
+    with[k].form = forms[i];
+    const auto at = columns_of(wide, with);
+    const Fit f = fit(wide, at, kAll);
+    const auto c =
+        std::find(at.begin(), at.end(), wide.index.at(forms[i].columns[0].key)) - at.begin();
+    const double off = f.coefficients(c) - fitted;
+    laws[i] = {f.objective, f.covariance(c, c) + off * off};
+  });
+  double least = INFINITY, sum = 0.0, weight = 0.0;
+  for (const Law& l : laws) least = std::fmin(least, l.objective);
+  for (const Law& l : laws) {
+    const double w = std::exp(-0.5 * (l.objective - least));
+    sum += w * l.square;
+    weight += w;
+  }
+  return weight > 0.0 ? sum / weight : 0.0;
+}
+
 /// Sizes as fitted, with standard errors.
-std::vector<Estimate> sizes_of(const Bank& bank, const Model& model, std::size_t k) {
+std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Model& model,
+                               std::size_t k) {
   const double wider = std::sqrt(
       overstated(bank, model.columns, columns_of(bank, without(model.members, k)), model.fit));
   std::vector<Estimate> sizes;
@@ -54,10 +91,13 @@ std::vector<Estimate> sizes_of(const Bank& bank, const Model& model, std::size_t
     const auto at =
         std::find(model.columns.begin(), model.columns.end(), bank.index.at(column.key)) -
         model.columns.begin();
+    double variance = std::fmax(0.0, model.fit.covariance(at, at));
+    if (sizes.empty() && model.members[k].form.alternatives)
+      variance = std::fmax(variance,
+                           variance_over_laws(search, bank, model, k, model.fit.coefficients(at)));
     sizes.push_back({column.parameter.name,
                      model.fit.coefficients(at) * column.parameter.per_column,
-                     wider * std::sqrt(std::fmax(0.0, model.fit.covariance(at, at))) *
-                         std::abs(column.parameter.per_column)});
+                     wider * std::sqrt(variance) * std::abs(column.parameter.per_column)});
   }
   return sizes;
 }
@@ -167,7 +207,8 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
     std::vector<std::size_t> shapes(members.size());
     std::vector<Rejected> ruled_out;
     std::vector<std::vector<Estimate>> sizes;
-    for (std::size_t k = 0; k < members.size(); ++k) sizes.push_back(sizes_of(bank, model, k));
+    for (std::size_t k = 0; k < members.size(); ++k)
+      sizes.push_back(sizes_of(search, bank, model, k));
     for (std::size_t k = 0; k < members.size(); ++k) {
       causes.push_back(
           cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out, shapes[k]));

@@ -6,6 +6,11 @@
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+// Time constants, of the program: shorter ones are over before the cut, longer ones a straight
+// line.
+constexpr double kQuickest = 0.02, kSlowest = 2.5;
+}  // namespace
 
 void add_machine_thermal_growth(std::vector<Effect>& all) {
   Effect e;
@@ -30,6 +35,13 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
                            })}};
         f.fixed = {{"time_constant_min", tau * minutes}};
         f.finer = finer_by_ratio(*this, tau, step, 4, 1.01);
+        f.alternatives = [make = *this, tau] {
+          std::vector<Form> others;
+          for (int k = -8; k <= 8; ++k)
+            if (const double other = tau * std::pow(1.3, k); other > kQuickest && other < kSlowest)
+              others.push_back(make(other, 1.0));
+          return others;
+        };
         return f;
       }
     };

@@ -15,6 +15,8 @@ namespace {
 using heightmap::ModelField;
 
 constexpr std::size_t kSample = 200'000;
+constexpr std::size_t kSampleOnMesh = 20'000;  // the nearest triangle takes longer to find
+constexpr double kOfDiagonal = 0.02;           // farther points are not of the part
 constexpr std::size_t kLeastPoints = 1'000;
 constexpr double kSigmas = 5.0, kOfNoise = 0.25;
 constexpr std::size_t kColumns = 200, kLeastColumns = 10;  // of a grid, each of so many points:
@@ -34,6 +36,14 @@ std::optional<bool> from_behind(Vec3 p, Vec3 from, const ModelField& design) {
   const double facing = look.z - (rise_x / s) * look.x - (rise_y / s) * look.y;
   if (std::isnan(facing)) return std::nullopt;
   return facing <= 0.0;
+}
+
+/// Does a scanner at `from` see the outside of the triangle that is nearest? Nothing beside the
+/// mesh.
+std::optional<bool> from_behind(Vec3 p, Vec3 from, const MeshDistance& mesh, double reach_mm) {
+  const auto near = mesh.nearest(p, reach_mm);
+  if (!near || near->border) return std::nullopt;
+  return dot(from - p, near->normal) <= 0.0;
 }
 
 /// Points [first, first + n) of a cloud, evenly thinned, in the model frame.
@@ -157,6 +167,38 @@ Result<void> check_columns(const Columns& columns, Vec3 stated) {
                           sigmas, stated.x, stated.y, stated.z));
 }
 
+/// Each place of a scanner that is known against the points that it is said to have seen.
+/// @param behind  (point, place), model frame: is it seen from behind, if that can be told?
+template <class Behind>
+Result<void> check_each(const Cloud& cloud, const RigidTransform& model_from_scan,
+                        std::size_t sample, const Behind& behind) {
+  const auto check = [&](Vec3 place, std::size_t first, std::size_t n) -> Result<void> {
+    const Vec3 from = model_from_scan.point(place);
+    std::size_t wrong = 0, judged = 0;
+    for (std::size_t i = first; i < first + n; i += 1 + n / sample)
+      if (const auto b = behind(model_from_scan.point(cloud.points_mm[i]), from)) {
+        ++judged;
+        wrong += *b ? 1U : 0U;
+      }
+    const double share = static_cast<double>(wrong) / static_cast<double>(judged);
+    if (judged == 0 || share <= kMostFromBehind) return {};
+    return fail(kStationPose,
+                fmt::format("a scanner at x {:.1f}, y {:.1f}, z {:.1f} mm of the model frame would "
+                            "see {:.0f} % of its points from behind; give its place in the frame "
+                            "of the cloud, or none",
+                            from.x, from.y, from.z, 100.0 * share));
+  };
+  if (cloud.station_mm) return check(*cloud.station_mm, 0, cloud.points_mm.size());
+  std::size_t first = 0;
+  for (const ScanStation& s : cloud.stations) {
+    if (s.position_mm) {
+      MAQUETTE_TRY_VOID(check(*s.position_mm, first, s.points));
+    }
+    first += s.points;
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<void> check_sight_planes(const Cloud& cloud) {
@@ -175,31 +217,16 @@ Result<void> check_sight_planes(const Cloud& cloud) {
 
 Result<void> check_viewpoints(const Cloud& cloud, const RigidTransform& model_from_scan,
                               const ModelField& design) {
-  const auto check = [&](Vec3 place, std::size_t first, std::size_t n) -> Result<void> {
-    const Vec3 from = model_from_scan.point(place);
-    std::size_t behind = 0, judged = 0;
-    for (std::size_t i = first; i < first + n; i += 1 + n / kSample)
-      if (const auto b = from_behind(model_from_scan.point(cloud.points_mm[i]), from, design)) {
-        ++judged;
-        behind += *b ? 1U : 0U;
-      }
-    const double share = static_cast<double>(behind) / static_cast<double>(judged);
-    if (judged == 0 || share <= kMostFromBehind) return {};
-    return fail(kStationPose,
-                fmt::format("a scanner at x {:.1f}, y {:.1f}, z {:.1f} mm of the model frame would "
-                            "see {:.0f} % of its points from behind; give its place in the frame "
-                            "of the cloud, or none",
-                            from.x, from.y, from.z, 100.0 * share));
-  };
-  if (cloud.station_mm) return check(*cloud.station_mm, 0, cloud.points_mm.size());
-  std::size_t first = 0;
-  for (const ScanStation& s : cloud.stations) {
-    if (s.position_mm) {
-      MAQUETTE_TRY_VOID(check(*s.position_mm, first, s.points));
-    }
-    first += s.points;
-  }
-  return {};
+  return check_each(cloud, model_from_scan, kSample,
+                    [&](Vec3 p, Vec3 from) { return from_behind(p, from, design); });
+}
+
+Result<void> check_viewpoints(const Cloud& cloud, const RigidTransform& model_from_scan,
+                              const MeshDistance& mesh) {
+  const Box3 box = mesh.mesh().bounds();
+  const double reach = kOfDiagonal * norm(box.max - box.min);
+  return check_each(cloud, model_from_scan, kSampleOnMesh,
+                    [&](Vec3 p, Vec3 from) { return from_behind(p, from, mesh, reach); });
 }
 
 std::vector<StrayStation> stray_stations(const Cloud& cloud, const Registration& together,

@@ -19,6 +19,7 @@
 #include "core/run_context.hpp"
 #include "heightmap/height_field.hpp"
 #include "scan/cloud.hpp"
+#include "scan/mesh_distance.hpp"
 #include "scan/register.hpp"
 
 namespace maquette::scan {
@@ -35,6 +36,10 @@ inline constexpr double kMostFromBehind = 0.25;
 [[nodiscard]] Result<void> check_viewpoints(const Cloud& cloud,
                                             const RigidTransform& model_from_scan,
                                             const heightmap::ModelField& design);
+/// The same on a part of any shape.
+[[nodiscard]] Result<void> check_viewpoints(const Cloud& cloud,
+                                            const RigidTransform& model_from_scan,
+                                            const MeshDistance& mesh);
 
 /// A scanner turns or looks so that its column of points, phase-shift or camera, lies in one plane
 /// through its centre. Seen from elsewhere it does not, as far as there is relief along it.

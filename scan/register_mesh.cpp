@@ -15,6 +15,24 @@ namespace {
 constexpr std::size_t kFine = 300'000;
 constexpr std::size_t kSample = 30'000;
 constexpr double kMostNoise = 1.0 / 200.0;  // of the diagonal
+constexpr double kFromAbove = 0.9;
+
+/// Of the points that lie on the part, do all but a few lie on what is seen from above? Then the
+/// search from above has judged them, and nothing can be won on the mesh: low relief of another
+/// part lies off by less than kMostNoise.
+bool lies_on_top(const std::vector<Vec3>& points, const detail::Pose& pose, double noise_mm,
+                 const heightmap::ModelField& top) {
+  std::size_t over = 0, above = 0;
+  for (const Vec3& p : points) {
+    const Vec3 q = pose.point(p);
+    const double height = heightmap::height_at(top, q.x, q.y);
+    if (std::isnan(height)) continue;
+    ++over;
+    // Steep ground is missed by its slope times half a node.
+    above += q.z > height - 5.0 * noise_mm - top.spacing.value() ? 1U : 0U;
+  }
+  return static_cast<double>(above) >= kFromAbove * static_cast<double>(over);
+}
 
 }  // namespace
 
@@ -24,7 +42,9 @@ Result<Registration> register_mesh(const Cloud& cloud, const MeshDistance& mesh,
   const Box3 box = mesh.mesh().bounds();
   const double diagonal = norm(box.max - box.min);
   auto seen_from_above = register_scan(cloud, top, options, run);
-  if (!seen_from_above && seen_from_above.error().code == kCancelled)
+  // A cloud a thousand times too small lies on any triangle.
+  if (!seen_from_above &&
+      (seen_from_above.error().code == kCancelled || seen_from_above.error().code == kUnitSlip))
     return tl::unexpected(seen_from_above.error());
   Registration result;
   detail::Pose start{options.model_from_scan, 1.0};
@@ -63,6 +83,8 @@ Result<Registration> register_mesh(const Cloud& cloud, const MeshDistance& mesh,
       std::count_if(met.feet.begin(), met.feet.end(),
                     [&](const detail::Foot& f) { return std::abs(f.e_mm) <= 5.0 * noise; }));
   const double overlap = within / static_cast<double>(some.size());
+  if (!seen_from_above && lies_on_top(some, rest->pose, noise, top))
+    return tl::unexpected(seen_from_above.error());
   if (overlap < options.least_overlap || noise > kMostNoise * diagonal) {
     if (!seen_from_above) return tl::unexpected(seen_from_above.error());
     return fail(kPoorFit,

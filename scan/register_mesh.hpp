@@ -12,7 +12,8 @@
 ///          the covariance and the refusals of register_scan, on 300 000 points.
 /// Accepted if the points come to rest with least_overlap of them within five times the noise and a
 ///          noise below 1/200 of the mesh's diagonal: another part of the same size lies off by
-///          more.
+///          more. What the search from above has refused stays refused where the unit is wrong, and
+///          where the points lie on what is seen from above.
 
 #include "core/result.hpp"
 #include "core/run_context.hpp"

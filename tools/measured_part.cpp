@@ -260,12 +260,13 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
   if (!best && spheres && best.error().code != kCancelled) best = spheres->registration;
   if (!best) return within(std::move(best.error()));
   figures.best = *best;
-  if (!input.scale && !nominal.mesh) {
-    if (auto seen = scan::check_viewpoints(cloud, best->model_from_scan, nominal.to_meet()); !seen)
-      return within(std::move(seen.error()));
-    warn_of_strays(scan::stray_stations(cloud, *best, nominal.to_meet(), run), figures.name, run);
-  }
   if (input.scale) scale_by(best->scale, cloud);
+  auto viewed = nominal.mesh
+                    ? scan::check_viewpoints(cloud, best->model_from_scan, *nominal.to_mesh)
+                    : scan::check_viewpoints(cloud, best->model_from_scan, nominal.to_meet());
+  if (!viewed) return within(std::move(viewed.error()));
+  if (!input.scale && !nominal.mesh)
+    warn_of_strays(scan::stray_stations(cloud, *best, nominal.to_meet(), run), figures.name, run);
   scan::Registration used = *best;
   if (!datums.empty()) {
     // Spheres are nearer to where they were matched than to where a best fit brings them.

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // What is claimed in scan/check_stations.hpp: scanners on the right and the wrong side of the part,
-// in any frame; columns of simulated phase-shift and structured-light scans, which meet where the
-// scanner stands, and say so where another place is stated; two stations of one file that agree (20
-// seeds, none is called stray), and one of which is displaced by known amounts or stands quite
-// elsewhere.
+// a mesh too, in any frame; columns of simulated phase-shift and structured-light scans, which meet
+// where the scanner stands, and say so where another place is stated; two stations of one file that
+// agree (20 seeds, none is called stray), and one of which is displaced by known amounts or stands
+// quite elsewhere.
 
 #include "scan/check_stations.hpp"
 
@@ -15,10 +15,12 @@
 #include <gtest/gtest.h>
 
 #include "assets/devices.hpp"
+#include "core/random.hpp"
 #include "scan/scanner_sim.hpp"
 #include "scan/structured_light.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
+#include "support/simple_solids.hpp"
 
 namespace maquette::scan {
 namespace {
@@ -50,6 +52,29 @@ TEST(Viewpoints, OnTheWrongSideAreRefused) {
   }
   cloud.station_mm.reset();
   EXPECT_THAT(check_viewpoints(cloud, {}, part), Succeeds()) << "not known";
+}
+
+// Half a ball is seen from a place far away, and from its opposite none of that half.
+TEST(Viewpoints, OnTheWrongSideOfAMeshAreRefused) {
+  const TriMesh ball = testing_support::sphere_solid({10, 20, 30}, 50.0, 90);
+  const MeshDistance mesh(ball);
+  const Vec3 aside = normalized(Vec3{2.0, -1.0, -2.0});  // heights would not show it
+  Cloud cloud;
+  for (std::uint64_t i = 0; i < 20'000; ++i) {
+    const Vec3 n = normalized(
+        Vec3{random_normal(1, 3 * i), random_normal(1, 3 * i + 1), random_normal(1, 3 * i + 2)});
+    // From 1000 mm all is seen that is 50 / 1000 or more up: the rim of the sight.
+    if (dot(n, aside) > 0.05)
+      cloud.points_mm.push_back(Vec3{10, 20, 30} + (50.0 + 0.05 * random_normal(2, i)) * n);
+  }
+  cloud.station_mm = Vec3{10, 20, 30} + 1000.0 * aside;
+  EXPECT_THAT(check_viewpoints(cloud, {}, mesh), Succeeds());
+  cloud.station_mm = Vec3{10, 20, 30} - 1000.0 * aside;
+  const auto checked = check_viewpoints(cloud, {}, mesh);
+  ASSERT_THAT(checked, FailsWith(kStationPose));
+  EXPECT_THAT(checked.error().message, HasSubstr("100 %"));
+  cloud.points_mm = {{500, 500, 500}};
+  EXPECT_THAT(check_viewpoints(cloud, {}, mesh), Succeeds()) << "nothing of the part";
 }
 
 constexpr Vec3 kTarget{100.0, 100.0, 10.0};

@@ -4,8 +4,8 @@
 //
 //   envelope ........ a triangulated grid comes out as that grid; a box from above; overhangs
 //   registration .... of a relief's solid from 20 mm and 5 degrees off and from anywhere; of a rock
-//                     scanned all round from 1 degree off; another part refused; a sphere's
-//                     rotations are named as free
+//                     scanned all round from 1 degree off; another part, another unit and a mirror
+//                     image refused, low relief too; a sphere's rotations are named as free
 //   deviation ....... a sphere scanned 0.1 mm too large, in closed form; means per vertex; coverage
 //                     of half a sphere; no sign flips near edges (1 M points about a cube)
 //   welded .......... a soup of triangles has no borders
@@ -112,6 +112,27 @@ TEST(RegisterMesh, BringsAReliefBack) {
   }
   const Cloud other = points_on(rough_part(4, 121, 121, 1.0, 2.0), 30'000, 5, 0.05);
   EXPECT_THAT(register_mesh(other, tree, *top), FailsWith(kPoorFit));
+}
+
+// What lies on any triangle, for it is tiny or the relief is low, is no fit.
+TEST(RegisterMesh, RefusesWhatTheSearchFromAboveHasRefused) {
+  const ModelField f = rough_part(3, 121, 121, 1.0, 0.2);  // 0.5 mm rms
+  const TriMesh mesh = mesh_of(f);
+  const MeshDistance tree(mesh);
+  const auto top = upper_envelope(mesh);
+  ASSERT_THAT(top, Succeeds());
+  const Cloud truth = points_on(f, 30'000, 5, 0.02);
+  ASSERT_THAT(register_mesh(truth, tree, *top), Succeeds());
+  const Cloud other = points_on(rough_part(4, 121, 121, 1.0, 0.2), 30'000, 5, 0.02);
+  EXPECT_THAT(register_mesh(other, tree, *top), FailsWith(kPoorFit));
+  Cloud wrong = truth;
+  for (Vec3& p : wrong.points_mm) p.x = -p.x;
+  EXPECT_THAT(register_mesh(wrong, tree, *top), FailsWith(kMirrored));
+  for (const double unit : {1e-3, 1.0 / 25.4}) {
+    wrong.points_mm = truth.points_mm;
+    for (Vec3& p : wrong.points_mm) p = unit * p;
+    EXPECT_THAT(register_mesh(wrong, tree, *top), FailsWith(kUnitSlip)) << unit;
+  }
 }
 
 TEST(RegisterMesh, BringsARockScannedAllRoundBack) {

@@ -82,9 +82,14 @@ Result<void> load_objects(const Scene& s, const camera::Material& surface, Loade
       MAQUETTE_TRY(material, find_material(s, s.stone_material));
     }
     MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(s.stones));
+    RigidTransform lies;  // glued on, they go with the surface
+    if (!s.corrections.empty()) {
+      MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
+      lies = corrections.actual_from_planned;
+    }
     for (const auto& stone : stones) {
       to.meshes.push_back(meshing::stone_mesh(stone));
-      to.objects.push_back({&to.meshes.back(), material});
+      to.objects.push_back({&to.meshes.back(), material, lies});
     }
   }
   std::vector<std::tuple<fs::path, double, const TriMesh*>>

@@ -9,6 +9,7 @@
 
 #include "tools/trajectory_file.hpp"
 
+#include <array>
 #include <fstream>
 #include <numbers>
 
@@ -19,6 +20,7 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "tools/jobs.hpp"
 
@@ -99,6 +101,36 @@ TEST_F(RenderScene, HoldsLightAndGeometry) {
   EXPECT_GT(parts[1], 300);  // the ground
   EXPECT_GT(parts[2], 2);    // both places of the one mesh
   EXPECT_GT(parts[3], 2);
+}
+
+// A part that lies 8 mm aside and 3 mm higher carries its stones with it.
+TEST_F(RenderScene, StonesLieWhereThePartLies) {
+  meshing::PlacedStone stone;
+  stone.number = 1;
+  stone.scale_mm = 6.0;
+  stone.model_from_stone.translation_mm = {17, 25, 2};
+  ASSERT_THAT(meshing::write_stone_plan(std::array{stone}, folder / "stones.json"), Succeeds());
+  std::ofstream(folder / "lies.toml") << "schema = \"maquette.corrections/1\"\n[surface]\n"
+                                         "translation_mm = [8, 0, 3]\n";
+  const fs::path out = folder / "a.exr";
+  ASSERT_THAT(render(scene("stones = \"stones.json\"\ncorrections = \"lies.toml\"\n"), out),
+              Succeeds());
+  const auto image = camera::read_image(out);
+  ASSERT_THAT(image, Succeeds());
+  double sum = 0.0, n = 0.0;
+  for (std::ptrdiff_t r = 0; r < 24; ++r)
+    for (std::ptrdiff_t c = 0; c < 32; ++c) {
+      const auto z = static_cast<double>(channel(*image, "position.Z")(r, c));
+      if (channel(*image, "part")(r, c) != 2.0F) {
+        EXPECT_NEAR(z, 5.0, 1e-4) << "the ground";
+        continue;
+      }
+      EXPECT_GT(z, 5.0 - 1e-4);
+      sum += static_cast<double>(channel(*image, "position.X")(r, c));
+      ++n;
+    }
+  ASSERT_GT(n, 10.0);               // 6 mm wide, 1 mm a pixel
+  EXPECT_NEAR(sum / n, 25.0, 1.0);  // rocks are not quite round
 }
 
 TEST_F(RenderScene, IsGreyWhereNothingHasAColour) {

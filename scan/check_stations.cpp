@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
+#include <unordered_map>
 #include <vector>
 
 #include <fmt/format.h>
@@ -63,22 +65,31 @@ std::string name_of(const ScanStation& s, std::size_t number) {
 using Columns = std::vector<std::vector<Vec3>>;
 
 Columns columns_of(const Cloud& cloud, std::size_t first, std::size_t n) {
-  std::vector<std::size_t> order;
-  for (std::size_t i = first; i < first + n; ++i) order.push_back(i);
   const auto& grid = cloud.grid;
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return grid[a].column < grid[b].column; });
-  std::vector<std::pair<std::size_t, std::size_t>> ranges;  // of `order`
-  for (std::size_t k = 0, end = 0; k < n; k = end) {
-    while (end < n && grid[order[end]].column == grid[order[k]].column) ++end;
-    if (end - k >= kLeastInColumn) ranges.emplace_back(k, end);
+  // A column is looked up once a run of its points: files go down columns or along rows.
+  std::unordered_map<std::uint32_t, std::size_t> points_of;
+  for (std::size_t i = first, end = first; i < first + n; i = end) {
+    while (end < first + n && grid[end].column == grid[i].column) ++end;
+    points_of[grid[i].column] += end - i;
   }
-  Columns columns;
-  for (std::size_t k = 0; k < ranges.size(); k += 1 + ranges.size() / kColumns) {
-    const auto [begin, end] = ranges[k];
-    auto& column = columns.emplace_back();
-    for (std::size_t i = begin; i < end; i += 1 + (end - begin) / kInColumn)
-      column.push_back(cloud.points_mm[order[i]]);
+  std::vector<std::uint32_t> filled;
+  for (const auto& [column, points] : points_of)
+    if (points >= kLeastInColumn) filled.push_back(column);
+  std::sort(filled.begin(), filled.end());
+  struct Taken {
+    std::size_t place, step, seen = 0;
+  };
+  std::unordered_map<std::uint32_t, Taken> taken;
+  for (std::size_t k = 0; k < filled.size(); k += 1 + filled.size() / kColumns)
+    taken.emplace(filled[k], Taken{taken.size(), 1 + points_of[filled[k]] / kInColumn});
+  Columns columns(taken.size());
+  for (std::size_t i = first, end = first; i < first + n; i = end) {
+    while (end < first + n && grid[end].column == grid[i].column) ++end;
+    const auto found = taken.find(grid[i].column);
+    if (found == taken.end()) continue;
+    auto& [place, step, seen] = found->second;
+    for (std::size_t k = i; k < end; ++k)
+      if (seen++ % step == 0) columns[place].push_back(cloud.points_mm[k]);
   }
   return columns;
 }

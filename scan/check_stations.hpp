@@ -5,11 +5,12 @@
 /// Are scanners where a file says they are?
 ///
 /// Takes   a cloud and its pose on the design
-/// Gives   SCAN_STATION_POSE where a scanner would see its points from behind, or where the columns
-///         of its grid meet elsewhere; how far stations of one file lie from where they would lie
-///         alone
-/// Not     a wrong place on the right side of the part where a scan has no columns, or its part no
-///         relief: a surface looks alike from there
+/// Gives   SCAN_STATION_POSE where a scanner would see its points from behind, where the columns of
+///         its grid meet elsewhere, or where points without a grid lie as dense as from elsewhere
+///         round the part; how far stations of one file lie from where they would lie alone
+/// Not     without a grid: a wrong height or distance in the right direction; or any on the right
+///         side of the part where points were thinned evenly or the part has no relief: a surface
+///         looks alike from there
 
 #include <cstddef>
 #include <string>
@@ -49,6 +50,19 @@ inline constexpr double kMostFromBehind = 0.25;
 ///   deviations and a hundredth of the range apart.
 ///   Clouds without grid, without places, or with fewer than ten columns of twenty points pass.
 [[nodiscard]] Result<void> check_sight_planes(const Cloud& cloud);
+
+/// Where ground turns away from a scanner, its points lie farther apart: counts over cells of some
+/// 50 points, without what goes slowly over the part, against those that the places round the part
+/// would have left, at the stated height and distance.
+/// @param model_from_scan  of the registered cloud
+/// @return SCAN_STATION_POSE where a place 25 degrees or more round the part, and a fifth of the
+///   range off, explains an eighth of the variation of the density, and 9 % more than the stated
+///   one and than a place straight above. A wrong height or distance is not told: points that were
+///   thinned have the direction of the scanner in what is left of their density, or nothing, but no
+///   longer its size. Pass: clouds with a grid (their columns say more) or thinned by maquette,
+///   places that are not known, fewer than 300 cells.
+[[nodiscard]] Result<void> check_density(const Cloud& cloud, const RigidTransform& model_from_scan,
+                                         const heightmap::ModelField& design);
 
 struct StrayStation {
   std::string name;       ///< of the file, or its number

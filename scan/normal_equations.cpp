@@ -55,13 +55,15 @@ Foot foot_on(const ModelField& f, double per_mm, const Place& at, Vec3 p) {
           std::fmin(1.0, 4.0 * n_z)};
 }
 
-/// Derivatives of e / sigma.
+/// Derivatives of e / sigma. That of the scale is taken at the surface, where the point belongs: at
+/// the point itself it holds the noise once more, and the square of it pulls at the scale (a least
+/// sum of e^2 is found by shrinking scan and noise together).
 void columns_of(Vec3 p, const Foot& foot, const Frame& frame, double per_arm, double* j) {
   const Vec3 n = (1.0 / foot.sigma) * foot.normal;
   const Vec3 arm = per_arm * (p - frame.centre_mm), turn = cross(arm, n);
   j[0] = n.x, j[1] = n.y, j[2] = n.z;
   j[3] = turn.x, j[4] = turn.y, j[5] = turn.z;
-  j[6] = dot(arm, n);
+  j[6] = dot(arm, n) - per_arm * foot.e_mm / foot.sigma;
 }
 
 void meet_chunk(std::span<const Vec3> cloud, const Pose& pose, const Surface& surface, Met& met) {

@@ -32,8 +32,4 @@ inline constexpr double kOutlineSlackMm = 1e-6;
 void signed_distances_mm(const heightmap::ModelField& field, std::span<const Vec3> points_mm,
                          double reach_mm, std::span<double> distances);
 
-/// Square of the distance between a point and a triangle; NaN if a corner is. Ericson,
-/// "Real-Time Collision Detection", 2005, section 5.1.5 (regions of the nearest feature).
-[[nodiscard]] double triangle_distance2(Vec3 p, Vec3 a, Vec3 b, Vec3 c);
-
 }  // namespace maquette::scan

@@ -2,14 +2,19 @@
 
 // What is claimed in scan/check_stations.hpp: scanners on the right and the wrong side of the part,
 // a mesh too, in any frame; columns of simulated phase-shift and structured-light scans, which meet
-// where the scanner stands, and say so where another place is stated; two stations of one file that
-// agree (20 seeds, none is called stray), and one of which is displaced by known amounts or stands
-// quite elsewhere.
+// where the scanner stands, and say so where another place is stated; the density of 144 scans
+// without a grid, as they are, thinned at random, by voxels, to a raster, and without what met the
+// surface at a grazing angle: none is refused where its place is right, and as they are all are
+// where it is not; two stations of one file that agree (20 seeds, none is called stray), and one of
+// which is displaced by known amounts or stands quite elsewhere.
 
 #include "scan/check_stations.hpp"
 
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
+#include <set>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -162,6 +167,74 @@ TEST_P(SightPlanes, WithoutAGridPass) {
   cloud.grid.clear();
   cloud.station_mm = Vec3{100.0 + 0.2 * range, -0.6 * range, 0.7 * range};
   EXPECT_THAT(check_sight_planes(cloud), Succeeds());
+}
+
+enum class Thinned { no, at_random, by_voxels, by_small_voxels, to_raster, where_grazing };
+
+/// Without a grid, as other programs write clouds.
+Cloud loose(const Cloud& cloud, Vec3 station, const ModelField& part, Thinned thinned) {
+  // One and a half points a voxel, or four.
+  const double point_mm = std::sqrt(200.0 * 200.0 / static_cast<double>(cloud.points_mm.size()));
+  const double voxel = (thinned == Thinned::by_small_voxels ? 1.2 : 2.0) * point_mm;
+  std::set<std::array<std::int64_t, 3>> voxels;
+  Cloud some;
+  some.station_mm = station;
+  for (std::size_t i = 0; i < cloud.points_mm.size(); ++i) {
+    const Vec3 p = cloud.points_mm[i];
+    bool stays = true;
+    if (thinned == Thinned::at_random) stays = random_uniform(7, i) < 0.5;
+    if (thinned == Thinned::by_voxels || thinned == Thinned::by_small_voxels ||
+        thinned == Thinned::to_raster)
+      stays = voxels
+                  .insert({std::llround(p.x / voxel), std::llround(p.y / voxel),
+                           thinned == Thinned::to_raster ? 0 : std::llround(p.z / voxel)})
+                  .second;
+    if (thinned == Thinned::where_grazing) {
+      const auto h = [&](double dx, double dy) {
+        return heightmap::height_at(part, p.x + dx, p.y + dy);
+      };
+      const Vec3 normal = normalized(
+          Vec3{0.5 * (h(-1.0, 0.0) - h(1.0, 0.0)), 0.5 * (h(0.0, -1.0) - h(0.0, 1.0)), 1.0});
+      stays = random_uniform(8, i) < dot(normal, normalized(station - p));
+    }
+    if (stays) some.points_mm.push_back(p);
+  }
+  return some;
+}
+
+// 12 scans of each scanner in six states, from 30, 42 and 54 degrees above the part.
+TEST_P(SightPlanes, DensityIsThatOfTheScannersPlace) {
+  const auto [scan, range] = GetParam();
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const ModelField part = hilly(seed);
+    const double heading = 1.7 * static_cast<double>(seed);
+    const double up = (30.0 + 12.0 * static_cast<double>(seed % 3)) * 0.017453292519943295;
+    const auto at = [&](double turn) {
+      return kTarget + range * Vec3{std::cos(up) * std::cos(heading + turn),
+                                    std::cos(up) * std::sin(heading + turn), std::sin(up)};
+    };
+    const Cloud raw = scan(part, at(0.0), seed);
+    ASSERT_GT(raw.points_mm.size(), 20'000U);
+    const RigidTransform other = random_pose(seed, {100, 100, 10}, 1.0, 500.0);
+    for (const Thinned thinned :
+         {Thinned::no, Thinned::at_random, Thinned::by_voxels, Thinned::by_small_voxels,
+          Thinned::to_raster, Thinned::where_grazing}) {
+      const Cloud cloud = seen_from(loose(raw, at(0.0), part, thinned), other);
+      EXPECT_THAT(check_density(cloud, other.inverse(), part), Succeeds())
+          << "seed " << seed << ", " << static_cast<int>(thinned);
+    }
+    for (const double turn : {0.7, 1.6, 3.1}) {
+      const auto checked = check_density(loose(raw, at(turn), part, Thinned::no), {}, part);
+      ASSERT_THAT(checked, FailsWith(kStationPose)) << "seed " << seed << ", " << turn;
+      Vec3 p;
+      ASSERT_EQ(std::sscanf(checked.error().message.c_str(),
+                            "the scan's points lie as dense as from x %lf, y %lf, z %lf", &p.x,
+                            &p.y, &p.z),
+                3);
+      // Steps of five degrees, and what chance adds.
+      EXPECT_LT(norm(p - at(0.0)), 0.25 * range) << "seed " << seed << ", " << turn;
+    }
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scanners, SightPlanes,

@@ -8,6 +8,7 @@
 //   hint .......... any triangle gives the same answer
 
 #include "scan/mesh_distance.hpp"
+#include "core/triangle_distance.hpp"
 
 #include <cmath>
 #include <numbers>

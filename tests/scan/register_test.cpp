@@ -230,6 +230,31 @@ TEST(Register, EstimatesScaleWhereAsked) {
   EXPECT_GT(rigid->noise_mm, found->noise_mm);
 }
 
+// A least sum of squares shrinks a scan and its noise: by the noise's variance over that of the
+// columns, here 7e-4, five to ten of the stated deviations.
+TEST(Register, EstimatesScaleWithoutThePullOfNoise) {
+  constexpr int kRuns = 40;
+  double square = 0.0, sum = 0.0;
+  for (std::uint64_t seed = 1; seed <= kRuns; ++seed) {
+    const ModelField part = rough_part(seed, 151, 151, 1.0);
+    Cloud grown = points_on(part, 20'000, seed, 0.3);
+    for (Vec3& p : grown.points_mm) p = 1.001 * p;
+    RegisterOptions options;
+    options.scale = true;
+    const auto found = register_scan(grown, part, options);
+    ASSERT_THAT(found, Succeeds()) << "seed " << seed;
+    const double e = (1.001 * found->scale - 1.0) / found->sigma_scale;
+    sum += e;
+    square += e * e;
+  }
+  RecordProperty("chi2", std::to_string(square));
+  // 40 degrees of freedom: 0.1 % beyond 73.4, and below 17.9; a mean of more than four of its
+  // deviations is no chance.
+  EXPECT_LT(square, 73.4);
+  EXPECT_GT(square, 17.9);
+  EXPECT_LT(std::abs(sum / kRuns), 4.0 / std::sqrt(kRuns));
+}
+
 TEST(Register, PoseColumnsAreTheDerivativesOfDeviations) {
   const Vec3 p{30.0, -20.0, 7.0}, centre{5.0, 6.0, 1.0};
   const Vec3 n = normalized(Vec3{0.2, -0.3, 0.9});

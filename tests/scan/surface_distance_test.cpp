@@ -11,6 +11,7 @@
 //   what is off the part ............. beside, over voids, too far, on the part's walls
 
 #include "scan/surface_distance.hpp"
+#include "core/triangle_distance.hpp"
 
 #include <cmath>
 

@@ -144,10 +144,6 @@ Result<Grid<float>> read_heights(GDALDataset& dataset, const std::string& name) 
   return z;
 }
 
-}  // namespace
-
-namespace {
-
 Result<ModelField> read_whole(GDALDataset& dataset, const std::string& name) {
   MAQUETTE_TRY(const Frame frame, read_frame(dataset, name));
   MAQUETTE_TRY(Grid<float> z, read_heights(dataset, name));

@@ -5,13 +5,11 @@
 #include <cmath>
 #include <vector>
 
-#include <fmt/format.h>
-
 #include "core/check.hpp"
 #include "meshing/detail/edge_turns.hpp"
 #include "meshing/detail/height_fit.hpp"
+#include "meshing/detail/shell.hpp"
 #include "meshing/detail/surface_triangulation.hpp"
-#include "meshing/solid.hpp"
 
 namespace maquette::meshing {
 namespace {
@@ -138,14 +136,7 @@ Result<void> check_heights(const Grid<float>& z) {
                  z.cols());
   MAQUETTE_CHECK(z.rows() < std::ptrdiff_t{0xF0000000} / z.cols(),
                  "{} x {} nodes: more than 32 bit indices reach", z.rows(), z.cols());
-  for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < z.cols(); ++c)
-      if (!std::isfinite(z(r, c)))
-        return fail(kSurfaceHasVoids,
-                    fmt::format("the surface has a void at row {}, column {} (row 0 is the "
-                                "southernmost); fill voids before decimating",
-                                r, c));
-  return {};
+  return detail::check_no_voids(z, "decimating");
 }
 
 }  // namespace

@@ -94,8 +94,8 @@ Result<void> check_tile(const ModelField& surface, const Tile& t, const DowelOpt
 /// A mesh whose walls are opened hole by hole.
 class Borer {
  public:
-  Borer(const ModelField& surface, const Tile& tile, double base_z, const DowelOptions& o)
-      : surface_(surface), window_(tile.nodes), base_z_(base_z), options_(o) {}
+  Borer(const ModelField& surface, const Tile& tile, const DowelOptions& o)
+      : surface_(surface), window_(tile.nodes), options_(o) {}
 
   void load(const GridSolidStream& solid) {
     mesh_.vertices_mm.resize(solid.vertex_count());
@@ -214,7 +214,6 @@ class Borer {
 
   const ModelField& surface_;
   NodeWindow window_;
-  double base_z_;
   DowelOptions options_;
   TriMesh mesh_;
   std::vector<bool> gone_;
@@ -259,7 +258,7 @@ Result<TriMesh> bored_solid(const ModelField& surface, const Tile& tile, Millime
                             std::span<const Dowel> dowels, const DowelOptions& options) {
   MAQUETTE_TRY(const auto solid,
                GridSolidStream::create(surface, tile.nodes, SolidOptions{.base_z = base_z}));
-  Borer borer(surface, tile, base_z.value(), options);
+  Borer borer(surface, tile, options);
   borer.load(solid);
   for (const Dowel& dowel : dowels)
     for (const std::size_t side : {0U, 1U})

@@ -5,10 +5,8 @@
 #include <array>
 #include <cmath>
 
-#include <fmt/format.h>
-
 #include "core/check.hpp"
-#include "meshing/solid.hpp"
+#include "meshing/detail/shell.hpp"
 
 namespace maquette::meshing {
 namespace {
@@ -204,16 +202,6 @@ class Fit {
   Grid<double> poles_;
 };
 
-Result<void> check_voids(const ModelField& f) {
-  for (ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
-    for (ptrdiff_t c = 0; c < f.z_mm.cols(); ++c)
-      if (!std::isfinite(f.z_mm(r, c)))
-        return fail(
-            kSurfaceHasVoids,
-            fmt::format("void at row {}, column {}; fill the surface before it is fitted", r, c));
-  return {};
-}
-
 }  // namespace
 
 Result<HeightSpline> fit_height_spline(const ModelField& surface, Millimetres tolerance,
@@ -221,7 +209,7 @@ Result<HeightSpline> fit_height_spline(const ModelField& surface, Millimetres to
   const ptrdiff_t least = std::min(surface.z_mm.rows(), surface.z_mm.cols());
   MAQUETTE_CHECK(least >= 4 && tolerance.value() > 0.0, "{} nodes, {} mm", least,
                  tolerance.value());
-  MAQUETTE_TRY_VOID(check_voids(surface));
+  MAQUETTE_TRY_VOID(detail::check_no_voids(surface.z_mm, "fitting"));
   constexpr std::array kSteps{32, 24, 16, 12, 8, 6, 4, 3, 2, 1};
   for (std::size_t i = 0; i < kSteps.size(); ++i) {
     if (run.stopped()) return fail(kCancelled, "fitting the surface was stopped");

@@ -15,6 +15,8 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <nlohmann/json.hpp>
 
+#include "meshing/detail/union_error.hpp"
+
 namespace maquette::meshing {
 namespace {
 
@@ -139,7 +141,16 @@ Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelFi
     for (const std::uint32_t v : t)
       if (v >= mesh.vertices_mm.size()) return certificate;
   if (mesh.triangles.empty()) return certificate;
-  if (surface != nullptr) measure_height_error(mesh, *surface, certificate);
+  if (surface != nullptr && !options.stones.empty()) {
+    const detail::UnionError error = detail::union_error(mesh, *surface, options.stones, run);
+    certificate.vertices_compared = error.on_terrain;
+    certificate.vertices_above_surface = error.on_stones;
+    certificate.max_vertical_error_mm = error.max_vertical_mm;
+    certificate.rms_vertical_error_mm = error.rms_vertical_mm;
+    certificate.max_union_error_mm = error.max_mm;
+  } else if (surface != nullptr) {
+    measure_height_error(mesh, *surface, certificate);
+  }
   certificate.degenerate_triangles = count_degenerate(mesh);
   try {
     Mesh cgal;
@@ -207,6 +218,7 @@ std::string to_json(const MeshCertificate& c) {
                                        {"rms_vertical_error_mm", c.rms_vertical_error_mm},
                                        {"vertices_compared", c.vertices_compared},
                                        {"vertices_above_surface", c.vertices_above_surface},
+                                       {"max_union_error_mm", known(c.max_union_error_mm)},
                                        {"rounding_mm", known(c.rounding_mm)},
                                        {"hausdorff_bound_mm", known(c.hausdorff_bound_mm)},
                                        {"passed", c.passed()}};

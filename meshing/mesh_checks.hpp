@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <string>
 
 #include "core/result.hpp"
@@ -32,6 +33,9 @@ struct MeshCertificate {
   double rms_vertical_error_mm = 0.0;
   std::uint64_t vertices_compared = 0;       ///< with the field
   std::uint64_t vertices_above_surface = 0;  ///< taken for a stone's and not compared
+  /// With stones: the farthest that any vertex, middle of a triangle or of an edge where terrain
+  /// and stones meet is from the nearer of both (terrain: vertically); NaN where none were given.
+  double max_union_error_mm = NAN;
   /// How far the file format's rounding moves a vertex; NaN where nobody asked.
   double rounding_mm = NAN;
   /// The field's surface and the file's top are nowhere farther apart, both ways; NaN where
@@ -46,6 +50,9 @@ struct MeshCertificate {
 struct MeshCheckOptions {
   bool self_intersections = true;  ///< costs most; off above this many triangles:
   std::uint64_t self_intersection_limit = 4'000'000;
+  /// What was united with the surface: vertices on them are then told from terrain by distance, and
+  /// all are compared.
+  std::span<const TriMesh> stones{};
 };
 
 /// Never fails on a bad mesh: says in the certificate what is wrong with it. A mesh with
@@ -55,7 +62,7 @@ struct MeshCheckOptions {
 /// @param surface  when given, vertices above the base are compared with it (away from
 ///                 walls, base and stones higher than 0.05 mm above it). A surface that
 ///                 as a whole is too high thus counts as stone: see
-///                 `vertices_above_surface`
+///                 `vertices_above_surface`; not so where options.stones are given
 [[nodiscard]] Result<MeshCertificate> check_mesh(const TriMesh& mesh,
                                                  const heightmap::ModelField* surface = nullptr,
                                                  const MeshCheckOptions& options = {},

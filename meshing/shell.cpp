@@ -109,6 +109,17 @@ void add_walls_and_base(const ModelField& field, double base_z_mm, const Numberi
 
 }  // namespace
 
+Result<void> check_no_voids(const Grid<float>& z, std::string_view before) {
+  for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < z.cols(); ++c)
+      if (!std::isfinite(z(r, c)))
+        return fail(kSurfaceHasVoids,
+                    fmt::format("the surface has a void at row {}, column {} (row 0 is the "
+                                "southernmost); fill voids before {}",
+                                r, c, before));
+  return {};
+}
+
 Result<void> check_surface(const ModelField& surface, const SolidOptions& options) {
   const Grid<float>& z = surface.z_mm;
   MAQUETTE_CHECK(z.rows() >= 2 && z.cols() >= 2, "a field of {} x {} nodes has no cell", z.rows(),
@@ -116,16 +127,8 @@ Result<void> check_surface(const ModelField& surface, const SolidOptions& option
   MAQUETTE_CHECK(z.rows() < std::ptrdiff_t{0xF0000000} / z.cols(),
                  "{} x {} nodes: more than 32 bit indices reach", z.rows(), z.cols());
   MAQUETTE_CHECK(surface.spacing.value() > 0.0, "spacing {} mm", surface.spacing.value());
-  double lowest = INFINITY;
-  for (std::ptrdiff_t r = 0; r < z.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < z.cols(); ++c) {
-      if (!std::isfinite(z(r, c)))
-        return fail(kSurfaceHasVoids,
-                    fmt::format("the surface has a void at row {}, column {} (row 0 is the "
-                                "southernmost); fill voids before meshing",
-                                r, c));
-      lowest = std::fmin(lowest, static_cast<double>(z(r, c)));
-    }
+  MAQUETTE_TRY_VOID(check_no_voids(z, "meshing"));
+  const auto lowest = static_cast<double>(heightmap::height_range(z).min);
   const double base = options.base_z.value();
   if (!(base <= lowest - 1.0))
     return fail(kBaseTooThin,

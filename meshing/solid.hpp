@@ -11,19 +11,24 @@
 ///
 /// grid_solid    plain terrain; the top's vertices are the field's nodes, bit for
 ///               bit, with the field's own diagonals.
-/// volume_solid  union of terrain and stones. Round the stones: OpenVDB narrow-band
-///               level set filled straight from the height grid, stones united by CSG
-///               with a fillet of 1.5 voxels (so that no crevice is too narrow for
-///               the mesh to follow), dual contouring, then vertices moved
+/// volume_solid  union of terrain and stones, facet by facet with exact predicates (CGAL):
+///               what is left of the field's triangles and of the stones', and the line
+///               where they meet, sharp. Pockets of air under a stone are filled. Where
+///               that is no manifold (stones that only touch, or cut themselves):
+///               OpenVDB narrow-band level set filled straight from the height grid,
+///               stones united by CSG with a fillet of 1.5 voxels (so that no crevice is
+///               too narrow for the mesh to follow), dual contouring, then vertices moved
 ///               onto the stones or straight up or down onto the triangulated
-///               terrain, and a Delaunay triangulation that joins them to the nodes.
-///               Everywhere else: as grid_solid. Pockets of air under a stone are
-///               filled. Walls and base are exact planes.
+///               terrain, and a Delaunay triangulation that joins them to the nodes;
+///               run.warn tells. Cells without stones: as grid_solid. Walls and base are
+///               exact planes.
 ///
-/// Accuracy of volume_solid: away from stones (more than 5 voxels and two spacings)
-/// the field's own triangles; vertices of the seam lie within half a voxel of terrain
-/// or stone; all others on one of the two, except where that would let triangles cut
-/// each other. Terrain itself is not contoured: its vertices would not be the nodes.
+/// Accuracy of volume_solid: nodes to the bit; every point of the top lies on terrain or
+/// stone to 1e-3 mm (edges shorter than that are collapsed) and 1e-5 mm a stone of a group
+/// (what they are shifted by where they only touch). By level set: away from stones (more than 5
+/// voxels and two spacings) the field's own triangles; vertices of the seam lie within half a voxel
+/// of terrain or stone; all others on one of the two, except where that would let triangles cut
+/// each other. The certificate measures it (MeshCheckOptions::stones).
 
 #include <span>
 
@@ -41,7 +46,7 @@ inline constexpr ErrorCode kNotASolid{"MESHING_NOT_A_SOLID"};
 
 struct SolidOptions {
   Millimetres base_z{-10.0};  ///< height of the underside; below the lowest node by >= 1 mm
-  Millimetres voxel{0.0};     ///< volume mesher only, round stones; 0 = the field's spacing
+  Millimetres voxel{0.0};     ///< of level sets round stones; 0 = the field's spacing
   double memory_limit_gib = 20.0;
 };
 

@@ -289,10 +289,7 @@ Result<StoneCap> contour_stones(const ModelField& surface, const StoneCluster& c
     }
   }
   std::vector<char> chosen = choose_quads(all, is_terrain);
-  if (!drop_closed_pieces(all, voxel, chosen))
-    return fail(kNotASolid,
-                "a stone hangs in the air, so that terrain and stones are not one solid; sink it "
-                "into the surface");
+  if (!drop_closed_pieces(all, voxel, chosen)) return fail(kNotASolid, std::string(kHangsInTheAir));
   return canonical_cap(std::move(all), projected, chosen);
 } catch (const std::bad_alloc&) {
   return fail(kVoxelTooSmall, fmt::format("memory ran out at a voxel of {} mm; choose a larger one",

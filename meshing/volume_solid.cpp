@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "core/check.hpp"
+#include "meshing/detail/exact_union.hpp"
 #include "meshing/detail/shell.hpp"
 #include "meshing/detail/stone_cap.hpp"
 #include "meshing/solid.hpp"
@@ -19,8 +20,12 @@ using detail::Patch;
 using detail::StoneCluster;
 using heightmap::ModelField;
 
-/// Tried one after the other until a cluster's cap fits into the terrain soundly: the
-/// lattice's place decides how it meets a crevice, and a finer one sees more.
+/// The stones' shifts, mm, until the union is sound: a millionth of a millimetre is enough where a
+/// vertex lies in an edge or a facet in another one.
+constexpr Vec3 kShifts_mm[] = {{0.0, 0.0, 0.0}, {3.1e-7, 1.7e-7, -1e-6}, {-4.3e-6, 2.9e-6, -1e-5}};
+
+/// Where there is no exact union: tried one after the other until a cluster's cap fits into the
+/// terrain soundly: the lattice's place decides how it meets a crevice, and a finer one sees more.
 struct Try {
   double voxel_share, shift;
 };
@@ -153,7 +158,14 @@ Result<void> check_memory(const ModelField& field, std::span<const TriMesh> ston
 /// @return a patch; with an empty block if the stones are buried
 Result<Patch> mesh_cluster(const ModelField& surface, const StoneCluster& cluster, double voxel_mm,
                            double memory_bytes, const RunContext& run) {
-  Error why{kNotASolid, "no lattice was tried"};
+  std::string not_exact;
+  for (const Vec3 shift : kShifts_mm) {
+    if (run.stopped()) return fail(kCancelled, "meshing stones was stopped");
+    MAQUETTE_TRY(auto united, detail::unite_exactly(surface, cluster, shift));
+    if (united.why_not.empty()) return std::move(united.patch);
+    not_exact = std::move(united.why_not);
+  }
+  Error why{kNotASolid, not_exact};
   for (const Try& attempt : kTries) {
     if (run.stopped()) return fail(kCancelled, "meshing stones was stopped");
     const Lattice lattice{attempt.voxel_share * voxel_mm, attempt.shift};
@@ -162,11 +174,14 @@ Result<Patch> mesh_cluster(const ModelField& surface, const StoneCluster& cluste
     if (cap.triangles.empty()) return Patch{};
     Result<Patch> patch = detail::fit_cap(surface, cap, cluster.reach, lattice.voxel_mm);
     if (patch) {
-      if (lattice.voxel_mm != voxel_mm)
-        run.warn(fmt::format(
-            "stones near cell row {}, column {} were meshed with a voxel of "
-            "{:.3f} instead of {:.3f} mm, at which no sound mesh came out ({})",
-            patch->block.row0, patch->block.col0, lattice.voxel_mm, voxel_mm, why.message));
+      run.warn(fmt::format(
+          "stones near cell row {}, column {} have no exact union with the terrain ({}); they were "
+          "meshed by a level set with a voxel of {:.3f} mm and a fillet of {} voxels{}",
+          patch->block.row0, patch->block.col0, not_exact, lattice.voxel_mm, detail::kFilletVoxels,
+          lattice.voxel_mm == voxel_mm
+              ? ""
+              : fmt::format(", for of {:.3f} mm no sound mesh came out ({})", voxel_mm,
+                            why.message)));
       return patch;
     }
     why = std::move(patch).error();

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <string_view>
 #include <vector>
 
 #include "core/result.hpp"
@@ -34,6 +35,10 @@ struct Patch {
   std::vector<std::uint32_t> node;
   TriMesh mesh;  ///< closed except along the block's border, counter-clockwise from above
 };
+
+/// MESHING_SURFACE_HAS_VOIDS with the first row and column. `before` says what voids are to be
+/// filled before: "meshing".
+[[nodiscard]] Result<void> check_no_voids(const Grid<float>& z, std::string_view before);
 
 /// MESHING_SURFACE_HAS_VOIDS, MESHING_BASE_TOO_THIN
 /// @pre two nodes at least in each direction, fewer than 4 G nodes

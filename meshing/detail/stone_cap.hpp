@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "core/result.hpp"
@@ -43,6 +44,10 @@ struct StoneCap {
 inline constexpr double kFilletVoxels = 1.5;
 /// Voxels round the stones that the level set covers.
 inline constexpr double kMarginVoxels = 10.0;
+
+inline constexpr std::string_view kHangsInTheAir =
+    "a stone hangs in the air, so that terrain and stones are not one solid; sink it into the "
+    "surface";
 
 /// MESHING_NOT_A_SOLID: a stone hangs in the air. OpenVDB's exceptions come out as
 /// the same code.

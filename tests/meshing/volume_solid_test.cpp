@@ -5,8 +5,16 @@
 //                              ... CGAL's certificate over seeds: terrain from level to
 //                                  rough, one to five lumpy stones, touching or not
 //   terrain is exact ......... certificate's error; nodes away from stones to the bit
-//   it is the union .......... volume by closed form (half a ball on a plane); random
-//                              points inside stones lie inside the solid (winding)
+//   it is the union .......... volume of a faceted ball cut by a plane, summed up facet by
+//                              facet; random points inside stones lie inside the solid
+//                              (winding); points of the top against every triangle of terrain
+//                              and stones, and of these against every triangle of the top
+//   what touches only ........ a box whose faces lie in level ground, two boxes wall to wall
+//   near the outline ......... a stone two cells from the wall
+//   where there is no exact
+//   union: level sets ........ stones that cut themselves: volume by closed form, quadratic in
+//                              the voxel; CGAL's certificate; told by a warning
+//   the certificate's error .. vertices moved by known lengths
 //   stones are where they are  vertices far above ground are on the stone's triangles
 //   pockets are filled ....... a bowl upside down; an arch keeps its window (genus)
 //   same for any threads ..... compared with ==
@@ -45,6 +53,28 @@ TriMesh ball(Vec3 centre, double radius, int subdivisions = 5) {
   return m;
 }
 
+/// Distance to the nearest triangle, of all (C. Ericson, "Real-Time Collision Detection", 5.1.5).
+double distance_to(const TriMesh& m, Vec3 p) {
+  double least = INFINITY;
+  for (const auto& t : m.triangles) {
+    const Vec3 a = m.vertices_mm[t[0]], b = m.vertices_mm[t[1]], c = m.vertices_mm[t[2]];
+    const Vec3 n = cross(b - a, c - a);
+    const double area = dot(n, n);
+    const double u = dot(cross(c - b, p - b), n), v = dot(cross(a - c, p - c), n),
+                 w = dot(cross(b - a, p - a), n);
+    if (area > 0 && u >= 0 && v >= 0 && w >= 0) {
+      least = std::fmin(least, std::abs(dot(p - a, n)) / std::sqrt(area));
+      continue;
+    }
+    for (const auto& [from, to] : {std::pair{a, b}, {b, c}, {c, a}}) {
+      const Vec3 along = to - from;
+      const double share = std::clamp(dot(p - from, along) / dot(along, along), 0.0, 1.0);
+      least = std::fmin(least, norm(p - from - share * along));
+    }
+  }
+  return least;
+}
+
 /// Winding number of a closed mesh round a point (van Oosterom and Strackee 1983).
 double winding(const TriMesh& m, Vec3 p) {
   double angle = 0.0;
@@ -76,15 +106,57 @@ TEST(VolumeSolid, ABuriedStoneChangesNothing) {
   EXPECT_TRUE(solid->vertices_mm == grid_solid(field, kDeep)->vertices_mm);
 }
 
-TEST(VolumeSolid, HalfABallOnAPlaneHasItsVolume) {
+/// Volume of what stands above z = 0: tetrahedra from the origin to the facets' parts above it; the
+/// cut itself has none, for it holds the origin.
+double volume_above_zero(const TriMesh& m) {
+  double sum = 0.0;
+  for (const auto& t : m.triangles) {
+    std::vector<Vec3> above;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Vec3 a = m.vertices_mm[t[i]], b = m.vertices_mm[t[(i + 1) % 3]];
+      if (a.z >= 0.0) above.push_back(a);
+      if ((a.z >= 0.0) != (b.z >= 0.0)) above.push_back(a + (a.z / (a.z - b.z)) * (b - a));
+    }
+    for (std::size_t i = 2; i < above.size(); ++i)
+      sum += dot(above[0], cross(above[i - 1], above[i])) / 6.0;
+  }
+  return sum;
+}
+
+TEST(VolumeSolid, AFacetedBallOnAPlaneHasItsVolume) {
   const ModelField field = level(121, 121, 0.5);
   const std::vector<TriMesh> stones{ball({30.1, 29.7, 0.03}, 10)};
+  const auto solid = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  const auto c = check_mesh(*solid, &field, {.stones = stones});
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(c->passed()) << to_json(*c);
+  EXPECT_EQ(c->euler_number, 2);
+  // Vertices of the seam, 63 mm long, may be moved by 1e-3 mm on facets of 0.5 mm.
+  EXPECT_NEAR(c->volume_mm3, 60.0 * 60.0 * 30.0 + volume_above_zero(stones[0]), 63.0 * 0.5e-3);
+  EXPECT_LE(c->max_union_error_mm, 1.1e-3);
+}
+
+/// The same body and a ball that cuts its surface: only level sets unite these.
+TriMesh that_cuts_itself(TriMesh stone, Vec3 at, double radius) {
+  append(stone, ball(at, radius, 2));
+  return stone;
+}
+
+TEST(VolumeSolidByLevelSet, HalfABallOnAPlaneHasItsVolume) {
+  const ModelField field = level(121, 121, 0.5);
+  const std::vector<TriMesh> stones{
+      that_cuts_itself(ball({30.1, 29.7, 0.03}, 10), {30.1, 29.7, -10}, 2)};
   double before = 1e300;
   for (const double voxel : {1.0, 0.5, 0.25}) {
     SolidOptions options = kDeep;
     options.voxel = Millimetres{voxel};
-    const auto solid = volume_solid(field, stones, options);
+    std::vector<std::string> told;
+    RunContext run;
+    run.warn = [&](const std::string& text) { told.push_back(text); };
+    const auto solid = volume_solid(field, stones, options, run);
     ASSERT_THAT(solid, Succeeds());
+    EXPECT_THAT(told, testing::ElementsAre(testing::HasSubstr("no exact union")));
     const auto c = check_mesh(*solid, &field);
     ASSERT_THAT(c, Succeeds());
     EXPECT_TRUE(c->passed()) << to_json(*c);
@@ -97,6 +169,65 @@ TEST(VolumeSolid, HalfABallOnAPlaneHasItsVolume) {
     EXPECT_LT(off, before);
     before = off;
   }
+}
+
+TriMesh box(Vec3 low, Vec3 high) {
+  TriMesh m;
+  for (const double z : {low.z, high.z})
+    for (const double y : {low.y, high.y})
+      for (const double x : {low.x, high.x}) m.vertices_mm.push_back({x, y, z});
+  m.triangles = {{0, 3, 1}, {0, 2, 3}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                 {2, 7, 3}, {2, 6, 7}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
+  return m;
+}
+
+TEST(VolumeSolid, WhatOnlyTouchesIsUnited) {
+  const ModelField field = level(81, 81, 0.5);
+  // Base in the ground's plane, corners on nodes; the second wall to wall with the first, its base
+  // below; the third has an edge in common with the second.
+  const std::vector<TriMesh> stones{box({10, 10, 0}, {14, 15, 3}), box({14, 10, -1}, {17, 15, 2}),
+                                    box({17, 15, -2}, {20, 18, 2})};
+  const auto solid = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  const auto c = check_mesh(*solid, &field, {.stones = stones});
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(c->passed()) << to_json(*c);
+  EXPECT_EQ(c->shells, 1U);
+  // Shifts of 1e-5 mm on faces of 20 mm2.
+  EXPECT_NEAR(c->volume_mm3, 40.0 * 40.0 * 30.0 + 60.0 + 30.0 + 18.0, 0.01);
+  EXPECT_LE(c->max_union_error_mm, 1.1e-3);
+}
+
+TEST(VolumeSolid, AStoneMayStandNearTheOutline) {
+  const ModelField field = random_terrain(8, 81, 81, 0.5, 0.1);
+  const double z = heightmap::height_at(field, 3.2, 20);
+  const std::vector<TriMesh> stones{random_rock(8, {3.2, 20, z}, 2, 4)};
+  ASSERT_GT(stones[0].bounds().min.x, 0.2);
+  const auto solid = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  const auto c = check_mesh(*solid, &field, {.stones = stones});
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(c->passed()) << to_json(*c);
+  EXPECT_LE(c->max_union_error_mm, 1.1e-3);
+}
+
+TEST(MeshChecks, TheUnionsErrorIsWhatVerticesWereMovedBy) {
+  const ModelField field = level(81, 81, 0.5);
+  const std::vector<TriMesh> stones{ball({20, 20, 0.1}, 4)};
+  auto solid = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  EXPECT_LE(check_mesh(*solid, &field, {.stones = stones})->max_union_error_mm, 1.1e-3);
+  // A vertex of the stone outwards by 0.03, then a node far from it up by 0.2.
+  TriMesh bent = *solid;
+  for (Vec3& v : bent.vertices_mm)
+    if (v.z > 3.5) {
+      v = v + (0.03 / norm(v - Vec3{20, 20, 0.1})) * (v - Vec3{20, 20, 0.1});
+      break;
+    }
+  EXPECT_NEAR(check_mesh(bent, &field, {.stones = stones})->max_union_error_mm, 0.03, 5e-4);
+  bent = *solid;
+  bent.vertices_mm[81 * 10 + 10].z += 0.2;
+  EXPECT_NEAR(check_mesh(bent, &field, {.stones = stones})->max_union_error_mm, 0.2, 1e-12);
 }
 
 TEST(VolumeSolid, StoneVerticesLieOnTheStone) {
@@ -152,7 +283,21 @@ TriMesh turned(const std::vector<std::array<double, 2>>& profile, Vec3 axis) {
 }
 
 TEST(VolumeSolid, FillsAPocketUnderAStone) {
-  // A bowl upside down, with a hole of 0.02 mm at the crown that no voxel sees.
+  // A hollow ball, its middle a little above ground: half of its cavity is left between both.
+  TriMesh hollow = ball({20, 20, 0.7}, 8), cavity = ball({20, 20, 0.7}, 5);
+  for (auto& t : cavity.triangles) std::swap(t[1], t[2]);
+  const TriMesh outside = hollow;
+  append(hollow, cavity);
+  const ModelField field = random_terrain(11, 81, 81, 0.5, 0.05);
+  const auto solid = volume_solid(field, std::vector{hollow}, kDeep);
+  const auto filled = volume_solid(field, std::vector{outside}, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  ASSERT_THAT(filled, Succeeds());
+  EXPECT_TRUE(solid->vertices_mm == filled->vertices_mm);
+  EXPECT_TRUE(solid->triangles == filled->triangles);
+}
+
+TEST(VolumeSolid, KeepsAHoleThatNoVoxelSees) {
   std::vector<std::array<double, 2>> profile;
   for (int i = 0; i <= 30; ++i) {
     const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
@@ -163,6 +308,30 @@ TEST(VolumeSolid, FillsAPocketUnderAStone) {
     profile.push_back({5 * std::cos(t), 5 * std::sin(t) - 1.0});
   }
   const std::vector<TriMesh> stones{turned(profile, {20, 20, 0})};
+  const ModelField field = level(81, 81, 0.5);
+  const auto solid = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  const auto c = check_mesh(*solid, &field, {.stones = stones});
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(c->passed()) << to_json(*c);
+  EXPECT_EQ(c->euler_number, 2) << "a bowl with a mouth of 0.02 mm";
+  // The seam, 75 mm long, may be moved by 1e-3 mm on facets of 0.5 mm.
+  EXPECT_NEAR(c->volume_mm3, 40.0 * 40.0 * 30.0 + volume_above_zero(stones[0]), 75.0 * 0.5e-3);
+}
+
+TEST(VolumeSolidByLevelSet, FillsAPocketUnderAStone) {
+  // A bowl upside down, with a hole of 0.02 mm at the crown that no voxel sees.
+  std::vector<std::array<double, 2>> profile;
+  for (int i = 0; i <= 30; ++i) {
+    const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
+    profile.push_back({8 * std::cos(t), 8 * std::sin(t) - 1.0});
+  }
+  for (int i = 30; i >= 0; --i) {
+    const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
+    profile.push_back({5 * std::cos(t), 5 * std::sin(t) - 1.0});
+  }
+  const std::vector<TriMesh> stones{
+      that_cuts_itself(turned(profile, {20, 20, 0}), {26.5, 20, -1}, 0.8)};
   const ModelField field = level(81, 81, 0.5);
   const auto solid = volume_solid(field, stones, kDeep);
   ASSERT_THAT(solid, Succeeds());
@@ -263,7 +432,105 @@ class VolumeSolidOnTerrain : public testing::TestWithParam<std::uint64_t> {
   std::vector<TriMesh> stones;
 };
 
-TEST_P(VolumeSolidOnTerrain, IsASoundSolidWithExactTerrain) {
+TEST_P(VolumeSolidOnTerrain, IsASoundExactUnion) {
+  std::vector<std::string> told;
+  RunContext run;
+  run.warn = [&](const std::string& text) { told.push_back(text); };
+  const auto solid = volume_solid(field, stones, kDeep, run);
+  ASSERT_THAT(solid, Succeeds());
+  EXPECT_TRUE(told.empty()) << told.front();
+  const auto c = check_mesh(*solid, &field, {.stones = stones});
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(c->passed()) << to_json(*c);
+  EXPECT_TRUE(c->self_intersection_checked);
+  EXPECT_EQ(c->shells, 1U);
+  EXPECT_LE(c->max_union_error_mm, 1.1e-3) << to_json(*c);
+  EXPECT_LE(c->rms_vertical_error_mm, 1e-4);
+  EXPECT_GT(c->vertices_above_surface, 20U);
+}
+
+TEST_P(VolumeSolidOnTerrain, TopAndTruthAreTheSameBothWays) {
+  const auto solid = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(solid, Succeeds());
+  const std::uint64_t seed = GetParam() + 500;
+  // Triangles of the top over the stones, by area; a random point of each.
+  Box3 over;
+  for (const TriMesh& s : stones)
+    for (const Vec3& v : s.vertices_mm) over.add(v);
+  const double x_last = field.x_mm(field.z_mm.cols() - 1),
+               y_last = field.y_mm(field.z_mm.rows() - 1);
+  std::vector<std::size_t> top;
+  for (std::size_t t = 0; t < solid->triangles.size(); ++t) {
+    const auto& [i, j, k] = solid->triangles[t];
+    const Vec3 p =
+        (1.0 / 3.0) * (solid->vertices_mm[i] + solid->vertices_mm[j] + solid->vertices_mm[k]);
+    if (p.x > over.min.x - 1 && p.x < over.max.x + 1 && p.y > over.min.y - 1 &&
+        p.y < over.max.y + 1 && p.x > 0 && p.x < x_last && p.y > 0 && p.y < y_last && p.z > -15)
+      top.push_back(t);
+  }
+  const auto to_stones = [&](Vec3 p) {
+    double least = INFINITY;
+    for (const TriMesh& s : stones) least = std::fmin(least, distance_to(s, p));
+    return least;
+  };
+  const auto point_of = [&](const TriMesh& m, std::size_t t, std::uint64_t n) {
+    double u = random_uniform(seed, 2 * n), w = random_uniform(seed, 2 * n + 1);
+    if (u + w > 1.0) u = 1.0 - u, w = 1.0 - w;
+    const auto& [i, j, k] = m.triangles[t];
+    return m.vertices_mm[i] + u * (m.vertices_mm[j] - m.vertices_mm[i]) +
+           w * (m.vertices_mm[k] - m.vertices_mm[i]);
+  };
+  // The bound; what is meant to be reached is 1e-3.
+  constexpr double kBound_mm = 0.02, kReached_mm = 1.1e-3;
+  for (std::uint64_t n = 0; n < 400; ++n) {
+    const Vec3 p =
+        point_of(*solid, top[static_cast<std::size_t>(random_bits(seed + 1, n) % top.size())], n);
+    const double ground = p.z - heightmap::height_at(field, p.x, p.y), stone = to_stones(p);
+    ASSERT_LT(std::fmin(std::abs(ground), stone), kReached_mm);
+    // Not inside of either: nothing of the top is hidden.
+    ASSERT_GT(ground, -kReached_mm);
+    for (const TriMesh& s : stones)
+      ASSERT_TRUE(stone <= kBound_mm || std::abs(winding(s, p)) < 1e-6);
+  }
+  // Points of terrain and stones that neither hides, and no pocket can: where the sky is free.
+  const auto is_free = [&](Vec3 p) {
+    for (const TriMesh& s : stones)
+      for (const auto& [i, j, k] : s.triangles) {
+        const Vec3 a = s.vertices_mm[i], b = s.vertices_mm[j], c = s.vertices_mm[k];
+        const double det = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
+        const double v = ((p.x - a.x) * (c.y - a.y) - (c.x - a.x) * (p.y - a.y)) / det;
+        const double w = ((b.x - a.x) * (p.y - a.y) - (p.x - a.x) * (b.y - a.y)) / det;
+        if (v >= 0 && w >= 0 && v + w <= 1 && a.z + v * (b.z - a.z) + w * (c.z - a.z) > p.z + 1e-9)
+          return false;
+      }
+    return p.z >= heightmap::height_at(field, p.x, p.y) - 1e-9;
+  };
+  int compared = 0;
+  for (std::uint64_t n = 0; n < 400; ++n) {
+    const TriMesh& s = stones[n % stones.size()];
+    const Vec3 on_stone = point_of(
+        s, static_cast<std::size_t>(random_bits(seed + 2, n) % s.triangles.size()), 1000 + n);
+    Vec3 on_ground{over.min.x + (over.max.x - over.min.x) * random_uniform(seed + 3, 2 * n),
+                   over.min.y + (over.max.y - over.min.y) * random_uniform(seed + 3, 2 * n + 1), 0};
+    on_ground.z = heightmap::height_at(field, on_ground.x, on_ground.y);
+    for (const Vec3& p : {on_stone, on_ground}) {
+      if (!is_free(p)) continue;
+      ++compared;
+      ASSERT_LT(distance_to(*solid, p), kReached_mm);
+    }
+  }
+  EXPECT_GT(compared, 100);
+}
+
+class VolumeSolidByLevelSetOnTerrain : public VolumeSolidOnTerrain {};
+
+TEST_P(VolumeSolidByLevelSetOnTerrain, IsASoundSolidWithExactTerrain) {
+  // A knob on the crown of each.
+  for (TriMesh& s : stones)
+    s = that_cuts_itself(s,
+                         *std::max_element(s.vertices_mm.begin(), s.vertices_mm.end(),
+                                           [](Vec3 a, Vec3 b) { return a.z < b.z; }),
+                         0.4);
   const auto solid = volume_solid(field, stones, kDeep);
   ASSERT_THAT(solid, Succeeds());
   const auto c = check_mesh(*solid, &field);
@@ -318,7 +585,26 @@ TEST_P(VolumeSolidInThreads, IsTheSameForAnyNumberOfThreads) {
   EXPECT_TRUE(many->triangles == single->triangles);
 }
 
+TEST(VolumeSolid, IsTheSameEveryTimeWherePlacesTie) {
+  // Level ground and boxes on its nodes: many coordinates are equal. Memory lies elsewhere each
+  // time.
+  const ModelField field = level(61, 61, 0.5);
+  const std::vector<TriMesh> stones{box({10, 10, -1}, {14, 15, 3}), box({13, 12, -2}, {17, 18, 2}),
+                                    ball({20, 12, 0}, 4, 3)};
+  const auto first = volume_solid(field, stones, kDeep);
+  ASSERT_THAT(first, Succeeds());
+  std::vector<std::unique_ptr<std::vector<char>>> held;
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    held.push_back(std::make_unique<std::vector<char>>(random_bits(5, i) % 200000));
+    const auto again = volume_solid(field, stones, kDeep);
+    ASSERT_THAT(again, Succeeds());
+    EXPECT_TRUE(first->vertices_mm == again->vertices_mm);
+    EXPECT_TRUE(first->triangles == again->triangles);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Seeds, VolumeSolidOnTerrain, testing::Range<std::uint64_t>(1, 25));
+INSTANTIATE_TEST_SUITE_P(Seeds, VolumeSolidByLevelSetOnTerrain, testing::Values(1, 4, 9, 14, 20));
 INSTANTIATE_TEST_SUITE_P(Seeds, VolumeSolidInThreads, testing::Values(6, 12, 18, 24));
 
 }  // namespace

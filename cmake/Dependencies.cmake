@@ -14,6 +14,7 @@ find_package(CLI11 2.1 CONFIG REQUIRED)
 find_package(GDAL 3.6 CONFIG REQUIRED)
 find_package(CGAL 5.5 CONFIG REQUIRED)
 find_package(draco 1.5 CONFIG REQUIRED)
+find_package(meshoptimizer 0.18 CONFIG REQUIRED)
 find_package(nanoflann 1.4 CONFIG REQUIRED)
 find_package(OpenImageIO 2.4 CONFIG REQUIRED)  # mutters about a missing PyImath; harmless
 find_package(embree 3.13 CONFIG REQUIRED)      # target is plain "embree"

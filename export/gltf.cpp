@@ -11,6 +11,7 @@
 
 #include "core/files.hpp"
 #include "export/draco_piece.hpp"
+#include "export/glb_file.hpp"
 #include "export/limits.hpp"
 #include "export/text_lines.hpp"
 
@@ -20,37 +21,14 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kPieceTriangles = 1'000'000;  ///< a Draco piece: 0.3 GB while it is made
-constexpr double kMetresPerMillimetre = 1e-3;
 /// A position step above this share of the median edge turns slopes into stairs.
 constexpr double kCoarsestStep = 0.25;
 constexpr int kFloat = 5126, kUnsignedInt = 5125;  // glTF component types
 
 /// Model frame to glTF: metres, y up, relative to `corner_mm`.
 Float3 gltf_point(Vec3 v, Vec3 corner_mm) {
-  const Vec3 d = kMetresPerMillimetre * (v - corner_mm);
-  return {static_cast<float>(d.x), static_cast<float>(d.z), static_cast<float>(-d.y)};
-}
-
-/// Area-weighted mean of the normals around each vertex (the cross product's length
-/// is twice the area). One thread, so that sums have one order.
-std::vector<Float3> vertex_normals(const TriMesh& mesh) {
-  std::vector<Float3> normals(mesh.vertices_mm.size(), Float3{});
-  for (const auto& t : mesh.triangles) {
-    const Vec3 a = mesh.vertices_mm[t[0]];
-    const Vec3 n = cross(mesh.vertices_mm[t[1]] - a, mesh.vertices_mm[t[2]] - a);
-    const Float3 turned{static_cast<float>(n.x), static_cast<float>(n.z), static_cast<float>(-n.y)};
-    for (const std::uint32_t v : t)
-      for (std::size_t k = 0; k < 3; ++k) normals[v][k] += turned[k];
-  }
-  for (Float3& n : normals) {
-    const double length =
-        std::hypot(static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2]));
-    if (length > 0.0)
-      for (float& x : n) x = static_cast<float>(static_cast<double>(x) / length);
-    else
-      n = {0.0F, 1.0F, 0.0F};  // a vertex without a face, or of faces that cancel
-  }
-  return normals;
+  const Vec3 d = gltf_axes(kMetresPerMillimetre * (v - corner_mm));
+  return {static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
 }
 
 /// Median, for a base of two long triangles must not count; of at most a million.
@@ -95,7 +73,7 @@ Geometry make_geometry(const TriMesh& mesh, int bits) {
   tbb::parallel_for(std::size_t{0}, g.positions.size(), [&](std::size_t i) {
     g.positions[i] = gltf_point(mesh.vertices_mm[i], g.corner_mm);
   });
-  g.normals = vertex_normals(mesh);
+  g.normals = gltf_normals(mesh);
   const Float3 a = gltf_point(box.min, g.corner_mm), b = gltf_point(box.max, g.corner_mm);
   g.grid.bits = bits;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -153,34 +131,12 @@ Json json_frame(const GltfOptions& options, const Geometry& g) {
   return json;
 }
 
+std::string text_of(const Json& json) {
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
 Json json_accessor(int type, std::uint64_t count, const char* shape) {
   return {{"componentType", type}, {"count", count}, {"type", shape}};
-}
-
-constexpr std::uint64_t padded(std::uint64_t bytes) {
-  return (bytes + 3) / 4 * 4;
-}
-
-/// Header and JSON chunk, then the head of the binary chunk.
-Result<std::uint64_t> write_head(AtomicFile& file, const Json& json, std::uint64_t binary_bytes,
-                                 const std::filesystem::path& path) {
-  std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  text.resize(padded(text.size()), ' ');
-  const std::uint64_t total = 12 + 8 + text.size() + 8 + binary_bytes;
-  MAQUETTE_TRY_VOID(within_limit(total, kGlbByteLimit, "bytes", "glb", path));
-  const auto put = [&file](std::uint64_t value) {
-    const auto word = static_cast<std::uint32_t>(value);
-    file.write(&word, sizeof word);
-  };
-  put(0x46546C67);  // "glTF"
-  put(2);
-  put(total);
-  put(text.size());
-  put(0x4E4F534A);  // "JSON"
-  file.write(text);
-  put(binary_bytes);
-  put(0x004E4942);  // "BIN"
-  return total;
 }
 
 Result<std::vector<DracoPiece>> compress(const TriMesh& mesh, const Geometry& g,
@@ -234,13 +190,13 @@ Result<std::uint64_t> write_draco(const TriMesh& mesh, const Geometry& g,
           {{"KHR_draco_mesh_compression",
             {{"bufferView", view},
              {"attributes", {{"POSITION", piece.position_id}, {"NORMAL", piece.normal_id}}}}}}}});
-    offset = padded(offset + piece.bytes.size());
+    offset = glb_padded(offset + piece.bytes.size());
   }
   json["buffers"] = {{{"byteLength", offset}}};
-  MAQUETTE_TRY(const std::uint64_t total, write_head(file, json, offset, path));
+  MAQUETTE_TRY(const std::uint64_t total, write_glb_head(file, text_of(json), offset, path));
   for (const DracoPiece& piece : pieces) {
     file.write(piece.bytes.data(), piece.bytes.size());
-    file.write(std::string_view("\0\0\0", padded(piece.bytes.size()) - piece.bytes.size()));
+    file.write(std::string_view("\0\0\0", glb_padded(piece.bytes.size()) - piece.bytes.size()));
   }
   return total;
 }
@@ -274,7 +230,8 @@ Result<std::uint64_t> write_plain(const TriMesh& mesh, const Geometry& g,
   json["meshes"][0]["primitives"] = {
       {{"attributes", {{"POSITION", 0}, {"NORMAL", 1}}}, {"indices", 2}, {"material", 0}}};
   json["buffers"] = {{{"byteLength", 2 * vectors + indices}}};
-  MAQUETTE_TRY(const std::uint64_t total, write_head(file, json, 2 * vectors + indices, path));
+  MAQUETTE_TRY(const std::uint64_t total,
+               write_glb_head(file, text_of(json), 2 * vectors + indices, path));
   file.write(g.positions.data(), vectors);
   file.write(g.normals.data(), vectors);
   file.write(mesh.triangles.data(), indices);

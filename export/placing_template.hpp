@@ -59,6 +59,8 @@ struct SheetGrid {
 inline constexpr double kLabelLetters_mm = 2.5;
 /// "7 S003".
 [[nodiscard]] std::string label_of(const TemplateStone& stone);
+/// Where the tick of its heading ends, which begins at its centre.
+[[nodiscard]] std::array<double, 2> heading_end(const TemplateStone& stone);
 /// Where each label begins, on its base line: right, left, above or below of its stone, the first
 /// place where it covers no stone and no label before it, as far as there is one.
 [[nodiscard]] std::vector<std::array<double, 2>> label_places(const PlacingTemplate& plan);

@@ -1,7 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include <cmath>
-#include <numbers>
-
 #include "core/files.hpp"
 #include "export/dxf_text.hpp"
 #include "export/placing_template.hpp"
@@ -21,10 +18,7 @@ Result<void> write_template_dxf(const PlacingTemplate& plan, const std::filesyst
   for (std::size_t i = 0; i < plan.stones.size(); ++i) {
     const TemplateStone& s = plan.stones[i];
     if (!s.outline_mm.empty()) append_dxf_polyline(text, "STONE", s.outline_mm, true, 0.0);
-    const double heading = s.heading_deg * std::numbers::pi / 180.0;
-    append_dxf_line(text, "HEADING", s.centre_mm,
-                    {s.centre_mm[0] + s.radius_mm * std::cos(heading),
-                     s.centre_mm[1] + s.radius_mm * std::sin(heading)});
+    append_dxf_line(text, "HEADING", s.centre_mm, heading_end(s));
     append_dxf_point(text, "CENTRE", s.centre_mm);
     append_dxf_text(text, "NUMBER", labels[i], kLabelLetters_mm, label_of(s));
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
 
@@ -26,6 +27,12 @@ Box around(const TemplateStone& s) {
 
 std::string label_of(const TemplateStone& stone) {
   return fmt::format("{} {}", stone.number, stone.part);
+}
+
+std::array<double, 2> heading_end(const TemplateStone& stone) {
+  const double heading = stone.heading_deg * std::numbers::pi / 180.0;
+  return {stone.centre_mm[0] + stone.radius_mm * std::cos(heading),
+          stone.centre_mm[1] + stone.radius_mm * std::sin(heading)};
 }
 
 std::vector<std::array<double, 2>> label_places(const PlacingTemplate& plan) {

@@ -4,7 +4,6 @@
 
 #include <cairo-pdf.h>
 #include <cmath>
-#include <numbers>
 #include <string>
 
 #include <fmt/format.h>
@@ -197,12 +196,8 @@ class Drawer {
     std::vector<Point> ring;
     for (const Point& p : s.outline_mm) ring.push_back(on_sheet(p));
     pen.ring(ring, kLine_mm);
-    const double heading = s.heading_deg * std::numbers::pi / 180.0;
     pen.cross(on_sheet(s.centre_mm), 1.0, kThin_mm);
-    pen.line(on_sheet(s.centre_mm),
-             on_sheet({s.centre_mm[0] + s.radius_mm * std::cos(heading),
-                       s.centre_mm[1] + s.radius_mm * std::sin(heading)}),
-             kLine_mm);
+    pen.line(on_sheet(s.centre_mm), on_sheet(heading_end(s)), kLine_mm);
     pen.text(on_sheet(label), kLabelLetters_mm, label_of(s));
   }
 

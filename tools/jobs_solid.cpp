@@ -48,8 +48,10 @@ JobResult solid_result(const meshing::MeshCertificate& certificate, const std::s
 
 /// Checks, then writes: the mesh has its final name only if it passed.
 Result<JobResult> check_and_write(const TriMesh& mesh, const heightmap::ModelField& design,
-                                  const fs::path& out, const RunContext& run) {
-  MAQUETTE_TRY(auto certificate, meshing::check_mesh(mesh, &design, {}, part(run, 0.5, 0.9)));
+                                  std::span<const TriMesh> stones, const fs::path& out,
+                                  const RunContext& run) {
+  MAQUETTE_TRY(auto certificate,
+               meshing::check_mesh(mesh, &design, {.stones = stones}, part(run, 0.5, 0.9)));
   certificate.rounding_mm = 0.0;  // PLY as we write it is float64
   const std::string text = meshing::to_json(certificate);
   if (!certificate.passed()) {
@@ -95,7 +97,7 @@ Result<JobResult> mesh_job(const fs::path& design_path, const std::optional<fs::
   }
   auto mesh = meshing::volume_solid(design, stones, options, part(run, 0.0, 0.5));
   if (!mesh) return tl::unexpected(std::move(mesh.error()).within(design_path.string()));
-  return check_and_write(*mesh, design, out, run);
+  return check_and_write(*mesh, design, stones, out, run);
 }
 
 Result<JobResult> band_job(const fs::path& design_path, Millimetres max_width, std::size_t band,
@@ -108,7 +110,7 @@ Result<JobResult> band_job(const fs::path& design_path, Millimetres max_width, s
   MAQUETTE_CHECK(band < bands.size(), "band {} of {}", band, bands.size());
   const auto strip = meshing::band_field(design, bands[band]);
   MAQUETTE_TRY(const auto mesh, meshing::grid_solid(strip, options, part(run, 0.0, 0.5)));
-  return check_and_write(mesh, strip, out, run);
+  return check_and_write(mesh, strip, {}, out, run);
 }
 
 bool is_field(const fs::path& surface) {

@@ -44,15 +44,15 @@ int run_program(int argc, char** argv) {
   root.add_option("--seed", common.seed, "of what is drawn at random")
       ->check(CLI::Range(std::int64_t{0}, std::int64_t{1'000'000'000'000'000}));
   const std::vector<Command> commands{
-      add_init(root, common),     add_run(root, common),           add_fuse(root, common),
-      add_stones(root, common),   add_stone_parts(root, common),   add_mesh(root, common),
-      add_bands(root, common),    add_mill(root, common),          add_spheres(root, common),
-      add_verify(root, common),   add_backplot(root, common),      add_export(root, common),
-      add_render(root, common),   add_compare(root, common),       add_scan(root, common),
-      add_clean(root, common),    add_merge(root, common),         add_deviate(root, common),
-      add_diagnose(root, common), add_detectability(root, common), add_compensate(root, common),
-      add_info(root, common),     add_doctor(root, common),        add_expose(root, common),
-      add_stack(root, common)};
+      add_init(root, common),       add_run(root, common),         add_fuse(root, common),
+      add_stones(root, common),     add_stone_parts(root, common), add_mesh(root, common),
+      add_bands(root, common),      add_mill(root, common),        add_spheres(root, common),
+      add_verify(root, common),     add_backplot(root, common),    add_export(root, common),
+      add_lod(root, common),        add_render(root, common),      add_compare(root, common),
+      add_scan(root, common),       add_clean(root, common),       add_merge(root, common),
+      add_deviate(root, common),    add_diagnose(root, common),    add_detectability(root, common),
+      add_compensate(root, common), add_info(root, common),        add_doctor(root, common),
+      add_expose(root, common),     add_stack(root, common)};
   for (CLI::App* verb : root.get_subcommands({})) verb->fallthrough();
 
   try {

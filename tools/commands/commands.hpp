@@ -50,6 +50,7 @@ Command add_spheres(CLI::App& root, const CommonOptions& common);
 Command add_verify(CLI::App& root, const CommonOptions& common);
 Command add_backplot(CLI::App& root, const CommonOptions& common);
 Command add_export(CLI::App& root, const CommonOptions& common);
+Command add_lod(CLI::App& root, const CommonOptions& common);
 Command add_render(CLI::App& root, const CommonOptions& common);
 Command add_compare(CLI::App& root, const CommonOptions& common);
 Command add_scan(CLI::App& root, const CommonOptions& common);

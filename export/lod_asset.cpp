@@ -1,0 +1,292 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "export/lod_asset.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include <meshoptimizer.h>
+#include <nlohmann/json.hpp>
+
+#include "export/cad.hpp"
+#include "export/draco_piece.hpp"
+#include "export/glb_file.hpp"
+
+namespace maquette::exporting {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kByte = 5120, kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;
+constexpr int kArrayBuffer = 34962, kElementArrayBuffer = 34963;
+constexpr int kDracoSpeed = 3;  ///< see DracoSettings
+
+/// A tile in glTF's axes, in steps from its own origin.
+struct Local {
+  std::vector<Float3> positions, normals;
+  std::array<std::int64_t, 3> origin{};  ///< steps in the set's frame
+  Float3 min{}, max{};
+};
+
+Local to_local(const LodTileMesh& tile, const LodLattice& lattice, bool with_normals) {
+  Local local;
+  std::int32_t lowest = std::numeric_limits<std::int32_t>::max();
+  for (const LodVertex& v : tile.vertices) lowest = std::min(lowest, v.height);
+  const std::int64_t k = lattice.steps_per_quad;
+  local.origin = {tile.cols.front() * k, lowest, -tile.rows.back() * k};
+  local.min.fill(std::numeric_limits<float>::infinity());
+  local.max.fill(-std::numeric_limits<float>::infinity());
+  for (const LodVertex& v : tile.vertices) {
+    const Float3 p{static_cast<float>((v.col - tile.cols.front()) * k),
+                   static_cast<float>(v.height - lowest),
+                   static_cast<float>((tile.rows.back() - v.row) * k)};
+    for (std::size_t i = 0; i < 3; ++i) {
+      local.min[i] = std::min(local.min[i], p[i]);
+      local.max[i] = std::max(local.max[i], p[i]);
+    }
+    local.positions.push_back(p);
+    if (!with_normals) continue;
+    const Vec3 n = gltf_axes(
+        normalized(Vec3{-static_cast<double>(v.slope[0]), -static_cast<double>(v.slope[1]), 1.0}));
+    local.normals.push_back(
+        {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)});
+  }
+  return local;
+}
+
+Json frame_of(const LodTileMesh& tile, const LodLattice& lattice, const LodTileError& error,
+              const LodAssetOptions& options, const Local& local) {
+  const double step_m = kMetresPerMillimetre * lattice.step_mm;
+  Json json;
+  json["asset"] = {{"version", "2.0"},
+                   {"generator", "maquette"},
+                   {"extras",
+                    {{"unit", "m"},
+                     {"frame", "x = model x (east), y = model z (up), z = -model y (south)"},
+                     {"origin", "the field's south-western node, at model z = 0"},
+                     {"scale_denominator", options.scale_denominator},
+                     {"level", tile.key.level},
+                     {"max_vertical_error_mm", error.vertical_mm}}}};
+  json["scene"] = 0;
+  json["scenes"] = {{{"nodes", {0}}}};
+  Json translation = Json::array();
+  for (const std::int64_t o : local.origin) translation.push_back(step_m * static_cast<double>(o));
+  json["nodes"] = {
+      {{"name", fmt::format("level {} tile {} {}", tile.key.level, tile.key.x, tile.key.y)},
+       {"mesh", 0},
+       {"translation", std::move(translation)},
+       {"scale", {step_m, step_m, step_m}}}};
+  json["materials"] = {Json::parse(material_json(options.material))};
+  json["meshes"] = {
+      {{"primitives", {{{"attributes", {{"POSITION", 0}}}, {"indices", 1}, {"material", 0}}}}}};
+  if (!local.normals.empty()) json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 2;
+  return json;
+}
+
+Json accessor(int type, std::uint64_t count, const char* shape) {
+  return {{"componentType", type}, {"count", count}, {"type", shape}};
+}
+
+/// Positions are accessor 0, triangles 1, normals 2 if there are any.
+void add_accessors(Json& json, const Local& local, std::uint64_t vertices, std::uint64_t triangles,
+                   int position_type, int index_type, int normal_type) {
+  json["accessors"] = {accessor(position_type, vertices, "VEC3"),
+                       accessor(index_type, 3 * triangles, "SCALAR")};
+  for (const char* bound : {"min", "max"}) {
+    const Float3& values = bound[1] == 'i' ? local.min : local.max;
+    for (const float x : values)
+      json["accessors"][0][bound].push_back(static_cast<std::int64_t>(x));
+  }
+  if (local.normals.empty()) return;
+  json["accessors"].push_back(accessor(normal_type, vertices, "VEC3"));
+  if (normal_type != kFloat) json["accessors"][2]["normalized"] = true;
+}
+
+template <class T>
+void append(std::vector<char>& binary, const std::vector<T>& values) {
+  const std::size_t at = binary.size();
+  binary.resize(at + glb_padded(values.size() * sizeof(T)));
+  std::memcpy(binary.data() + at, values.data(), values.size() * sizeof(T));
+}
+
+Result<GlbContent> encode_draco(const LodTileMesh& tile, const Local& local,
+                                const LodAssetOptions& options, Json json) {
+  PositionGrid grid;  // a step of 1 from 0
+  grid.bits = 1;
+  const float widest = *std::max_element(local.max.begin(), local.max.end());
+  while (static_cast<float>((std::uint32_t{1} << grid.bits) - 1) < widest) ++grid.bits;
+  grid.range = static_cast<float>((std::uint32_t{1} << grid.bits) - 1);
+  MAQUETTE_TRY(const DracoPiece piece,
+               draco_piece(local.positions, local.normals, tile.triangles, grid,
+                           {.speed = kDracoSpeed, .normal_bits = options.normal_bits}));
+  add_accessors(json, local, piece.points, piece.faces, kFloat, kUnsignedInt, kFloat);
+  json["extensionsUsed"] = {"KHR_draco_mesh_compression"};
+  json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
+  Json attributes{{"POSITION", piece.position_id}};
+  if (!local.normals.empty()) attributes["NORMAL"] = piece.normal_id;
+  json["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"] = {
+      {"bufferView", 0}, {"attributes", std::move(attributes)}};
+  json["bufferViews"] = {{{"buffer", 0}, {"byteOffset", 0}, {"byteLength", piece.bytes.size()}}};
+  GlbContent content;
+  append(content.binary, piece.bytes);
+  json["buffers"] = {{{"byteLength", content.binary.size()}}};
+  content.json = json.dump();
+  return content;
+}
+
+GlbContent encode_plain(const LodTileMesh& tile, const Local& local, Json json) {
+  add_accessors(json, local, local.positions.size(), tile.triangles.size(), kFloat, kUnsignedInt,
+                kFloat);
+  GlbContent content;
+  const auto add = [&](const auto& values, int target) {
+    json["accessors"][json["bufferViews"].size()]["bufferView"] = json["bufferViews"].size();
+    json["bufferViews"].push_back({{"buffer", 0},
+                                   {"byteOffset", content.binary.size()},
+                                   {"byteLength", values.size() * sizeof(values[0])},
+                                   {"target", target}});
+    append(content.binary, values);
+  };
+  json["bufferViews"] = Json::array();
+  add(local.positions, kArrayBuffer);
+  add(tile.triangles, kElementArrayBuffer);
+  if (!local.normals.empty()) add(local.normals, kArrayBuffer);
+  json["buffers"] = {{{"byteLength", content.binary.size()}}};
+  content.json = json.dump();
+  return content;
+}
+
+/// Buffer 0 has what is stored, buffer 1 would have what it unpacks to: no file holds it.
+class MeshoptViews {
+ public:
+  void add(Json& json, std::vector<unsigned char> packed, std::size_t count, std::size_t stride,
+           const char* mode, const char* filter, int target) {
+    Json extension{{"buffer", 0},
+                   {"byteOffset", content.binary.size()},
+                   {"byteLength", packed.size()},
+                   {"byteStride", stride},
+                   {"mode", mode},
+                   {"count", count}};
+    if (filter) extension["filter"] = filter;
+    Json view{{"buffer", 1}, {"byteOffset", unpacked_}, {"byteLength", count * stride}};
+    if (target == kArrayBuffer) view["byteStride"] = stride;
+    view["target"] = target;
+    view["extensions"]["EXT_meshopt_compression"] = std::move(extension);
+    json["accessors"][json["bufferViews"].size()]["bufferView"] = json["bufferViews"].size();
+    json["bufferViews"].push_back(std::move(view));
+    append(content.binary, packed);
+    unpacked_ = glb_padded(unpacked_ + count * stride);
+  }
+  GlbContent finish(Json json) {
+    json["buffers"] = {{{"byteLength", content.binary.size()}},
+                       {{"byteLength", unpacked_},
+                        {"extensions", {{"EXT_meshopt_compression", {{"fallback", true}}}}}}};
+    content.json = json.dump();
+    return std::move(content);
+  }
+
+ private:
+  GlbContent content;
+  std::size_t unpacked_ = 0;
+};
+
+std::vector<unsigned char> pack_vertices(const void* data, std::size_t count, std::size_t stride) {
+  std::vector<unsigned char> packed(meshopt_encodeVertexBufferBound(count, stride));
+  packed.resize(meshopt_encodeVertexBuffer(packed.data(), packed.size(), data, count, stride));
+  return packed;
+}
+
+GlbContent encode_meshopt(const LodTileMesh& tile, const Local& local, Json json) {
+  const std::size_t count = local.positions.size(), corners = 3 * tile.triangles.size();
+  std::vector<std::uint32_t> indices(corners);
+  meshopt_optimizeVertexCacheStrip(indices.data(), tile.triangles.front().data(), corners, count);
+  std::vector<std::uint32_t> order(count);
+  meshopt_optimizeVertexFetchRemap(order.data(), indices.data(), corners, count);
+  meshopt_remapIndexBuffer(indices.data(), indices.data(), corners, order.data());
+
+  constexpr float kWidest16 = 65535.0F;
+  const bool wide = *std::max_element(local.max.begin(), local.max.end()) > kWidest16;
+  const bool short_indices = count <= 65535;  // 65535 itself is the value that restarts strips
+  add_accessors(json, local, count, tile.triangles.size(), wide ? kFloat : kUnsignedShort,
+                short_indices ? kUnsignedShort : kUnsignedInt, kByte);
+  json["extensionsUsed"] = {"EXT_meshopt_compression", "KHR_mesh_quantization"};
+  json["extensionsRequired"] = {"EXT_meshopt_compression", "KHR_mesh_quantization"};
+  json["bufferViews"] = Json::array();
+  MeshoptViews views;
+  if (wide) {
+    std::vector<Float3> positions(count);
+    for (std::size_t i = 0; i < count; ++i) positions[order[i]] = local.positions[i];
+    views.add(json, pack_vertices(positions.data(), count, sizeof(Float3)), count, sizeof(Float3),
+              "ATTRIBUTES", nullptr, kArrayBuffer);
+  } else {
+    std::vector<std::array<std::uint16_t, 4>> positions(count);
+    for (std::size_t i = 0; i < count; ++i)
+      for (std::size_t k = 0; k < 3; ++k)
+        positions[order[i]][k] = static_cast<std::uint16_t>(local.positions[i][k]);
+    views.add(json, pack_vertices(positions.data(), count, 8), count, 8, "ATTRIBUTES", nullptr,
+              kArrayBuffer);
+  }
+  std::vector<unsigned char> packed(meshopt_encodeIndexBufferBound(corners, count));
+  packed.resize(meshopt_encodeIndexBuffer(packed.data(), packed.size(), indices.data(), corners));
+  views.add(json, std::move(packed), corners, short_indices ? 2 : 4, "TRIANGLES", nullptr,
+            kElementArrayBuffer);
+  if (!local.normals.empty()) {
+    std::vector<std::array<float, 4>> normals(count);
+    for (std::size_t i = 0; i < count; ++i)
+      normals[order[i]] = {local.normals[i][0], local.normals[i][1], local.normals[i][2], 0.0F};
+    std::vector<std::array<std::int8_t, 4>> octahedral(count);
+    meshopt_encodeFilterOct(octahedral.data(), count, 4, 8, normals.front().data());
+    views.add(json, pack_vertices(octahedral.data(), count, 4), count, 4, "ATTRIBUTES",
+              "OCTAHEDRAL", kArrayBuffer);
+  }
+  return views.finish(std::move(json));
+}
+
+}  // namespace
+
+std::string_view name(LodCompression compression) {
+  constexpr std::array<std::string_view, 3> kNames{"draco", "meshopt", "plain"};
+  return kNames[static_cast<std::size_t>(compression)];
+}
+
+std::string_view name(LodMaterial material) {
+  constexpr std::array<std::string_view, 3> kNames{"paint", "regolith", "foil"};
+  return kNames[static_cast<std::size_t>(material)];
+}
+
+std::string material_json(LodMaterial material) {
+  const auto json = [&](std::array<double, 4> colour, double metallic, double roughness) {
+    return Json{{"name", name(material)},
+                {"pbrMetallicRoughness",
+                 {{"baseColorFactor", colour},
+                  {"metallicFactor", metallic},
+                  {"roughnessFactor", roughness}}}}
+        .dump();
+  };
+  switch (material) {
+    case LodMaterial::regolith:  // normal albedo of lunar mare, about a tenth
+      return json({0.11, 0.105, 0.095, 1.0}, 0.0, 1.0);
+    case LodMaterial::foil:  // aluminised polyimide
+      return json({0.9, 0.62, 0.25, 1.0}, 1.0, 0.35);
+    case LodMaterial::paint:
+      break;
+  }
+  return json({0.36, 0.35, 0.33, 1.0}, 0.0, 1.0);  // matt grey
+}
+
+Result<GlbContent> encode_lod_tile(const LodTileMesh& tile, const LodLattice& lattice,
+                                   const LodTileError& error, const LodAssetOptions& options) {
+  const Local local = to_local(tile, lattice, options.normals);
+  Json json = frame_of(tile, lattice, error, options, local);
+  switch (options.compression) {
+    case LodCompression::draco:
+      return encode_draco(tile, local, options, std::move(json));
+    case LodCompression::meshopt:
+      return encode_meshopt(tile, local, std::move(json));
+    case LodCompression::plain:
+      break;
+  }
+  return encode_plain(tile, local, std::move(json));
+}
+
+}  // namespace maquette::exporting

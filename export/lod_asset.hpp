@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file lod_asset.hpp
+/// One tile as a glTF 2.0 binary in memory.
+///
+/// Positions are whole numbers of the set's lattice from the tile's own origin (north-western
+/// corner, lowest height); the node's scale is the lattice's step in metres, its translation that
+/// origin. So a vertex that two tiles share is step * (the same whole number) in both, and floats
+/// hold all coordinates exactly (below 2^24). y is up, x east, z south.
+///
+///   draco    KHR_draco_mesh_compression, quantised on the lattice itself: decoding gives back the
+///            whole numbers, nothing is rounded once more
+///   meshopt  EXT_meshopt_compression with KHR_mesh_quantization: positions in 16 bits (in floats
+///            where the tile is wider), normals octahedral in 8 bits; triangles in an order that
+///            vertex caches like
+///   plain    floats and 32 bit indices
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/result.hpp"
+#include "export/lod_tile.hpp"
+
+namespace maquette::exporting {
+
+enum class LodCompression { draco, meshopt, plain };
+[[nodiscard]] std::string_view name(LodCompression compression);
+
+/// What the ground is made of, as glTF's metallic-roughness model has it.
+enum class LodMaterial { paint, regolith, foil };
+[[nodiscard]] std::string_view name(LodMaterial material);
+
+struct LodAssetOptions {
+  LodCompression compression = LodCompression::draco;
+  LodMaterial material = LodMaterial::paint;
+  bool normals = true;
+  int normal_bits = 8;                ///< of draco, octahedral
+  double scale_denominator = 1000.0;  ///< recorded
+};
+
+struct GlbContent {
+  std::string json;
+  std::vector<char> binary;  ///< a multiple of four bytes
+};
+
+/// The material as a JSON object.
+[[nodiscard]] std::string material_json(LodMaterial material);
+
+/// EXPORT_LIBRARY_FAILED: Draco or meshoptimizer gave up.
+[[nodiscard]] Result<GlbContent> encode_lod_tile(const LodTileMesh& tile, const LodLattice& lattice,
+                                                 const LodTileError& error,
+                                                 const LodAssetOptions& options);
+
+}  // namespace maquette::exporting

@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "export/lod_set.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+#include <nlohmann/json.hpp>
+
+#include "export/cad.hpp"
+#include "export/glb_file.hpp"
+#include "export/gltf.hpp"
+#include "export/lod_stones.hpp"
+#include "export/lod_tileset.hpp"
+
+namespace maquette::exporting {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+/// A step above this share of the spacing turns slopes into stairs; as in gltf.cpp.
+constexpr double kCoarsestStep = 0.25;
+/// Goes up when tiles of the same heights and options get other bytes.
+constexpr int kTileVersion = 2;
+
+Result<void> check_options(const heightmap::ModelField& field, const LodSetOptions& o) {
+  const auto bad = [](const std::string& what) { return fail(kOptionOutOfRange, what); };
+  if (o.position_bits < 8 || o.position_bits > 22)
+    return bad(fmt::format("{} bits a coordinate: 8 to 22 expected", o.position_bits));
+  if (o.tile_quads < 16 || o.tile_quads > 1024)
+    return bad(fmt::format("tiles of {} quads: 16 to 1024 expected", o.tile_quads));
+  if (o.asset.normal_bits < 4 || o.asset.normal_bits > 16)
+    return bad(fmt::format("{} bits a normal: 4 to 16 expected", o.asset.normal_bits));
+  if (!(o.asset.scale_denominator > 0.0) || !std::isfinite(o.asset.scale_denominator))
+    return bad(fmt::format("scale 1:{}: more than 0 expected", o.asset.scale_denominator));
+  if (o.max_error && !(o.max_error->value() > 0.0))
+    return bad(fmt::format("an error of {} mm: more than 0 expected", o.max_error->value()));
+  if (o.place && (!(std::fabs(o.place->latitude_deg) <= 90.0) ||
+                  !(std::fabs(o.place->longitude_deg) <= 360.0) ||
+                  !std::isfinite(o.place->height_m) || !(o.place->exaggeration > 0.0)))
+    return bad(fmt::format("latitude {}, longitude {}, height {} m, exaggeration {}",
+                           o.place->latitude_deg, o.place->longitude_deg, o.place->height_m,
+                           o.place->exaggeration));
+  if (field.z_mm.rows() < 2 || field.z_mm.cols() < 2)
+    return fail(kEmptyMesh, "levels need 2 x 2 nodes at least");
+  return {};
+}
+
+std::string key_of(const heightmap::ModelField& field, const LodSetOptions& o) {
+  const auto heights = field.z_mm.cells();
+  const std::string content =
+      sha256({reinterpret_cast<const char*>(heights.data()), heights.size() * sizeof(heights[0])});
+  return sha256(fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {}", kTileVersion, content,
+                            field.z_mm.rows(), field.z_mm.cols(), field.spacing.value(),
+                            o.position_bits, o.tile_quads, static_cast<int>(o.filter),
+                            name(o.asset.compression), name(o.asset.material), o.asset.normals,
+                            o.asset.normal_bits, o.asset.scale_denominator));
+}
+
+Result<void> make_folder(const fs::path& folder) {
+  std::error_code ec;
+  fs::create_directories(folder, ec);
+  if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  return {};
+}
+
+/// Empties what an earlier run with another key has left; keeps what this one may go on with.
+Result<void> prepare_folder(const fs::path& folder, const std::string& key) {
+  const fs::path key_file = folder / "tiles" / "key.txt";
+  std::error_code ec;
+  if (fs::exists(key_file, ec)) {
+    MAQUETTE_TRY(const std::string before, read_file(key_file));
+    if (before != key) {
+      for (const char* own : {"tiles", "subtrees"}) {
+        fs::remove_all(folder / own, ec);
+        if (ec) return tl::unexpected(write_error(folder / own, ec.value()));
+      }
+    }
+  }
+  MAQUETTE_TRY_VOID(make_folder(folder / "tiles"));
+  return write_file(key_file, key);
+}
+
+Result<std::uint64_t> write_glb_content(const GlbContent& content, const fs::path& path) {
+  MAQUETTE_TRY(auto file, AtomicFile::create(path));
+  MAQUETTE_TRY(const std::uint64_t bytes,
+               write_glb_head(file, content.json, content.binary.size(), path));
+  file.write(content.binary.data(), content.binary.size());
+  MAQUETTE_TRY_VOID(file.commit());
+  return bytes;
+}
+
+std::vector<LodTileKey> tiles_of(const heightmap::ModelField& field, const LodLattice& lattice,
+                                 int levels) {
+  std::vector<LodTileKey> keys;
+  for (int level = levels - 1; level >= 0; --level)
+    for (std::ptrdiff_t y = 0; y < lod_tiles(field.z_mm.rows(), lattice, level); ++y)
+      for (std::ptrdiff_t x = 0; x < lod_tiles(field.z_mm.cols(), lattice, level); ++x)
+        keys.push_back({level, x, y});
+  return keys;
+}
+
+Result<LodTileReport> make_one(const LodPyramid& pyramid, const LodLattice& lattice, LodTileKey key,
+                               const LodSetOptions& options, const fs::path& path) {
+  const LodTileMesh tile = make_lod_tile(pyramid, lattice, key);
+  LodTileReport report;
+  report.key = key;
+  report.triangles = tile.triangles.size();
+  report.vertices = tile.vertices.size();
+  report.error = measure_lod_tile(pyramid.field(), lattice, tile);
+  report.lowest = report.highest = tile.vertices.front().height;
+  for (const LodVertex& v : tile.vertices) {
+    report.lowest = std::min(report.lowest, v.height);
+    report.highest = std::max(report.highest, v.height);
+  }
+  std::error_code ec;
+  if (const auto there = fs::file_size(path, ec); !ec) {  // whole, since files appear whole
+    report.bytes = there;
+    report.kept = true;
+    return report;
+  }
+  MAQUETTE_TRY(const GlbContent content,
+               encode_lod_tile(tile, lattice, report.error, options.asset));
+  MAQUETTE_TRY(report.bytes, write_glb_content(content, path));
+  return report;
+}
+
+Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const LodLattice& lattice,
+                                               const LodSetOptions& options, const fs::path& folder,
+                                               const RunContext& run) {
+  const auto keys = tiles_of(pyramid.field(), lattice, pyramid.levels());
+  std::vector<fs::path> paths;
+  for (const LodTileKey& key : keys) {
+    paths.push_back(folder / lod_tile_uri(pyramid.levels() - 1 - key.level, key.x, key.y));
+    MAQUETTE_TRY_VOID(make_folder(paths.back().parent_path()));
+  }
+  std::vector<std::optional<Result<LodTileReport>>> made(keys.size());
+  std::atomic<std::size_t> done{0};
+  std::atomic<bool> failed{false};
+  tbb::parallel_for(
+      std::size_t{0}, keys.size(),
+      [&](std::size_t i) {
+        if (run.stopped() || failed) return;
+        made[i] = make_one(pyramid, lattice, keys[i], options, paths[i]);
+        if (!*made[i]) failed = true;
+        run.progress(0.1 + 0.9 * static_cast<double>(++done) / static_cast<double>(keys.size()));
+      },
+      tbb::simple_partitioner());
+  for (auto& one : made)
+    if (one && !*one) return tl::unexpected(std::move(one->error()));
+  std::vector<LodTileReport> reports;
+  for (auto& one : made) {
+    if (!one)
+      return fail(kCancelled, fmt::format("{}: stopped after {} of {} tiles; run again to go on",
+                                          folder.string(), done.load(), keys.size()));
+    reports.push_back(**std::move(one));
+  }
+  return reports;
+}
+
+void sum_levels(LodSetReport& report, const heightmap::ModelField& field, int levels) {
+  report.levels.resize(static_cast<std::size_t>(levels));
+  for (const LodTileReport& t : report.tiles) {
+    LodLevelReport& level = report.levels[static_cast<std::size_t>(t.key.level)];
+    ++level.tiles;
+    level.triangles += t.triangles;
+    level.bytes += t.bytes;
+    level.error.vertical_mm = std::max(level.error.vertical_mm, t.error.vertical_mm);
+    level.error.hausdorff_mm = std::max(level.error.hausdorff_mm, t.error.hausdorff_mm);
+    const std::ptrdiff_t width = report.lattice.tile_quads << t.key.level;
+    const auto share =
+        static_cast<double>(std::min(width, field.z_mm.cols() - 1 - t.key.x * width)) *
+        static_cast<double>(std::min(width, field.z_mm.rows() - 1 - t.key.y * width)) /
+        static_cast<double>((field.z_mm.rows() - 1) * (field.z_mm.cols() - 1));
+    level.error.rms_mm += share * t.error.rms_mm * t.error.rms_mm;
+  }
+  for (LodLevelReport& level : report.levels) level.error.rms_mm = std::sqrt(level.error.rms_mm);
+}
+
+Json json_of(const LodTileError& error) {
+  return {{"max_vertical_error_mm", error.vertical_mm},
+          {"rms_vertical_error_mm", error.rms_mm},
+          {"hausdorff_at_nodes_mm", error.hausdorff_mm}};
+}
+
+}  // namespace
+
+Result<LodLattice> lod_lattice(const heightmap::ModelField& field, const LodSetOptions& options) {
+  MAQUETTE_TRY_VOID(check_options(field, options));
+  const auto range = heightmap::height_range(field.z_mm);
+  const double spacing = field.spacing.value();
+  const double relief =
+      range.voids > 0 ? 0.0 : static_cast<double>(range.max) - static_cast<double>(range.min);
+  const double longest =
+      std::max(spacing * static_cast<double>(std::max(field.z_mm.rows(), field.z_mm.cols()) - 1),
+               relief + spacing);  // a step of rounding at each end has room in that
+  const auto steps = static_cast<double>((std::uint32_t{1} << options.position_bits) - 1);
+  const double per_quad = std::floor(steps * spacing / longest);
+  double most_mm = kCoarsestStep * spacing;
+  if (options.max_error) most_mm = std::min(most_mm, 2.0 * options.max_error->value());
+  const double step_mm = per_quad > 0.0 ? spacing / per_quad : longest / steps;
+  if (step_mm > most_mm) {
+    const double per_quad_asked = std::ceil(spacing / most_mm);
+    return fail(kQuantisationTooCoarse,
+                fmt::format("{} bits over {:.4g} mm make steps of {:.4g} mm; at most {:.4g} mm are "
+                            "allowed ({}), {} bits would do",
+                            options.position_bits, longest, step_mm, most_mm,
+                            options.max_error ? "a quarter of the spacing, and twice the error"
+                                              : "a quarter of the spacing",
+                            std::ceil(std::log2(per_quad_asked * longest / spacing + 1.0))));
+  }
+  return LodLattice{.step_mm = step_mm,
+                    .steps_per_quad = static_cast<std::int32_t>(per_quad),
+                    .tile_quads = options.tile_quads};
+}
+
+Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
+                                   std::span<const meshing::PlacedStone> stones,
+                                   const LodSetOptions& options, const fs::path& folder,
+                                   const RunContext& run) {
+  LodSetReport report;
+  MAQUETTE_TRY(report.lattice, lod_lattice(field, options));
+  const int levels = lod_levels(field, options.tile_quads);
+  MAQUETTE_TRY(const auto pyramid, LodPyramid::create(field, levels, options.filter));
+  run.progress(0.1);
+  MAQUETTE_TRY_VOID(make_folder(folder));
+  MAQUETTE_TRY_VOID(prepare_folder(folder, key_of(field, options)));
+  MAQUETTE_TRY(report.tiles, write_tiles(pyramid, report.lattice, options, folder, run));
+  sum_levels(report, field, levels);
+  const auto put = [&](const std::string& path, const std::string& content) -> Result<void> {
+    MAQUETTE_TRY_VOID(make_folder((folder / path).parent_path()));
+    MAQUETTE_TRY_VOID(write_file(folder / path, content));
+    report.outputs.push_back(folder / path);
+    return {};
+  };
+  Box3 stones_at;
+  if (!stones.empty()) {
+    const Vec3 corner{field.x0.value(), field.y0.value(), 0.0};
+    stones_at = stones_box(stones, corner);
+    report.outputs.push_back(folder / "stones.glb");
+    MAQUETTE_TRY(
+        report.stones_bytes,
+        write_glb_content(encode_stones(stones, corner, options.asset), report.outputs.back()));
+  }
+  for (const auto& [path, content] : subtree_files(report, field))
+    MAQUETTE_TRY_VOID(put(path, content));
+  MAQUETTE_TRY_VOID(
+      put("tileset_implicit.json", implicit_tileset(report, options, field, stones_at)));
+  MAQUETTE_TRY_VOID(put("tileset.json", explicit_tileset(report, options, field, stones_at)));
+  MAQUETTE_TRY_VOID(put("lod.json", to_json(report, options, field)));
+  run.progress(1.0);
+  return report;
+}
+
+std::string to_json(const LodSetReport& report, const LodSetOptions& options,
+                    const heightmap::ModelField& field) {
+  const int top = static_cast<int>(report.levels.size()) - 1;
+  Json json{{"schema", "maquette.lod/1"},
+            {"compression", name(options.asset.compression)},
+            {"position_bits", options.position_bits},
+            {"normal_bits", options.asset.normals ? options.asset.normal_bits : 0},
+            {"step_mm", report.lattice.step_mm},
+            {"steps_per_quad", report.lattice.steps_per_quad},
+            {"tile_quads", report.lattice.tile_quads},
+            {"nodes", {field.z_mm.cols(), field.z_mm.rows()}},
+            {"spacing_mm", field.spacing.value()},
+            {"x0_mm", field.x0.value()},
+            {"y0_mm", field.y0.value()},
+            {"scale_denominator", options.asset.scale_denominator}};
+  std::uint64_t bytes = 0, triangles = 0;
+  for (std::size_t level = 0; level < report.levels.size(); ++level) {
+    const LodLevelReport& l = report.levels[level];
+    Json one{{"level", level},
+             {"depth", top - static_cast<int>(level)},
+             {"tiles", l.tiles},
+             {"triangles", l.triangles},
+             {"bytes", l.bytes}};
+    one.update(json_of(l.error));
+    json["levels"].push_back(std::move(one));
+    bytes += l.bytes;
+    triangles += l.triangles;
+  }
+  json["triangles"] = triangles;
+  json["bytes"] = bytes;
+  json["bytes_per_triangle"] = static_cast<double>(bytes) / static_cast<double>(triangles);
+  json["tiles"] = Json::array();
+  for (const LodTileReport& t : report.tiles) {
+    Json one{{"uri", lod_tile_uri(top - t.key.level, t.key.x, t.key.y)},
+             {"triangles", t.triangles},
+             {"vertices", t.vertices},
+             {"bytes", t.bytes}};
+    one.update(json_of(t.error));
+    json["tiles"].push_back(std::move(one));
+  }
+  return json.dump(1);
+}
+
+}  // namespace maquette::exporting

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file lod_set.hpp
+/// A surface as a set of tiles in levels of detail that engines stream: 3D Tiles 1.1 of glTF.
+///
+/// Takes   ModelField, millimetres, no voids; stones in their poses
+/// Gives   tiles/DEPTH/X/Y.glb     depth 0 is the coarsest, X and Y from the south-western corner
+///         tileset.json            explicit: each tile with its box and its measured error
+///         tileset_implicit.json   the same tiles as an implicit quadtree,
+///         subtrees/DEPTH/X/Y.subtree stones.glb              stones of equal shape as instances
+///         (EXT_mesh_gpu_instancing) lod.json                lattice, errors and bytes by level; of
+///         each tile
+/// Frame   of a tileset: metres at model size, x east, y north, z up, origin at the field's
+///         south-western node and the model's z = 0 (glTF inside is y up, as 3D Tiles asks). With a
+///         place on a body the root's transform carries that to the body's fixed frame at full
+///         size.
+/// Errors  geometricError of a tile is not less than the vertical distance of what a decoder gets
+///         to the full surface, measured everywhere (lod_tile.hpp), and not less than any child's.
+///         With implicit tiling it halves from level to level, so the root's is as large as that
+///         takes.
+/// Boxes   contain content and children, and are a step larger on each side.
+/// Work    tiles in parallel, each file whole or not at all. A run that was stopped goes on: tiles
+///         of the same heights, options and version are kept. Same bytes for any number of threads.
+/// Memory  a third of the heights more, and one tile a thread.
+///
+/// 3D Tiles 1.1, OGC 22-025r4; body other than Earth: extension 3DTILES_ellipsoid.
+
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/run_context.hpp"
+#include "export/lod_asset.hpp"
+#include "heightmap/body.hpp"
+#include "meshing/stones.hpp"
+
+namespace maquette::exporting {
+
+/// Where the field's middle is.
+struct LodPlace {
+  heightmap::Body body;
+  double latitude_deg = 0.0;   ///< planetocentric, north positive
+  double longitude_deg = 0.0;  ///< east positive
+  double height_m = 0.0;       ///< of the model's z = 0 above the ellipsoid
+  double exaggeration = 1.0;   ///< vertical, of the model; taken back
+};
+
+struct LodSetOptions {
+  /// Of the position grid over the whole set, 8 to 22: 2^bits - 1 steps hold its longest side.
+  int position_bits = 16;
+  std::ptrdiff_t tile_quads = 256;  ///< edge of a tile, 16 to 1024
+  LodFilter filter = LodFilter::smooth;
+  LodAssetOptions asset;
+  std::optional<Millimetres> max_error;  ///< that the finest level must keep
+  std::optional<LodPlace> place;
+};
+
+struct LodTileReport {
+  LodTileKey key;
+  std::uint64_t triangles = 0, vertices = 0, bytes = 0;
+  LodTileError error;
+  std::int32_t lowest = 0, highest = 0;  ///< steps
+  bool kept = false;                     ///< was there from an earlier run
+};
+
+struct LodLevelReport {
+  std::uint64_t tiles = 0, triangles = 0, bytes = 0;
+  LodTileError error;  ///< the largest, and the root of the mean square
+};
+
+struct LodSetReport {
+  LodLattice lattice;
+  std::vector<LodLevelReport> levels;  ///< 0: full resolution
+  std::vector<LodTileReport> tiles;    ///< coarsest first
+  std::uint64_t stones_bytes = 0;
+  std::vector<std::filesystem::path> outputs;
+};
+
+/// The lattice of a field. EXPORT_QUANTISATION_TOO_COARSE: a step above a quarter of the spacing,
+/// or half of one above `max_error`, with the bits that would do; EXPORT_OPTION_OUT_OF_RANGE.
+[[nodiscard]] Result<LodLattice> lod_lattice(const heightmap::ModelField& field,
+                                             const LodSetOptions& options);
+
+/// Writes the set into `folder`, which is made. EXPORT_HEIGHT_NOT_FINITE; EXPORT_LIBRARY_FAILED;
+/// CORE_FILE_NOT_WRITABLE, CORE_DISK_FULL; CORE_CANCELLED (tiles that are done stay); and
+/// lod_lattice's.
+[[nodiscard]] Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
+                                                 std::span<const meshing::PlacedStone> stones,
+                                                 const LodSetOptions& options,
+                                                 const std::filesystem::path& folder,
+                                                 const RunContext& run = {});
+
+/// lod.json
+[[nodiscard]] std::string to_json(const LodSetReport& report, const LodSetOptions& options,
+                                  const heightmap::ModelField& field);
+
+}  // namespace maquette::exporting

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "export/lod_stones.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+#include <nlohmann/json.hpp>
+
+#include "assets/rocks.hpp"
+#include "export/glb_file.hpp"
+
+namespace maquette::exporting {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using meshing::PlacedStone;
+
+constexpr int kUnsignedInt = 5125, kFloat = 5126;
+constexpr int kArrayBuffer = 34962, kElementArrayBuffer = 34963;
+
+/// Accessors one after the other, each with a view of its own.
+class Buffer {
+ public:
+  Json views = Json::array(), accessors = Json::array();
+  std::vector<char> bytes;
+
+  /// @param target  0: none
+  template <class T>
+  std::size_t add(const std::vector<T>& values, int type, std::uint64_t count, const char* shape,
+                  int target) {
+    const std::size_t size = values.size() * sizeof(T), at = bytes.size();
+    Json view{{"buffer", 0}, {"byteOffset", at}, {"byteLength", size}};
+    if (target != 0) view["target"] = target;
+    views.push_back(std::move(view));
+    accessors.push_back({{"bufferView", views.size() - 1},
+                         {"componentType", type},
+                         {"count", count},
+                         {"type", shape}});
+    bytes.resize(at + glb_padded(size));
+    std::memcpy(bytes.data() + at, values.data(), size);
+    return accessors.size() - 1;
+  }
+};
+
+Float3 to_float(Vec3 v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
+
+struct Pose {
+  Float3 translation_m{};
+  std::array<float, 4> rotation{};  ///< x, y, z, w
+  float scale = 1.0F;               ///< a rock of diameter 1, to metres
+};
+
+Pose pose_of(const PlacedStone& stone, Vec3 corner_mm) {
+  const RigidTransform& t = stone.model_from_stone;
+  const Vec3 axis = gltf_axes({t.rotation.x, t.rotation.y, t.rotation.z});
+  return {to_float(gltf_axes(kMetresPerMillimetre * (t.translation_mm - corner_mm))),
+          {static_cast<float>(axis.x), static_cast<float>(axis.y), static_cast<float>(axis.z),
+           static_cast<float>(t.rotation.w)},
+          static_cast<float>(kMetresPerMillimetre * stone.scale_mm)};
+}
+
+std::size_t add_rock(Json& json, Buffer& buffer, const assets::RockShape& shape) {
+  const TriMesh rock = assets::make_rock(shape);
+  std::vector<Float3> positions;
+  Float3 lo, hi;
+  lo.fill(INFINITY);
+  hi.fill(-INFINITY);
+  for (const Vec3& v : rock.vertices_mm) {
+    positions.push_back(to_float(gltf_axes(v)));
+    for (std::size_t k = 0; k < 3; ++k) {
+      lo[k] = std::min(lo[k], positions.back()[k]);
+      hi[k] = std::max(hi[k], positions.back()[k]);
+    }
+  }
+  const std::size_t position =
+      buffer.add(positions, kFloat, positions.size(), "VEC3", kArrayBuffer);
+  buffer.accessors[position]["min"] = lo;
+  buffer.accessors[position]["max"] = hi;
+  const std::size_t normal =
+      buffer.add(gltf_normals(rock), kFloat, positions.size(), "VEC3", kArrayBuffer);
+  const std::size_t index = buffer.add(rock.triangles, kUnsignedInt, 3 * rock.triangles.size(),
+                                       "SCALAR", kElementArrayBuffer);
+  json["meshes"].push_back({{"primitives",
+                             {{{"attributes", {{"POSITION", position}, {"NORMAL", normal}}},
+                               {"indices", index},
+                               {"material", 0}}}}});
+  return json["meshes"].size() - 1;
+}
+
+}  // namespace
+
+GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
+                         const LodAssetOptions& options) {
+  Json json;
+  json["asset"] = {{"version", "2.0"},
+                   {"generator", "maquette"},
+                   {"extras",
+                    {{"unit", "m"},
+                     {"frame", "x = model x (east), y = model z (up), z = -model y (south)"},
+                     {"scale_denominator", options.scale_denominator}}}};
+  json["scene"] = 0;
+  json["scenes"] = {{{"nodes", Json::array()}}};
+  json["nodes"] = Json::array();
+  json["meshes"] = Json::array();
+  json["materials"] = {Json::parse(material_json(options.material))};
+  Buffer buffer;
+  std::vector<bool> done(stones.size(), false);
+  bool instanced = false;
+  for (std::size_t i = 0; i < stones.size(); ++i) {
+    if (done[i]) continue;
+    const std::size_t mesh = add_rock(json, buffer, stones[i].shape);
+    std::vector<Float3> translations, scales;
+    std::vector<std::array<float, 4>> rotations;
+    Json numbers = Json::array();
+    for (std::size_t j = i; j < stones.size(); ++j) {
+      if (done[j] || !(stones[j].shape == stones[i].shape)) continue;
+      done[j] = true;
+      const Pose pose = pose_of(stones[j], corner_mm);
+      translations.push_back(pose.translation_m);
+      rotations.push_back(pose.rotation);
+      scales.push_back({pose.scale, pose.scale, pose.scale});
+      numbers.push_back(stones[j].number);
+    }
+    Json node{{"mesh", mesh}, {"extras", {{"stones", numbers}}}};
+    if (translations.size() == 1) {
+      node["name"] = fmt::format("stone {}", stones[i].number);
+      node["translation"] = translations[0];
+      node["rotation"] = rotations[0];
+      node["scale"] = scales[0];
+    } else {
+      instanced = true;
+      node["name"] = fmt::format("stones like {}", stones[i].number);
+      const std::size_t count = translations.size();
+      node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = {
+          {"TRANSLATION", buffer.add(translations, kFloat, count, "VEC3", 0)},
+          {"ROTATION", buffer.add(rotations, kFloat, count, "VEC4", 0)},
+          {"SCALE", buffer.add(scales, kFloat, count, "VEC3", 0)}};
+    }
+    json["scenes"][0]["nodes"].push_back(json["nodes"].size());
+    json["nodes"].push_back(std::move(node));
+  }
+  if (instanced) {
+    json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
+    json["extensionsRequired"] = {"EXT_mesh_gpu_instancing"};
+  }
+  json["bufferViews"] = std::move(buffer.views);
+  json["accessors"] = std::move(buffer.accessors);
+  json["buffers"] = {{{"byteLength", buffer.bytes.size()}}};
+  return {json.dump(), std::move(buffer.bytes)};
+}
+
+Box3 stones_box(std::span<const PlacedStone> stones, Vec3 corner_mm) {
+  Box3 box;
+  for (const PlacedStone& stone : stones) {
+    const Box3 one = meshing::stone_mesh(stone).bounds();
+    box.add(kMetresPerMillimetre * (one.min - corner_mm));
+    box.add(kMetresPerMillimetre * (one.max - corner_mm));
+  }
+  // Poses are stored as floats.
+  const double slack = 1e-6 * std::max(1.0, norm(box.max - box.min));
+  box.min += Vec3{-slack, -slack, -slack};
+  box.max += Vec3{slack, slack, slack};
+  return box;
+}
+
+}  // namespace maquette::exporting

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file lod_stones.hpp
+/// Stones in their poses as one glTF: each distinct shape once. A shape that lies in several places
+/// is one node with EXT_mesh_gpu_instancing, one that lies in one place a node of its own; `extras`
+/// of a node has the numbers of its stones, in order.
+
+#include <span>
+
+#include "export/lod_asset.hpp"
+#include "meshing/stones.hpp"
+
+namespace maquette::exporting {
+
+/// Metres, y up, relative to `corner_mm` (x, y) and the model's z = 0; normals smooth.
+/// @pre at least one stone
+[[nodiscard]] GlbContent encode_stones(std::span<const meshing::PlacedStone> stones, Vec3 corner_mm,
+                                       const LodAssetOptions& options);
+
+/// Of the stones, in the tileset's frame (metres, z up).
+[[nodiscard]] Box3 stones_box(std::span<const meshing::PlacedStone> stones, Vec3 corner_mm);
+
+}  // namespace maquette::exporting

@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "export/lod_tileset.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "export/glb_file.hpp"
+
+namespace maquette::exporting {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kSubtreeLevels = 6;  ///< 1365 tiles a subtree file
+
+Json json_box(const Box3& box) {
+  const Vec3 middle = 0.5 * (box.min + box.max), half = 0.5 * (box.max - box.min);
+  return {{"box",
+           {middle.x, middle.y, middle.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z}}};
+}
+
+void add(Box3& box, const Box3& other) {
+  box.add(other.min);
+  box.add(other.max);
+}
+
+/// Boxes and errors with what is below; by depth, x, y.
+class Tree {
+ public:
+  struct Node {
+    Box3 box;  ///< metres, tileset's frame
+    double error_m = 0.0;
+  };
+
+  Tree(const LodSetReport& report, const heightmap::ModelField& field)
+      : rows_(field.z_mm.rows()), cols_(field.z_mm.cols()), lattice_(report.lattice) {
+    const double step = kMetresPerMillimetre * lattice_.step_mm;
+    const double quad = step * lattice_.steps_per_quad;
+    top_ = static_cast<int>(report.levels.size()) - 1;
+    for (const LodTileReport& t : report.tiles) {
+      const std::ptrdiff_t width = lattice_.tile_quads << t.key.level;
+      Node node;
+      node.error_m = kMetresPerMillimetre * t.error.vertical_mm;
+      node.box.add({quad * static_cast<double>(t.key.x * width) - step,
+                    quad * static_cast<double>(t.key.y * width) - step, step * (t.lowest - 1)});
+      node.box.add({quad * static_cast<double>(std::min((t.key.x + 1) * width, cols_ - 1)) + step,
+                    quad * static_cast<double>(std::min((t.key.y + 1) * width, rows_ - 1)) + step,
+                    step * (t.highest + 1)});
+      nodes_[{t.key.level, t.key.x, t.key.y}] = node;
+    }
+    for (int level = 1; level <= top_; ++level)  // finest are complete; then those above them
+      for (auto& [key, node] : nodes_) {
+        if (std::get<0>(key) != level) continue;
+        const auto [l, x, y] = key;
+        for (const std::ptrdiff_t i : {0, 1})
+          for (const std::ptrdiff_t j : {0, 1}) {
+            const auto child = nodes_.find({l - 1, 2 * x + i, 2 * y + j});
+            if (child == nodes_.end()) continue;
+            add(node.box, child->second.box);
+            node.error_m = std::max(node.error_m, child->second.error_m);
+          }
+      }
+  }
+
+  [[nodiscard]] int top() const { return top_; }
+  [[nodiscard]] const Node& root() const { return nodes_.at({top_, 0, 0}); }
+  [[nodiscard]] bool has(int depth, std::ptrdiff_t x, std::ptrdiff_t y) const {
+    return nodes_.contains({top_ - depth, x, y});
+  }
+  [[nodiscard]] Json json(int level, std::ptrdiff_t x, std::ptrdiff_t y) const {
+    const Node& node = nodes_.at({level, x, y});
+    Json tile{{"boundingVolume", json_box(node.box)},
+              {"geometricError", node.error_m},
+              {"refine", "REPLACE"},
+              {"content", {{"uri", lod_tile_uri(top_ - level, x, y)}}}};
+    if (level == 0) return tile;
+    tile["children"] = Json::array();
+    for (const std::ptrdiff_t j : {0, 1})
+      for (const std::ptrdiff_t i : {0, 1})
+        if (nodes_.contains({level - 1, 2 * x + i, 2 * y + j}))
+          tile["children"].push_back(json(level - 1, 2 * x + i, 2 * y + j));
+    return tile;
+  }
+  /// The whole square of the quadtree, so that halving it gives boxes that contain each tile.
+  [[nodiscard]] Box3 square() const {
+    const double width = kMetresPerMillimetre * lattice_.step_mm *
+                         static_cast<double>(lattice_.steps_per_quad) *
+                         static_cast<double>(lattice_.tile_quads << top_);
+    Box3 box = root().box;
+    // Not a step larger: halving would take that from the children's inner sides.
+    box.min.x = box.min.y = 0.0;
+    box.max.x = box.max.y = width;
+    return box;
+  }
+  /// Halved at each level it stays above every tile's error.
+  [[nodiscard]] double halving_error_m() const {
+    double error = 0.0;
+    for (const auto& [key, node] : nodes_)
+      error = std::max(error, std::ldexp(node.error_m, top_ - std::get<0>(key)));
+    return error;
+  }
+
+ private:
+  std::ptrdiff_t rows_, cols_;
+  LodLattice lattice_;
+  int top_ = 0;
+  std::map<std::tuple<int, std::ptrdiff_t, std::ptrdiff_t>, Node> nodes_;
+};
+
+/// Terrain and stones under one root without content.
+std::string tileset(const Tree& tree, Json terrain, double terrain_error_m, const Box3& terrain_box,
+                    const LodSetOptions& options, const heightmap::ModelField& field,
+                    const Box3& stones) {
+  Box3 box = terrain_box;
+  if (!stones.empty()) add(box, stones);
+  // What is missing where nothing is drawn: all of it.
+  const double error = std::max(terrain_error_m, norm(tree.root().box.max - tree.root().box.min));
+  Json root{{"boundingVolume", json_box(box)}, {"geometricError", error}, {"refine", "ADD"}};
+  Json json;
+  json["asset"] = {{"version", "1.1"},
+                   {"generator", "maquette"},
+                   {"extras",
+                    {{"unit", "m"},
+                     {"frame",
+                      "x east, y north, z up; origin at the field's south-western node, "
+                      "model z = 0"},
+                     {"scale_denominator", options.asset.scale_denominator}}}};
+  if (options.place) {
+    root["transform"] = fixed_from_tileset(*options.place, field, options.asset.scale_denominator);
+    const heightmap::Body& body = options.place->body;
+    std::string name = body.name;
+    name[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(name[0])));
+    json["extensionsUsed"] = {"3DTILES_ellipsoid"};
+    json["extensions"]["3DTILES_ellipsoid"] = {
+        {"body", name},
+        {"radii", {body.equatorial_radius_m, body.equatorial_radius_m, body.polar_radius_m}}};
+  }
+  root["children"] = {std::move(terrain)};
+  if (!stones.empty())
+    root["children"].push_back({{"boundingVolume", json_box(stones)},
+                                {"geometricError", 0.0},
+                                {"refine", "REPLACE"},
+                                {"content", {{"uri", "stones.glb"}}}});
+  json["geometricError"] = error;
+  json["root"] = std::move(root);
+  return json.dump();
+}
+
+std::size_t morton(std::size_t x, std::size_t y) {
+  std::size_t code = 0;
+  for (std::size_t bit = 0; bit < 16; ++bit)
+    code |= (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1);
+  return code;
+}
+
+struct Bits {
+  std::vector<bool> set;
+  [[nodiscard]] std::size_t count() const {
+    return static_cast<std::size_t>(std::count(set.begin(), set.end(), true));
+  }
+};
+
+/// Availability as a constant where it is one, else as bits, each stream from a multiple of eight.
+Json json_availability(const Bits& bits, std::string& binary, Json& views) {
+  const std::size_t count = bits.count();
+  if (count == 0) return {{"constant", 0}};
+  if (count == bits.set.size()) return {{"constant", 1}};
+  const std::size_t bytes = (bits.set.size() + 7) / 8, at = binary.size();
+  binary.resize(at + (bytes + 7) / 8 * 8, '\0');
+  for (std::size_t i = 0; i < bits.set.size(); ++i)
+    if (bits.set[i])
+      binary[at + i / 8] =
+          static_cast<char>(static_cast<unsigned char>(binary[at + i / 8]) | (1U << (i % 8)));
+  views.push_back({{"buffer", 0}, {"byteOffset", at}, {"byteLength", bytes}});
+  return {{"bitstream", views.size() - 1}, {"availableCount", count}};
+}
+
+std::string subtree(const Tree& tree, int depth, std::ptrdiff_t x, std::ptrdiff_t y) {
+  Bits tiles, children;
+  const auto fill = [&](Bits& bits, int level) {
+    const std::size_t side = std::size_t{1} << level, first = bits.set.size();
+    bits.set.resize(first + side * side);
+    for (std::size_t j = 0; j < side; ++j)
+      for (std::size_t i = 0; i < side; ++i)
+        bits.set[first + morton(i, j)] =
+            tree.has(depth + level, (x << level) + static_cast<std::ptrdiff_t>(i),
+                     (y << level) + static_cast<std::ptrdiff_t>(j));
+  };
+  for (int level = 0; level < kSubtreeLevels; ++level) fill(tiles, level);
+  fill(children, kSubtreeLevels);
+  std::string binary;
+  Json views = Json::array();
+  Json json;
+  json["tileAvailability"] = json_availability(tiles, binary, views);
+  json["contentAvailability"] = {json["tileAvailability"]};
+  json["childSubtreeAvailability"] = json_availability(children, binary, views);
+  if (!binary.empty()) {
+    json["buffers"] = {{{"byteLength", binary.size()}}};
+    json["bufferViews"] = std::move(views);
+  }
+  std::string text = json.dump();
+  text.resize((text.size() + 7) / 8 * 8, ' ');
+  std::string file = "subt";
+  const auto put = [&file](std::uint64_t value, std::size_t bytes) {
+    for (std::size_t i = 0; i < bytes; ++i) file.push_back(static_cast<char>(value >> (8 * i)));
+  };
+  put(1, 4);
+  put(text.size(), 8);
+  put(binary.size(), 8);
+  return file + text + binary;
+}
+
+}  // namespace
+
+std::string lod_tile_uri(int depth, std::ptrdiff_t x, std::ptrdiff_t y) {
+  return fmt::format("tiles/{}/{}/{}.glb", depth, x, y);
+}
+
+std::array<double, 16> fixed_from_tileset(const LodPlace& place, const heightmap::ModelField& field,
+                                          double scale_denominator) {
+  const double a = place.body.equatorial_radius_m, b = place.body.polar_radius_m;
+  const double degree = std::numbers::pi / 180.0;
+  const double centric = place.latitude_deg * degree, lon = place.longitude_deg * degree;
+  // The ellipsoid's point at that planetocentric latitude, and its normal there (geodetic).
+  const double radius = a * b / std::hypot(b * std::cos(centric), a * std::sin(centric));
+  const double lat = std::atan2(a * a * std::sin(centric), b * b * std::cos(centric));
+  const Vec3 east{-std::sin(lon), std::cos(lon), 0.0};
+  const Vec3 up{std::cos(lat) * std::cos(lon), std::cos(lat) * std::sin(lon), std::sin(lat)};
+  const Vec3 north = cross(up, east);
+  const Vec3 foot = radius * Vec3{std::cos(centric) * std::cos(lon),
+                                  std::cos(centric) * std::sin(lon), std::sin(centric)};
+  const double wide = scale_denominator, high = scale_denominator / place.exaggeration;
+  const double half = 0.5 * kMetresPerMillimetre * field.spacing.value();
+  const double x = half * static_cast<double>(field.z_mm.cols() - 1);
+  const double y = half * static_cast<double>(field.z_mm.rows() - 1);
+  const Vec3 origin = foot + place.height_m * up - (wide * x) * east - (wide * y) * north;
+  const Vec3 i = wide * east, j = wide * north, k = high * up;
+  return {i.x, i.y, i.z, 0.0, j.x,      j.y,      j.z,      0.0,
+          k.x, k.y, k.z, 0.0, origin.x, origin.y, origin.z, 1.0};
+}
+
+std::string explicit_tileset(const LodSetReport& report, const LodSetOptions& options,
+                             const heightmap::ModelField& field, const Box3& stones) {
+  const Tree tree(report, field);
+  return tileset(tree, tree.json(tree.top(), 0, 0), tree.root().error_m, tree.root().box, options,
+                 field, stones);
+}
+
+std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
+                             const heightmap::ModelField& field, const Box3& stones) {
+  const Tree tree(report, field);
+  const double error = tree.halving_error_m();
+  Json terrain{{"boundingVolume", json_box(tree.square())},
+               {"geometricError", error},
+               {"refine", "REPLACE"},
+               {"content", {{"uri", "tiles/{level}/{x}/{y}.glb"}}},
+               {"implicitTiling",
+                {{"subdivisionScheme", "QUADTREE"},
+                 {"subtreeLevels", kSubtreeLevels},
+                 {"availableLevels", report.levels.size()},
+                 {"subtrees", {{"uri", "subtrees/{level}/{x}/{y}.subtree"}}}}}};
+  return tileset(tree, std::move(terrain), error, tree.square(), options, field, stones);
+}
+
+std::map<std::string, std::string> subtree_files(const LodSetReport& report,
+                                                 const heightmap::ModelField& field) {
+  const Tree tree(report, field);
+  std::map<std::string, std::string> files;
+  for (int depth = 0; depth <= tree.top(); depth += kSubtreeLevels)
+    for (std::ptrdiff_t y = 0; y < std::ptrdiff_t{1} << depth; ++y)
+      for (std::ptrdiff_t x = 0; x < std::ptrdiff_t{1} << depth; ++x)
+        if (tree.has(depth, x, y))
+          files[fmt::format("subtrees/{}/{}/{}.subtree", depth, x, y)] = subtree(tree, depth, x, y);
+  return files;
+}
+
+}  // namespace maquette::exporting

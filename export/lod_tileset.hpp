@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file lod_tileset.hpp
+/// What says where the tiles of a set are: tileset.json, explicit and implicit, and subtrees.
+
+#include <map>
+#include <string>
+
+#include "export/lod_set.hpp"
+
+namespace maquette::exporting {
+
+/// Of tile (x, y) at a depth below the coarsest level; relative to tileset.json.
+[[nodiscard]] std::string lod_tile_uri(int depth, std::ptrdiff_t x, std::ptrdiff_t y);
+
+/// @param stones  box of stones.glb in the tileset's frame, metres; empty: no stones
+[[nodiscard]] std::string explicit_tileset(const LodSetReport& report, const LodSetOptions& options,
+                                           const heightmap::ModelField& field, const Box3& stones);
+[[nodiscard]] std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
+                                           const heightmap::ModelField& field, const Box3& stones);
+/// Binary subtree files by their path relative to tileset_implicit.json.
+[[nodiscard]] std::map<std::string, std::string> subtree_files(const LodSetReport& report,
+                                                               const heightmap::ModelField& field);
+
+/// To the body's fixed frame from the tileset's: column-major, metres.
+[[nodiscard]] std::array<double, 16> fixed_from_tileset(const LodPlace& place,
+                                                        const heightmap::ModelField& field,
+                                                        double scale_denominator);
+
+}  // namespace maquette::exporting

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tools/jobs_lod.hpp"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "core/files.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/stones.hpp"
+
+namespace maquette::tools {
+
+using nlohmann::json;
+
+Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunContext& run) {
+  MAQUETTE_TRY(const auto field, heightmap::read_model_field(job.design));
+  std::vector<meshing::PlacedStone> stones;
+  if (job.stones) {
+    MAQUETTE_TRY(stones, meshing::read_stone_plan(*job.stones));
+  }
+  auto report = exporting::write_lod_set(field, stones, job.options, folder, run);
+  if (!report) return tl::unexpected(std::move(report.error()).within(job.design.string()));
+  JobResult result;
+  result.outputs = {folder / "tileset.json", folder / "lod.json"};
+  if (!stones.empty()) {
+    result.outputs.push_back(folder / "stones.glb");
+    result.outputs.push_back(folder / "stones.json");
+    MAQUETTE_TRY_VOID(meshing::write_stone_plan(stones, result.outputs.back()));
+  }
+  json figures = json::parse(exporting::to_json(*report, job.options, field));
+  figures.erase("tiles");
+  const auto kept = std::count_if(report->tiles.begin(), report->tiles.end(),
+                                  [](const auto& tile) { return tile.kept; });
+  figures["kept_tiles"] = kept;
+  result.note =
+      fmt::format("{} levels, {} tiles, {}, {:.3f} bytes a triangle", report->levels.size(),
+                  report->tiles.size(), human_bytes(figures["bytes"].get<double>()),
+                  figures["bytes_per_triangle"].get<double>());
+  if (kept > 0) result.note += fmt::format(" ({} tiles were there)", kept);
+  result.figures_json = figures.dump();
+  return result;
+}
+
+}  // namespace maquette::tools

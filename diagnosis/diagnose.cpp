@@ -74,7 +74,7 @@ void report_before(const Bank& bank, Diagnosis& d) {
   const Fit f = detail::fit(bank, empty, {kReport});
   double n = 0.0;
   const double squares = detail::squares(bank, empty, f.coefficients, {kReport}, &n);
-  d.rms_before_mm = std::sqrt(squares / std::fmax(1.0, n));
+  d.rms_before = std::sqrt(squares / std::fmax(1.0, n));
   d.n_report = static_cast<std::size_t>(n);
 }
 
@@ -82,11 +82,10 @@ void report_before(const Bank& bank, Diagnosis& d) {
 void report_after(const Bank& bank, const Members& members, Diagnosis& d) {
   const auto model = detail::columns_of(bank, members);
   const Fit trained = detail::fit(bank, model, {kChoose, kConfirm});
-  d.rms_after_mm =
-      std::sqrt(detail::squares(bank, model, trained.coefficients, {kReport}, nullptr) /
-                std::fmax(1.0, static_cast<double>(d.n_report)));
+  d.rms_after = std::sqrt(detail::squares(bank, model, trained.coefficients, {kReport}, nullptr) /
+                          std::fmax(1.0, static_cast<double>(d.n_report)));
   const Fit free_fit = detail::fit(bank, model, {kReport});
-  d.rms_noise_mm = std::sqrt(free_fit.variance[detail::kPointGroup]);
+  d.rms_noise = std::sqrt(free_fit.variance[detail::kPointGroup]);
 }
 
 std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {

@@ -64,6 +64,8 @@ struct Cause {
   double p_value = 1.0;  ///< on the confirming blocks
   std::vector<std::string> equivalent;
   std::string separate_by;
+  /// As extended.toml has them, where parameters are not what the law takes; empty: they are.
+  std::vector<std::pair<std::string, double>> raw{};
 };
 
 struct Rejected {
@@ -96,7 +98,7 @@ struct Remainder {
   /// "lonely places", "edges", "a wave", "rings"; or "what several causes look like"
   std::vector<std::string> kinds;
   double share = 0.0;  ///< of the excess variance
-  double structured_rms_mm = 0.0;
+  double structured_rms = 0.0;
   double morans_i = 0.0, p_white = 1.0;
   double smooth_mm = 0.0, smooth_length_mm = 0.0;  ///< of the generic process
 };
@@ -136,6 +138,7 @@ struct Controls {
 };
 
 struct Diagnosis {
+  std::string unit = "mm";  ///< of rms, map, dependences and what remains; photographs: "/ 255"
   std::string verdict = "consistent";
   std::vector<Cause> causes;
   std::vector<Rejected> rejected;
@@ -143,7 +146,7 @@ struct Diagnosis {
   std::vector<std::string> untestable;
   std::vector<PoseEstimate> poses;
   Remainder remainder;
-  double rms_before_mm = 0.0, rms_after_mm = 0.0, rms_noise_mm = 0.0;
+  double rms_before = 0.0, rms_after = 0.0, rms_noise = 0.0;
   std::size_t n_report = 0;
   Map map;
   std::vector<Dependence> dependences;

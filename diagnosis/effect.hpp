@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "diagnosis/observation.hpp"
+#include "diagnosis/photo_chain.hpp"
 
 namespace maquette::diagnosis {
 
@@ -65,7 +66,7 @@ struct Form {
   std::function<Form(double size_mm)> at_size{};
 };
 
-enum class Needs { nothing, path, station };
+enum class Needs { nothing, path, station, photograph };
 
 struct Effect {
   std::string name;     ///< as users write it: "machine.backlash_x"
@@ -81,7 +82,9 @@ struct Effect {
   /// shift is no finding.
   std::string unknown_shift{};
   Needs needs = Needs::nothing;
-  std::function<std::vector<Form>(const Scene&)> forms;
+  std::function<std::vector<Form>(const Scene&)> forms;  ///< as scans and probes see it
+  /// As photographs see it: numbers of the chain (photo_chain.hpp).
+  std::function<std::vector<PhotoForm>(const PhotoScene&)> photo_forms;
 };
 
 /// All effects, in fixed order.

@@ -59,7 +59,29 @@ const std::vector<Effect>& library() {
                            detail::add_scanner_incidence_bias,
                            detail::add_scanner_encoder_eccentricity,
                            detail::add_scanner_registration,
-                           detail::add_scanner_spot_blur})
+                           detail::add_scanner_spot_blur,
+                           detail::add_photo_exposure,
+                           detail::add_photo_white_balance,
+                           detail::add_photo_black_level,
+                           detail::add_photo_gamma,
+                           detail::add_photo_vignetting,
+                           detail::add_photo_focal_length,
+                           detail::add_photo_radial_distortion,
+                           detail::add_photo_chromatic_aberration,
+                           detail::add_photo_defocus,
+                           detail::add_photo_motion_blur,
+                           detail::add_photo_veiling_glare,
+                           detail::add_photo_pose,
+                           detail::add_photo_noise,
+                           detail::add_lamp_position,
+                           detail::add_lamp_size,
+                           detail::add_lamp_falloff,
+                           detail::add_lamp_ambient,
+                           detail::add_surface_albedo,
+                           detail::add_surface_roughness,
+                           detail::add_surface_opposition,
+                           detail::add_surface_specular,
+                           detail::add_surface_interreflection})
       add(effects);
     return effects;
   }();

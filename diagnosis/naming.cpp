@@ -201,7 +201,7 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
                 left_of(residuals, members, null_squares, d.remainder), 0.0};
     // Names hang on differences between fits: those must stand out of what nothing explains.
     model.tell_apart_mm =
-        std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms_mm : 0.0,
+        std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms : 0.0,
                   kSignatureError * model.left.moved_mm});
     std::vector<Cause> causes;
     std::vector<std::size_t> shapes(members.size());

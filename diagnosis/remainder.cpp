@@ -190,7 +190,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
         note("rings");
     }
   }
-  rest.structured_rms_mm = std::sqrt(std::fmax(0.0, structured));
+  rest.structured_rms = std::sqrt(std::fmax(0.0, structured));
   return rest;
 }
 

@@ -62,7 +62,7 @@ std::string map_svg(const Grid<float>& v, double limit, const std::string& capti
   return s + "</svg><figcaption>" + caption + "</figcaption></figure>";
 }
 
-std::string maps(const Map& map, bool causes) {
+std::string maps(const Map& map, bool causes, const std::string& unit) {
   const Grid<float> before = coarser(map.before), after = coarser(map.after);
   Grid<float> taken = before;
   std::vector<double> sizes;
@@ -88,13 +88,14 @@ std::string maps(const Map& map, bool causes) {
     s += fmt::format("<rect x=\"{}\" y=\"0\" width=\"10\" height=\"12\" fill=\"{}\"/>", 10 * i,
                      colour((i - 16) / 16.0, 1.0));
   return s + fmt::format(
-                 "<text x=\"0\" y=\"24\">{:.3f} mm, too low</text><text x=\"330\" y=\"24\" "
-                 "text-anchor=\"end\">+{:.3f} mm, too high</text></svg> One scale for all; means "
+                 "<text x=\"0\" y=\"24\">{:.3f} {}, too {}</text><text x=\"330\" y=\"24\" "
+                 "text-anchor=\"end\">+{:.3f} {}, too {}</text></svg> One scale for all; means "
                  "of squares of {:.3g} mm, north is up.</p>",
-                 -limit, limit, 2.0 * map.cell_mm);
+                 -limit, unit, unit == "mm" ? "low" : "dark", limit, unit,
+                 unit == "mm" ? "high" : "bright", 2.0 * map.cell_mm);
 }
 
-std::string plot_svg(const Dependence& p) {
+std::string plot_svg(const Dependence& p, const std::string& unit) {
   if (p.at.size() < 2) return "";
   double limit = 1e-4;
   for (std::size_t i = 0; i < p.at.size(); ++i)
@@ -133,8 +134,8 @@ std::string plot_svg(const Dependence& p) {
       "y=\"{}\">{:.3g}</text><text x=\"{}\" y=\"{}\" text-anchor=\"end\">{:.3g}</text>",
       y(limit) + 4.0, limit, y(-limit), -limit, h - 1.0, p.at.front(), w - 10.0, h - 1.0,
       p.at.back());
-  return s + fmt::format("</svg><figcaption>mean residual, mm, against {}</figcaption></figure>",
-                         markup_escaped(p.covariate));
+  return s + fmt::format("</svg><figcaption>mean residual, {}, against {}</figcaption></figure>",
+                         unit, markup_escaped(p.covariate));
 }
 
 std::string list(const std::vector<std::string>& names) {
@@ -177,24 +178,25 @@ std::string controls_html(const Controls& c) {
 
 /// Spread before and after, and the floor.
 std::string bars(const Diagnosis& d) {
-  const double most = std::fmax(1e-9, std::fmax(d.rms_before_mm, d.rms_after_mm));
+  const double most = std::fmax(1e-9, std::fmax(d.rms_before, d.rms_after));
   std::string s = "<svg viewBox=\"0 0 620 62\" width=\"620\">";
   double y = 0.0;
-  for (const auto& [name, value, fill] : {std::tuple{"before", d.rms_before_mm, "#b2182b"},
-                                          {"after", d.rms_after_mm, "#2166ac"},
-                                          {"noise floor", d.rms_noise_mm, "#999"}}) {
+  for (const auto& [name, value, fill] : {std::tuple{"before", d.rms_before, "#b2182b"},
+                                          {"after", d.rms_after, "#2166ac"},
+                                          {"noise floor", d.rms_noise, "#999"}}) {
     s += fmt::format(
         "<text x=\"70\" y=\"{}\" text-anchor=\"end\">{}</text><rect x=\"76\" y=\"{}\" "
         "width=\"{:.1f}\" "
-        "height=\"14\" fill=\"{}\"/><text x=\"{:.1f}\" y=\"{}\">{:.4f} mm</text>",
+        "height=\"14\" fill=\"{}\"/><text x=\"{:.1f}\" y=\"{}\">{:.4f} {}</text>",
         y + 12.0, name, y + 1.0, 460.0 * value / most, fill, 82.0 + 460.0 * value / most, y + 12.0,
-        value);
+        value, d.unit);
     y += 20.0;
   }
   return s + "</svg>";
 }
 
 std::string next_html(const Diagnosis& d) {
+  const bool points = d.unit == "mm";
   std::string s = "<h2>Next</h2><ul>";
   for (const Cause& c : d.causes) {
     if (!c.separate_by.empty())
@@ -203,16 +205,20 @@ std::string next_html(const Diagnosis& d) {
                        c.effect, markup_escaped(c.separate_by));
   }
   if (d.causes.empty() && d.remainder.found)
-    s += "<li>Look at the places of the map by eye; measure them again from another station, so "
-         "that what the scanner adds is told from what the part has.</li>";
+    s += points ? "<li>Look at the places of the map by eye; measure them again from another "
+                  "station, so that what the scanner adds is told from what the part has.</li>"
+                : "<li>Look at the places of the map by eye; take them again from another place "
+                  "and under another lamp: what stays with the part is the part's.</li>";
   if (!d.causes.empty())
-    s += "<li>The simulation with these causes is <code>extended.toml</code>, which verify, scan "
-         "and "
-         "diagnose take.</li>";
+    s += fmt::format(
+        "<li>The simulation with these causes is <code>extended.toml</code>, which {} "
+        "diagnose {}.</li>",
+        points ? "verify, scan and" : "", points ? "take" : "takes");
   if (!compensation_of(d, {}).used.empty())
     s += "<li>What a program can make good is in <code>compensation.toml</code>: "
          "<code>maquette compensate part.ngc --by compensation.toml --extended "
          "extended.toml</code> says what it gains.</li>";
+  if (!points) return s + "</ul>";
   return s +
          "<li><code>maquette detectability case.toml</code> says how small other causes could be "
          "unseen, and what further measurement helps most.</li></ul>";
@@ -268,25 +274,28 @@ std::string to_html(const Diagnosis& d) {
     s += "</table>";
   }
   s += fmt::format(
-      "<h2>Gain</h2><p>On {} points in blocks that had no part in choosing or confirming: {:.4f} "
-      "mm rms before, {:.4f} mm after; noise alone gives {:.4f} mm.</p>",
-      d.n_report, d.rms_before_mm, d.rms_after_mm, d.rms_noise_mm);
-  s += bars(d) + "<h2>Where</h2>" + maps(d.map, !d.causes.empty());
+      "<h2>Gain</h2><p>On {} {} in blocks that had no part in choosing or confirming: {:.4f} {} "
+      "rms "
+      "before, {:.4f} after; noise alone gives {:.4f}.</p>",
+      d.n_report, d.unit == "mm" ? "points" : "pixels", d.rms_before, d.unit, d.rms_after,
+      d.rms_noise);
+  s += bars(d) + "<h2>Where</h2>" + maps(d.map, !d.causes.empty(), d.unit);
   s += "<h2>What the residual depends on</h2><p>Red before, blue after; bars: two standard errors "
        "of white noise.</p><div class=\"plots\">";
-  for (const Dependence& p : d.dependences) s += plot_svg(p);
+  for (const Dependence& p : d.dependences) s += plot_svg(p, d.unit);
   s += "</div><h2>What remains</h2>";
   if (d.remainder.found) {
     std::string kinds;
     for (const auto& k : d.remainder.kinds) kinds += (kinds.empty() ? "" : ", ") + k;
     s += fmt::format(
-        "<p>More than noise: {}. {:.4f} mm rms, {:.0f} % of the excess variance. It has no name "
+        "<p>More than noise: {}. {:.4f} {} rms, {:.0f} % of the excess variance. It has no name "
         "here.</p>",
-        kinds, d.remainder.structured_rms_mm, 100.0 * d.remainder.share);
+        kinds, d.remainder.structured_rms, d.unit, 100.0 * d.remainder.share);
   } else {
     s += "<p>Nothing that a stationary random process would not give.</p>";
   }
-  s += d.remainder.smooth_mm > 0.0
+  s += d.unit != "mm" ? std::string("<p>")
+       : d.remainder.smooth_mm > 0.0
            ? fmt::format(
                  "<p>Of the noise {:.4f} mm are a smooth random process, correlated over "
                  "{:.0f} mm; it is no cause.",
@@ -295,16 +304,19 @@ std::string to_html(const Diagnosis& d) {
   s += fmt::format(" Neighbouring squares' correlation {:.3f}.</p>", d.remainder.morans_i);
   if (d.controls) s += controls_html(*d.controls);
   s += next_html(d);
-  s += "<h2>Poses of the measurements</h2><table><tr><th>file</th><th>shift x, y, z, "
-       "mm</th><th>turn x, y, z, urad</th></tr>";
-  for (const PoseEstimate& p : d.poses)
-    s += fmt::format(
-        "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f} (&plusmn; {:.4f})</td><td>{:.0f}, {:.0f}, "
-        "{:.0f} "
-        "(&plusmn; {:.0f})</td></tr>",
-        markup_escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z, norm(p.shift_sigma_mm),
-        p.turn_urad.x, p.turn_urad.y, p.turn_urad.z, norm(p.turn_sigma_urad));
-  s += "</table>";
+  if (!d.poses.empty()) {
+    s += "<h2>Poses of the measurements</h2><table><tr><th>file</th><th>shift x, y, z, "
+         "mm</th><th>turn x, y, z, urad</th></tr>";
+    for (const PoseEstimate& p : d.poses)
+      s += fmt::format(
+          "<tr><td>{}</td><td>{:.4f}, {:.4f}, {:.4f} (&plusmn; {:.4f})</td><td>{:.0f}, {:.0f}, "
+          "{:.0f} "
+          "(&plusmn; {:.0f})</td></tr>",
+          markup_escaped(p.set_up), p.shift_mm.x, p.shift_mm.y, p.shift_mm.z,
+          norm(p.shift_sigma_mm), p.turn_urad.x, p.turn_urad.y, p.turn_urad.z,
+          norm(p.turn_sigma_urad));
+    s += "</table>";
+  }
   if (!d.ranking.empty()) {
     const double best = std::fmax(1.0, d.ranking.front().gain);
     s += "<h2>Ranking</h2><p>What each cause gains alone on the blocks for choosing, in -2 log "

@@ -29,19 +29,22 @@ std::string to_json(const Diagnosis& d) {
                            {"equivalent", c.equivalent},
                            {"separate_by", c.separate_by}});
   }
-  j["gain"] = {{"rms_before", d.rms_before_mm},
-               {"rms_after", d.rms_after_mm},
-               {"rms_expected_from_noise", d.rms_noise_mm},
+  j["gain"] = {{"rms_before", d.rms_before},
+               {"rms_after", d.rms_after},
+               {"rms_expected_from_noise", d.rms_noise},
                {"n_confirm", d.n_report},
                {"data", "blocks never used for the choice"}};
-  j["residual_after"] = {
-      {"morans_i", d.remainder.morans_i},
-      {"p_white", d.remainder.p_white},
-      {"unexplained_share", d.remainder.found ? d.remainder.share : 0.0},
-      {"unexplained_kinds", d.remainder.kinds},
-      {"unexplained_rms_mm", d.remainder.found ? d.remainder.structured_rms_mm : 0.0},
-      {"smooth_noise_mm", d.remainder.smooth_mm},
-      {"smooth_noise_length_mm", d.remainder.smooth_length_mm}};
+  j["residual_after"] = {{"morans_i", d.remainder.morans_i},
+                         {"p_white", d.remainder.p_white},
+                         {"unexplained_share", d.remainder.found ? d.remainder.share : 0.0},
+                         {"unexplained_kinds", d.remainder.kinds},
+                         {d.unit == "mm" ? "unexplained_rms_mm" : "unexplained_rms",
+                          d.remainder.found ? d.remainder.structured_rms : 0.0}};
+  if (d.unit == "mm") {
+    j["residual_after"]["smooth_noise_mm"] = d.remainder.smooth_mm;
+    j["residual_after"]["smooth_noise_length_mm"] = d.remainder.smooth_length_mm;
+  }
+  j["unit"] = d.unit;
   j["extended_model"] = "extended.toml";
   j["poses"] = ordered_json::array();
   for (const PoseEstimate& p : d.poses)
@@ -80,12 +83,15 @@ std::string extension_toml(const Diagnosis& d) {
   std::string text = "\n# What the diagnosis has added to the model.\n";
   for (const Cause& c : d.causes) {
     text += fmt::format("\n[[cause]]\neffect = \"{}\"\nlaw = \"{}\"\n", c.effect, c.law);
-    for (std::size_t k = 0; k < c.parameters.size(); ++k)
-      text += fmt::format("{}{}{}", k == 0 ? "names = [\"" : ", \"", c.parameters[k].name,
-                          k + 1 == c.parameters.size() ? "\"]\n" : "\"");
-    for (std::size_t k = 0; k < c.parameters.size(); ++k)
-      text += fmt::format("{}{}{}", k == 0 ? "values = [" : ", ", c.parameters[k].value,
-                          k + 1 == c.parameters.size() ? "]\n" : "");
+    std::vector<std::pair<std::string, double>> values = c.raw;
+    if (values.empty())
+      for (const Estimate& p : c.parameters) values.emplace_back(p.name, p.value);
+    for (std::size_t k = 0; k < values.size(); ++k)
+      text += fmt::format("{}{}{}", k == 0 ? "names = [\"" : ", \"", values[k].first,
+                          k + 1 == values.size() ? "\"]\n" : "\"");
+    for (std::size_t k = 0; k < values.size(); ++k)
+      text += fmt::format("{}{}{}", k == 0 ? "values = [" : ", ", values[k].second,
+                          k + 1 == values.size() ? "]\n" : "");
     for (std::size_t k = 0; k < c.fixed.size(); ++k)
       text += fmt::format("{}{}{}", k == 0 ? "fixed_names = [\"" : ", \"", c.fixed[k].first,
                           k + 1 == c.fixed.size() ? "\"]\n" : "\"");

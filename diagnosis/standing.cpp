@@ -96,7 +96,7 @@ Left left_of(const Linearised& residuals, const Members& members, double null_sq
   l.squares = residuals.left_by(members, &l.points);
   l.moved_mm = std::sqrt(std::fmax(0.0, null_squares - l.squares) / l.points);
   if (remainder.found)
-    l.structured = l.points * remainder.structured_rms_mm * remainder.structured_rms_mm;
+    l.structured = l.points * remainder.structured_rms * remainder.structured_rms;
   l.excess = std::fmax(1e-300, null_squares - l.squares + l.structured);
   return l;
 }
@@ -112,7 +112,7 @@ void keep_what_stands(const Search& search, const Bank& bank, Linearised& residu
     d.remainder = judge(search.observations, r, search.layout, bank, f, odd);
     Left left = left_of(residuals, members, null_squares, d.remainder);
     const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * left.moved_mm);
-    if (d.remainder.structured_rms_mm < floor) {
+    if (d.remainder.structured_rms < floor) {
       d.remainder.found = false;
       left = left_of(residuals, members, null_squares, d.remainder);
     }

@@ -59,6 +59,8 @@ class SimulatedSurface {
   /// How far a beam goes until it meets the surface, to a few micrometres (straight between nodes
   /// of half the design's spacing); none: it does not.
   [[nodiscard]] std::optional<double> range_mm(Vec3 station_mm, Vec3 beam) const;
+  /// The surface at nodes of half the design's spacing.
+  [[nodiscard]] const heightmap::ModelField& field() const { return cut_; }
 
  private:
   const heightmap::ModelField& design_;

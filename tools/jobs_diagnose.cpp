@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
 #include "diagnosis/compensation.hpp"
 #include "diagnosis/controls.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
+#include "diagnosis/photographs.hpp"
 #include "tools/extended.hpp"
 #include "tools/jobs.hpp"
 
@@ -34,35 +36,115 @@ std::string moved(const std::string& text, const fs::path& from, const fs::path&
   return out + text.substr(std::min(at, text.size()));
 }
 
+std::vector<diagnosis::PhotoInput> photographs_of(const Case& c) {
+  using Law = diagnosis::PhotoInput::Law;
+  std::vector<diagnosis::PhotoInput> all;
+  for (const CasePhoto& p : c.photos) {
+    diagnosis::PhotoInput& o = all.emplace_back();
+    o.image = p.image;
+    o.srgb = p.encoding == "srgb";
+    o.width_px = static_cast<int>(p.resolution_px.at(0));
+    o.height_px = static_cast<int>(p.resolution_px.at(1));
+    if (p.principal_point_px.size() == 2) {
+      o.principal_u_px = p.principal_point_px[0];
+      o.principal_v_px = p.principal_point_px[1];
+    }
+    o.pixel_pitch_um = p.pixel_pitch_um;
+    o.focal_length_mm = p.focal_length_mm;
+    o.camera_position_mm = p.camera_position_mm;
+    o.model_from_camera = p.camera_quaternion_wxyz;
+    o.lamp_position_mm = p.lamp_position_mm;
+    o.lamp_target_mm = p.lamp_target_mm;
+    o.lamp_diameter_mm = p.lamp_diameter_mm;
+    o.lamp_beam_deg = p.lamp_beam_deg;
+    o.exposure_scale = p.exposure_scale;
+    o.albedo = p.albedo;
+    o.reflectance = p.reflectance == "lommel_seeliger" ? Law::lommel_seeliger
+                    : p.reflectance == "lunar_lambert" ? Law::lunar_lambert
+                                                       : Law::lambert;
+    o.full_well_e = p.full_well_e;
+    o.read_noise_e = p.read_noise_e;
+    o.as_milled = p.surface == "as_milled";
+  }
+  return all;
+}
+
+/// What scans and photographs say together: causes of both; one that explains nothing of its own
+/// measurements leaves them unexplained.
+std::string verdict_of(const std::string& a, const std::string& b) {
+  if (a == b) return a;
+  if (a == "consistent") return b;
+  if (b == "consistent") return a;
+  return "partly_explained";
+}
+
+/// Scans' diagnosis with the photographs' causes beside its own, and what else they show under
+/// "photographs".
+std::string together(const diagnosis::Diagnosis& points, const diagnosis::Diagnosis& pictures) {
+  auto j = nlohmann::ordered_json::parse(diagnosis::to_json(points));
+  const auto p = nlohmann::ordered_json::parse(diagnosis::to_json(pictures));
+  for (const auto& cause : p["causes"]) j["causes"].push_back(cause);
+  j["verdict"] = verdict_of(points.verdict, pictures.verdict);
+  j["photographs"] = p;
+  return j.dump(1);
+}
+
 }  // namespace
 
 Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder,
                                std::uint64_t seed, bool require_cause, bool with_controls,
                                const RunContext& run) {
   MAQUETTE_TRY(const auto c, read_case(case_path));
-  MAQUETTE_TRY(const auto measurements, diagnosis::measure(diagnosis_input(*c, seed), run));
-  MAQUETTE_TRY(auto d, diagnosis::diagnose(measurements, seed, run));
-  if (with_controls) {
-    MAQUETTE_TRY(d.controls, diagnosis::controls(measurements, d, seed, run));
-    if (!d.controls->passed()) d.notes.push_back("a control did not pass: see the report");
+  const diagnosis::CaseInput input = diagnosis_input(*c, seed);
+  const bool points = !c->scans.empty() || !c->probes.empty();
+  diagnosis::Measurements measurements;
+  diagnosis::Diagnosis d, pictures;
+  if (points) {
+    MAQUETTE_TRY(measurements, diagnosis::measure(input, run));
+    MAQUETTE_TRY(d, diagnosis::diagnose(measurements, seed, run));
+    if (with_controls) {
+      MAQUETTE_TRY(d.controls, diagnosis::controls(measurements, d, seed, run));
+      if (!d.controls->passed()) d.notes.push_back("a control did not pass: see the report");
+    }
+  }
+  if (!c->photos.empty()) {
+    MAQUETTE_TRY(pictures, diagnosis::diagnose_photographs(input, photographs_of(*c), run));
+    if (with_controls)
+      pictures.notes.push_back("controls are those of scans and probes: photographs have none");
   }
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
   JobResult result;
   result.outputs = {folder / "diagnosis.json", folder / "extended.toml", folder / "report.html"};
-  MAQUETTE_TRY_VOID(write_file(result.outputs[0], diagnosis::to_json(d)));
+  if (points && !c->photos.empty()) {
+    result.outputs.push_back(folder / "photographs.html");
+    MAQUETTE_TRY_VOID(write_file(result.outputs.back(), diagnosis::to_html(pictures)));
+  }
+  std::string report = diagnosis::to_html(points ? d : pictures);
+  const std::string json = points && !c->photos.empty() ? together(d, pictures)
+                                                        : diagnosis::to_json(points ? d : pictures);
+  if (!points) {
+    d = std::move(pictures);
+  } else if (!c->photos.empty()) {
+    d.causes.insert(d.causes.end(), pictures.causes.begin(), pictures.causes.end());
+    d.verdict = verdict_of(d.verdict, pictures.verdict);
+    d.notes.insert(d.notes.end(), pictures.notes.begin(), pictures.notes.end());
+  }
+  MAQUETTE_TRY_VOID(write_file(result.outputs[0], json));
   MAQUETTE_TRY(std::string text, read_file(case_path));
   text = moved(text, fs::absolute(case_path).parent_path(), folder) + diagnosis::extension_toml(d);
   MAQUETTE_TRY_VOID(write_file(result.outputs[1], text));
-  MAQUETTE_TRY_VOID(write_file(result.outputs[2], diagnosis::to_html(d)));
+  MAQUETTE_TRY_VOID(write_file(result.outputs[2], report));
   const fs::path compensation = folder / "compensation.toml";
   fs::remove(compensation, ec);  // of an earlier diagnosis
-  if (const auto toml = diagnosis::compensation_toml(d, measurements.scene); !toml.empty()) {
+  if (const auto toml =
+          points ? diagnosis::compensation_toml(d, measurements.scene) : std::string();
+      !toml.empty()) {
     MAQUETTE_TRY_VOID(write_file(compensation, toml));
     result.outputs.push_back(compensation);
   }
-  result.figures_json = diagnosis::to_json(d);
+  result.figures_json = json;
   result.note = d.verdict;
   for (const auto& cause : d.causes) {
     result.note += fmt::format("; {}", cause.effect);
@@ -70,7 +152,7 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
       result.note += fmt::format(" {} {:.4g}", p.name, p.value);
   }
   result.note +=
-      fmt::format("; {:.4f} mm rms before, {:.4f} after", d.rms_before_mm, d.rms_after_mm);
+      fmt::format("; {:.4f} {} rms before, {:.4f} after", d.rms_before, d.unit, d.rms_after);
   for (const auto& n : d.notes) run.warn(n);
   if (require_cause && d.causes.empty()) result.unmet = "no cause of the library explains the data";
   return result;

@@ -264,6 +264,8 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
   auto viewed = nominal.mesh
                     ? scan::check_viewpoints(cloud, best->model_from_scan, *nominal.to_mesh)
                     : scan::check_viewpoints(cloud, best->model_from_scan, nominal.to_meet());
+  if (viewed && !nominal.mesh)
+    viewed = scan::check_density(cloud, best->model_from_scan, nominal.to_meet());
   if (!viewed) return within(std::move(viewed.error()));
   if (!input.scale && !nominal.mesh)
     warn_of_strays(scan::stray_stations(cloud, *best, nominal.to_meet(), run), figures.name, run);

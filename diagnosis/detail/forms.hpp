@@ -138,5 +138,27 @@ void add_scanner_incidence_bias(std::vector<Effect>& all);
 void add_scanner_encoder_eccentricity(std::vector<Effect>& all);
 void add_scanner_registration(std::vector<Effect>& all);
 void add_scanner_spot_blur(std::vector<Effect>& all);
+void add_photo_exposure(std::vector<Effect>& all);
+void add_photo_white_balance(std::vector<Effect>& all);
+void add_photo_black_level(std::vector<Effect>& all);
+void add_photo_gamma(std::vector<Effect>& all);
+void add_photo_vignetting(std::vector<Effect>& all);
+void add_photo_focal_length(std::vector<Effect>& all);
+void add_photo_radial_distortion(std::vector<Effect>& all);
+void add_photo_chromatic_aberration(std::vector<Effect>& all);
+void add_photo_defocus(std::vector<Effect>& all);
+void add_photo_motion_blur(std::vector<Effect>& all);
+void add_photo_veiling_glare(std::vector<Effect>& all);
+void add_photo_pose(std::vector<Effect>& all);
+void add_photo_noise(std::vector<Effect>& all);
+void add_lamp_position(std::vector<Effect>& all);
+void add_lamp_size(std::vector<Effect>& all);
+void add_lamp_falloff(std::vector<Effect>& all);
+void add_lamp_ambient(std::vector<Effect>& all);
+void add_surface_albedo(std::vector<Effect>& all);
+void add_surface_roughness(std::vector<Effect>& all);
+void add_surface_opposition(std::vector<Effect>& all);
+void add_surface_specular(std::vector<Effect>& all);
+void add_surface_interreflection(std::vector<Effect>& all);
 
 }  // namespace maquette::diagnosis::detail

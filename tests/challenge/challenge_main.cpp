@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// Hides effects, has them found, counts.
+// Hides effects, has them found, counts. challenge --photo ...: in photographs, see photo_run.hpp.
 //   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--full]
 //             [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X]
 //             [--noise X] [--fade K] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE]
@@ -29,23 +29,21 @@
 #include <map>
 #include <mutex>
 #include <random>
-#include <set>
 #include <string>
+#include <string_view>
 #include <thread>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "challenge/challenge_case.hpp"
+#include "challenge/challenge_score.hpp"
+#include "challenge/photo_run.hpp"
 
 namespace {
 
 constexpr double kOver = 5.0;        // limits that a cause has to be found at
 constexpr double kMostGrowth = 2.0;  // of a usual size
-
-struct Count {
-  int cases = 0, right = 0, wrong = 0, missed = 0, claimed = 0, unexplained = 0;
-};
 
 /// What the report calls a hidden size, where it is one number; empty: not compared.
 struct Reported {
@@ -68,73 +66,6 @@ Reported reported(const std::string& effect, double size) {
   return {};
 }
 
-/// Sizes that were found against those that were hidden, over the stated standard errors.
-struct Sizes {
-  int all = 0, covered = 0;  ///< by 95 % intervals
-  double squares = 0.0, shares = 0.0;
-};
-
-/// Counts the size of a cause that was named as it was hidden. @return words for the log
-std::string compare_size(const nlohmann::json& cause, const challenge::Truth& truth, Sizes& sizes) {
-  const std::string name = cause["effect"];
-  for (std::size_t k = 0; k < truth.effects.size(); ++k) {
-    const Reported is = reported(truth.effects[k], truth.sizes[k]);
-    if (name != truth.effects[k] || !cause["parameters"].contains(is.parameter)) continue;
-    const auto& found = cause["parameters"][is.parameter];
-    if (!found["sigma"].is_number() || !(found["sigma"].get<double>() > 0.0)) continue;
-    const double off = found["value"].get<double>() - is.value,
-                 z = off / found["sigma"].get<double>();
-    ++sizes.all;
-    sizes.covered += std::abs(z) <= 1.96;
-    sizes.squares += z * z;
-    sizes.shares += off * off / (is.value * is.value);
-    return fmt::format(" [{} off by {:.2f} %, {:+.1f} sigma]", name, 100.0 * off / is.value, z);
-  }
-  return {};
-}
-
-using Confusion = std::map<std::pair<std::string, std::string>, int>;
-
-void write_confusion(const Confusion& table, const std::string& file) {
-  std::set<std::string> truths, named;
-  for (const auto& [key, n] : table) truths.insert(key.first), named.insert(key.second);
-  std::ofstream out(file);
-  const double s = 18, left = 230, top = 230;
-  out << fmt::format(
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" "
-      "font-family=\"sans-serif\" font-size=\"11\">",
-      left + s * static_cast<double>(named.size()) + 20,
-      top + s * static_cast<double>(truths.size()) + 20);
-  int r = 0;
-  for (const auto& t : truths) {
-    int total = 0, c = 0;
-    for (const auto& n : named)
-      if (const auto at = table.find({t, n}); at != table.end()) total += at->second;
-    out << fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"end\">{} ({})</text>", left - 6,
-                       top + s * r + 13, t, total);
-    for (const auto& n : named) {
-      const auto at = table.find({t, n});
-      const double share = at == table.end() ? 0.0 : static_cast<double>(at->second) / total;
-      out << fmt::format(
-          "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"rgb({:.0f},{:.0f},255)\" "
-          "stroke=\"#ddd\"/>",
-          left + s * c, top + s * r, s, s, 255 - 222 * share, 255 - 150 * share);
-      if (at != table.end())
-        out << fmt::format("<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
-                           left + s * c + s / 2, top + s * r + 13, at->second);
-      ++c;
-    }
-    ++r;
-  }
-  int c = 0;
-  for (const auto& n : named) {
-    out << fmt::format("<text transform=\"translate({},{}) rotate(-60)\">{}</text>",
-                       left + s * c + 12, top - 6, n);
-    ++c;
-  }
-  out << "</svg>\n";
-}
-
 struct Settings {
   std::map<std::string, int> counts;
   std::uint64_t seed = 1;
@@ -147,9 +78,9 @@ struct Settings {
 
 struct Tally {
   std::mutex guard;
-  std::map<std::string, Count> result;
-  Confusion confusion;
-  Sizes sizes;
+  std::map<std::string, challenge::Count> result;
+  challenge::Confusion confusion;
+  challenge::Sizes sizes;
   double slowest = 0;
 };
 
@@ -212,55 +143,15 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     ++tally.result[kind].cases;
     return;
   }
-  Count& c = tally.result[small && kind != "outside" ? kind + ", small" : kind];
-  ++c.cases;
-  std::string said = j["verdict"];
-  std::set<std::string> left(truth.effects.begin(), truth.effects.end());
-  if (kind == "outside") left.clear();
-  int wrong = 0;
-  for (const auto& cause : j["causes"]) {
-    const std::string name = cause["effect"];
-    std::set<std::string> class_of{name};
-    for (const auto& e : cause["equivalent"]) class_of.insert(e.get<std::string>());
-    std::string matched;
-    if (left.count(name)) matched = name;
-    for (const auto& e : class_of)
-      if (matched.empty() && left.count(e)) matched = e;
-    if (matched.empty())
-      ++wrong;
-    else
-      left.erase(matched);
-    sizes += compare_size(cause, truth, tally.sizes);
-    tally
-        .confusion[{matched.empty() ? (truth.effects.empty() ? "null" : truth.effects[0]) : matched,
-                    matched.empty() ? name : matched}]++;
-    said += " " + name;
-    if (cause["equivalent"].size()) {
-      said += "{";
-      for (const auto& e : cause["equivalent"]) said += e.get<std::string>() + " ";
-      said += "}";
-    }
-    said += fmt::format("({:.2f})", cause["share_of_excess_variance"].get<double>());
+  const challenge::Verdict v = challenge::judge(kind, truth.effects, j, tally.confusion);
+  for (std::size_t k = 0; k < truth.effects.size(); ++k) {
+    const Reported is = reported(truth.effects[k], truth.sizes[k]);
+    sizes += challenge::compare_size(j, truth.effects[k], is.parameter, is.value, tally.sizes);
   }
-  for (const auto& e : left) tally.confusion[{e, "nothing"}]++;
-  const bool none = j["causes"].empty();
-  const bool remainder = j["verdict"] == "unexplained" || j["verdict"] == "partly_explained";
-  if (kind == "outside" && none) tally.confusion[{truth.effects[0], "nothing"}]++;
-  if (kind == "null" && none) tally.confusion[{"null", "nothing"}]++;
-  const bool right = kind == "null"      ? none && !remainder
-                     : kind == "outside" ? none && remainder
-                                         : wrong == 0 && left.empty();
-  c.right += right;
-  c.wrong += wrong > 0;
-  c.missed += !left.empty();
-  c.claimed += !none;
-  c.unexplained += remainder;
-  fmt::print("{} {} seed {} {}:{} {} ->{} [{:.1f} s]\n", kind, i, o.seed,
-             wrong > 0 ? "WRONG"
-             : right   ? "right"
-                       : "missed",
-             sizes, truth.summary, " " + said, seconds);
-  if (remainder)
+  tally.result[small && kind != "outside" ? kind + ", small" : kind].add(v);
+  fmt::print("{} {} seed {} {}:{} {} ->{} [{:.1f} s]\n", kind, i, o.seed, v.word(), sizes,
+             truth.summary, " " + v.said, seconds);
+  if (v.remainder)
     fmt::print("      remains: {} {:.4f} mm\n", j["residual_after"]["unexplained_kinds"].dump(),
                j["residual_after"]["unexplained_rms_mm"].get<double>());
   std::fflush(stdout);
@@ -318,6 +209,8 @@ bool read(int argc, char** argv, Settings& s) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc > 1 && std::string_view(argv[1]) == "--photo")
+    return challenge::run_photos(argc - 2, argv + 2);
   Settings settings;
   if (!read(argc, argv, settings)) {
     std::puts(
@@ -342,24 +235,8 @@ int main(int argc, char** argv) {
           one(settings, cases[k].first, cases[k].second, tally);
       });
   }
-  fmt::print("\n{:14} {:>6} {:>7} {:>7} {:>8} {:>12}\n", "", "cases", "right", "wrong", "claimed",
-             "unexplained");
-  bool fell = false, all_right = true;
-  for (const auto& [kind, c] : tally.result) {
-    fmt::print("{:14} {:6} {:6.1f}% {:6.1f}% {:7.1f}% {:11.1f}%\n", kind, c.cases,
-               100.0 * c.right / c.cases, 100.0 * c.wrong / c.cases, 100.0 * c.claimed / c.cases,
-               100.0 * c.unexplained / c.cases);
-    all_right &= c.right == c.cases;
-    fell |= c.wrong > 0 || (kind == "null" && c.claimed > 0) ||
-            (kind == "outside" && c.right < c.cases);
-  }
-  if (const Sizes& s = tally.sizes; s.all > 0)
-    fmt::print(
-        "{} sizes: 95 % intervals cover {:.0f} %, errors over standard errors {:.2f} rms, over "
-        "the size {:.1f} % rms\n",
-        s.all, 100.0 * s.covered / s.all, std::sqrt(s.squares / s.all),
-        100.0 * std::sqrt(s.shares / s.all));
+  const challenge::Outcome outcome = challenge::print_table(tally.result, tally.sizes);
   fmt::print("slowest case {:.1f} s, {} at a time\n", tally.slowest, settings.jobs);
-  if (!settings.picture.empty()) write_confusion(tally.confusion, settings.picture);
-  return (settings.strict && fell) || (settings.all_right && !all_right) ? 1 : 0;
+  if (!settings.picture.empty()) challenge::write_confusion(tally.confusion, settings.picture);
+  return (settings.strict && outcome.fell) || (settings.all_right && !outcome.all_right) ? 1 : 0;
 }

@@ -41,9 +41,7 @@ Field smooth(const Field& f, double sigma_mm) {
   return b;
 }
 
-namespace {
-
-Field terrain(Draw& d) {
+Field draw_terrain(Draw& d) {
   const int n = static_cast<int>(kSide / kStep) + 1;
   Field f = make_field(n, kStep);
   const double relief = d.uniform(4.0, 9.0);
@@ -77,8 +75,6 @@ Field terrain(Draw& d) {
   return f;
 }
 
-}  // namespace
-
 double drop(const Field& f, double x, double y) {
   const int reach = static_cast<int>(kBall / kStep);
   const int c0 = static_cast<int>(std::lround(x / kStep)),
@@ -94,7 +90,7 @@ double drop(const Field& f, double x, double y) {
 
 World draw_world(const Options& options, Draw& d) {
   World w;
-  w.design = terrain(d);
+  w.design = draw_terrain(d);
   // The program: zigzag along x or y.
   w.along_x = d.uniform(0, 1) < 0.7;
   const bool marked = d.uniform(0, 1) < 0.5;

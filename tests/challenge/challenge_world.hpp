@@ -62,6 +62,8 @@ struct Field {
 };
 
 Field make_field(int n, double step);
+/// A design: waves and craters, 160 mm a side.
+Field draw_terrain(Draw& d);
 /// Gaussian smoothing of a square field, reflected at the border.
 Field smooth(const Field& f, double sigma_mm);
 struct Sample {

@@ -84,7 +84,29 @@ TEST(Library, NamesEveryScanSideCauseOfTheDesign) {
                            "scanner.incidence_bias",
                            "scanner.encoder_eccentricity",
                            "scanner.registration",
-                           "scanner.spot_blur"})
+                           "scanner.spot_blur",
+                           "photo.exposure",
+                           "photo.white_balance",
+                           "photo.black_level",
+                           "photo.gamma",
+                           "photo.vignetting",
+                           "photo.focal_length",
+                           "photo.radial_distortion",
+                           "photo.chromatic_aberration",
+                           "photo.defocus",
+                           "photo.motion_blur",
+                           "photo.veiling_glare",
+                           "photo.pose",
+                           "photo.noise",
+                           "lamp.position",
+                           "lamp.size",
+                           "lamp.falloff",
+                           "lamp.ambient",
+                           "surface.albedo",
+                           "surface.roughness",
+                           "surface.opposition",
+                           "surface.specular",
+                           "surface.interreflection"})
     EXPECT_NE(find_effect(name), nullptr) << name;
 }
 

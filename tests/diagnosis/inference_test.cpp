@@ -139,7 +139,7 @@ TEST_P(InferenceSeeded, NamesOneCauseWithItsSize) {
   EXPECT_EQ(p.name, "error_um_per_m");
   EXPECT_NEAR(p.value, 500.0, 4.5 * p.sigma);  // three seeds at 4.5 sigma: 2e-5
   EXPECT_LT(p.sigma, 100.0);
-  EXPECT_LT(d->rms_after_mm, d->rms_before_mm);
+  EXPECT_LT(d->rms_after, d->rms_before);
 }
 
 TEST(Inference, NamesTwoCausesAndNoThird) {

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// What a model of photographs leaves, and how it is shown.
+
+#include "diagnosis/detail/photo_fit.hpp"
+#include "diagnosis/diagnose.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// Looks at means of what is left, by places of the part, by squares of each picture and of all,
+/// and by rows: one that stands far out of all others is no noise.
+/// @param factor  of the declared noise's variance
+/// @param smooth_255  what is alike in neighbouring places and larger is no noise, rms in 1/255
+[[nodiscard]] Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views,
+                                          const Layout& layout, double factor, double smooth_255);
+/// Map over the part and dependences on image radius, incidence, phase angle, level and distance
+/// from the lamp, in 1/255.
+void show_photographs(const PhotoLinear& before, const std::vector<MeasuredPixel>& pixels_before,
+                      const PhotoLinear& after, const PhotoViews& views, const Layout& layout,
+                      Diagnosis& diagnosis);
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// Photographs of a case beside what the chain makes of them.
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/grid.hpp"
+#include "core/result.hpp"
+#include "core/run_context.hpp"
+#include "diagnosis/photo_chain.hpp"
+#include "heightmap/field_tracer.hpp"
+#include "heightmap/height_field.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// A photograph as measured: linear values by channel, 1 or 3.
+struct Photograph {
+  std::vector<Grid<float>> value;  ///< row 0 is the upper; NaN where it says nothing
+  double quantum = 0.0;            ///< step of 8-bit numbers, sRGB; 0: none that matters
+};
+/// @return errors of the reader; DIAGNOSIS_PHOTO: size or channels are others than stated
+[[nodiscard]] Result<Photograph> read_photograph(const PhotoInput& photo);
+
+/// Slope of the surface between its nodes: of the two triangles of a cell, of a bilinear patch, or
+/// linear between slopes at the nodes.
+enum class Normals { facets, patches, smooth };
+
+/// A pixel with what was measured there.
+struct MeasuredPixel : PhotoPixel {
+  std::array<float, 3> measured{}, variance{};  ///< variance as declared, of the measured value
+  std::array<float, 3> next{};                  ///< measured at the next pixel of the row
+  std::array<float, 3> value_next{};            ///< behind the lens there, as rendered
+  std::uint32_t at = 0;                         ///< row times width plus column
+  double of_rays = 0.0;                         ///< mean radiance of its rays
+};
+
+class PhotoViews {
+ public:
+  /// `surfaces` by photograph; keeps references.
+  PhotoViews(const PhotoScene& scene, std::vector<Photograph> photographs,
+             std::vector<const heightmap::ModelField*> surfaces);
+
+  /// Renders all photographs in a state. @post pixels() and scene().lamp_sizes_mm are of it
+  /// @param derivatives  false: where only light and sensor differ from what was rendered last,
+  ///   pixels alone are, their derivatives and what they see of lamps of other sizes stay
+  void render(const PhotoState& state, Normals normals, bool derivatives = true);
+  /// Robust spread of differences between neighbouring pixels, measured less rendered: of noise,
+  /// and of what the surface between its nodes is taken for.
+  [[nodiscard]] double roughness() const;
+  /// Widest penumbra that the relief can have under a lamp of that diameter, in the first picture.
+  [[nodiscard]] double penumbra_px(double diameter_mm) const;
+  /// Pixels on the surface, on a lattice over each picture; not at its rim, not saturated.
+  [[nodiscard]] const std::vector<MeasuredPixel>& pixels() const { return pixels_; }
+  [[nodiscard]] const PhotoScene& scene() const { return scene_; }
+  [[nodiscard]] const PhotoState& state() const { return state_; }
+  [[nodiscard]] std::size_t channels() const { return scene_.colour ? 3 : 1; }
+
+ private:
+  struct Sample {
+    float x = NAN, y = 0.0F, z = 0.0F;  ///< NaN: beside the surface
+    float visible = 0.0F;
+  };
+  struct View {
+    Grid<Sample> samples;     ///< kAcross x kAcross a pixel
+    std::ptrdiff_t step = 1;  ///< of the lattice
+    std::vector<std::uint32_t> lattice;
+    /// Is the pixel near enough to one of the lattice to matter?
+    [[nodiscard]] bool wanted(std::ptrdiff_t row, std::ptrdiff_t col, std::ptrdiff_t reach) const {
+      const auto off = [&](std::ptrdiff_t i) {
+        const std::ptrdiff_t at = (i - step / 2) % step;
+        return at < 0 ? at + step : at;
+      };
+      return (off(row) <= reach || step - off(row) <= reach) &&
+             (off(col) <= reach + 1 || step - off(col) <= reach);
+    }
+  };
+
+  void trace(std::size_t photo);
+  void see_lamp(std::size_t photo);
+  void light_pixels();
+  [[nodiscard]] double light_of(std::size_t photo, std::uint32_t at, bool moved) const;
+  void look_around();
+  [[nodiscard]] std::ptrdiff_t reach() const;
+  [[nodiscard]] Vec3 normal_at(std::size_t photo, double x, double y) const;
+  [[nodiscard]] Grid<float> picture(std::size_t photo, Grid<float>& hits) const;
+  void select(std::size_t photo, const Grid<float>& hits);
+  void take_pixels(std::size_t photo, std::vector<MeasuredPixel>& out);
+  [[nodiscard]] std::array<float, kLampSizes> visible_of_sizes(std::size_t photo,
+                                                               std::uint32_t at) const;
+
+  PhotoScene scene_;
+  std::vector<Photograph> photographs_;
+  std::vector<const heightmap::ModelField*> surfaces_;
+  std::vector<std::size_t> tracer_of_;
+  std::vector<heightmap::FieldTracer> tracers_;
+  struct Slopes {
+    Grid<float> x, y;  ///< central differences at nodes
+  };
+  std::vector<Slopes> slopes_;
+  Grid<float> sky_;
+  std::vector<Grid<float>> bounce_;  ///< by lamp
+  double around_step_mm_ = 1.0;
+  std::vector<View> views_;
+  std::vector<MeasuredPixel> pixels_;
+  PhotoState state_;  ///< of pixels_
+  std::ptrdiff_t traced_reach_ = 0;
+  PhotoState traced_;    ///< of the rays' places and what they see of the lamp
+  PhotoState pictured_;  ///< of the last whole pictures
+  std::vector<MeasuredPixel> pictured_pixels_;
+  std::vector<std::pair<double, double>> light_before_;  ///< by photograph: its pixels', its mean
+  Normals normals_ = Normals::smooth;
+  bool rendered_ = false, selected_ = false;
+};
+
+}  // namespace maquette::diagnosis::detail

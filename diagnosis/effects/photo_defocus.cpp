@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/photo_forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_photo_defocus(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "photo.defocus";
+  e.says = "the picture is blurred alike in all directions";
+  e.source = "variance of the point spread function";
+  e.acts_on = "lens";
+  e.depends_on = "edges";
+  e.looks_like = {"lamp.size", "photo.motion_blur"};
+  e.separate_by = "pictures at several focus settings";
+  e.correction = "focus; stop down";
+  e.needs = Needs::photograph;
+  e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
+    PhotoParameter p = number("blur", "sigma_px", 0.05, &PhotoState::blur_px2);
+    p.shown = root;
+    return {{"the same everywhere", {std::move(p)}, {}, 1}};
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

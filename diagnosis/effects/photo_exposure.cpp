@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/photo_forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_photo_exposure(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "photo.exposure";
+  e.says = "the picture is brighter or darker than stated, everywhere alike";
+  e.source = "a factor on the signal: EMVA Standard 1288 R4.0, section 2";
+  e.acts_on = "sensor";
+  e.depends_on = "nothing";
+  e.looks_like = {"surface.albedo", "photo.gamma"};
+  e.separate_by = "a grey card in the picture";
+  e.correction = "set the exposure so that the card has its value";
+  e.needs = Needs::photograph;
+  e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
+    return {{"factor", {number("exposure", "relative", 0.01, &PhotoState::exposure)}}};
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/photo_forms.hpp"
+
+namespace maquette::diagnosis::detail {
+
+void add_photo_motion_blur(std::vector<Effect>& all) {
+  Effect e;
+  e.name = "photo.motion_blur";
+  e.says = "the picture is smeared along a line";
+  e.source = "the camera or the part moved evenly while it was exposed: variance length^2 / 12";
+  e.acts_on = "lens";
+  e.depends_on = "edges across the motion";
+  e.looks_like = {"photo.defocus"};
+  e.separate_by = "a shorter exposure";
+  e.correction = "expose for a shorter time; mount the camera on something firm";
+  e.needs = Needs::photograph;
+  e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
+    std::vector<PhotoForm> forms;
+    constexpr int kDirections = 24;
+    for (int k = 0; k < kDirections; ++k) {
+      const double angle = std::numbers::pi * k / kDirections;
+      const double c = std::cos(angle), s = std::sin(angle);
+      PhotoParameter p{fmt::format("smear{}", k), "length_px",
+                       [](const PhotoState&, const PhotoScene&) {
+                         return std::pair{0.0, 0.05};
+                       },
+                       [=](PhotoState& state, double v) {
+                         state.smear_px2[0] += v * c * c;
+                         state.smear_px2[1] += v * c * s;
+                         state.smear_px2[2] += v * s * s;
+                       },
+                       [](double v) { return std::sqrt(12.0 * std::fmax(0.0, v)); }};
+      forms.push_back({fmt::format("along {:.1f} degrees, clockwise from the right",
+                                   180.0 / std::numbers::pi * angle),
+                       {std::move(p)},
+                       {{"direction_deg", 180.0 / std::numbers::pi * angle}},
+                       1});
+    }
+    return forms;
+  };
+  all.push_back(std::move(e));
+}
+
+}  // namespace maquette::diagnosis::detail

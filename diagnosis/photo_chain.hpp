@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file photo_chain.hpp
+/// From lamp and surface to a pixel's value: the forward model of photographs, in physical order.
+///
+/// surface (albedo, roughness, opposition, specular, interreflection) -> lamp (place, size,
+/// falloff, ambient) -> lens (pose, focal length, distortion, colours, defocus, motion,
+/// vignetting, veiling glare) -> sensor (exposure, white balance, black level, gamma)
+///
+/// A PhotoState says by how much the chain differs from what the case file declares; a cause of the
+/// library changes some of its numbers. Values are those of the case file: 1 saturates. Pixels: u
+/// to the right, v down, from the principal point. Frame: model frame, millimetres.
+
+#include <array>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/vec.hpp"
+
+namespace maquette::diagnosis {
+
+/// What the case file says of a photograph.
+struct PhotoInput {
+  std::filesystem::path image;
+  bool srgb = false;  ///< 8-bit sRGB; else linear
+  int width_px = 1024, height_px = 768;
+  double principal_u_px = NAN, principal_v_px = NAN;  ///< from the upper left; NaN: the middle
+  double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
+  Vec3 camera_position_mm;
+  Quaternion model_from_camera;  ///< looks along -z, y up
+  Vec3 lamp_position_mm, lamp_target_mm;
+  double lamp_diameter_mm = 0.0, lamp_beam_deg = 56.0;
+  double exposure_scale =
+      1.0;  ///< value of a white Lambert surface that faces the lamp at its target
+  double albedo = 0.3;
+  enum class Law { lambert, lommel_seeliger, lunar_lambert } reflectance = Law::lambert;
+  double full_well_e = 50000.0, read_noise_e = 20.0;
+  bool as_milled = true;
+};
+
+/// Waves of an albedo map along each side.
+inline constexpr int kAlbedoWaves = 9;
+inline constexpr std::size_t kAlbedoTerms = (kAlbedoWaves + 1) * (kAlbedoWaves + 1);
+/// Angular half widths of an opposition surge, and exponents of a specular lobe, that are tried.
+inline constexpr std::array<double, 9> kSurgeWidths{0.02, 0.03, 0.045, 0.07, 0.1,
+                                                    0.15, 0.2,  0.28,  0.4};
+inline constexpr std::array<double, 11> kLobeExponents{4.0,  6.0,   10.0,  16.0,  25.0, 40.0,
+                                                       60.0, 100.0, 150.0, 250.0, 400.0};
+/// Diameters of the lamp for which pixels know how much of it they see.
+inline constexpr std::size_t kLampSizes = 6;
+
+/// Differences from what is declared; all 0: nothing.
+struct PhotoState {
+  // surface
+  double albedo = 0.0;  ///< relative
+  /// Relative, of cos(i pi x') cos(j pi y') over the part, x', y' 0..1; (0, 0) is not used.
+  std::array<double, kAlbedoTerms> albedo_map{};
+  double roughness_rad2 = 0.0;        ///< Oren and Nayar's variance of facets' slopes, full fit
+  double roughness_short_rad2 = 0.0;  ///< the same in their short form, equation 30
+  std::array<double, kSurgeWidths.size()> surge{};
+  std::array<double, kLobeExponents.size()> specular{};
+  double bounce = 0.0;  ///< share of the once interreflected light
+  // lamp
+  std::vector<Vec3> lamp_mm;            ///< by lamp; its intensity stays
+  std::vector<Vec3> lamp_refocused_mm;  ///< by lamp; the target's irradiance stays
+  double lamp_diameter_mm = 0.0;
+  double falloff = 0.0;       ///< irradiance falls with distance^-(2 + falloff)
+  double beam_power = 0.0;    ///< and with cos^power of the angle off the lamp's axis
+  double ambient_sky = 0.0;   ///< irradiance of an even sky, of a white surface's value
+  double ambient_even = 0.0;  ///< the same without regard to what hides the sky
+  // lens
+  std::vector<Vec3> camera_mm, camera_rad;  ///< by photograph: shift; turn about its place
+  double focal = 0.0;                       ///< relative
+  double radial_1 = 0.0, radial_2 = 0.0;    ///< Brown-Conrady, of u / focal length in pixels
+  double red_scale = 0.0, blue_scale = 0.0;
+  double blur_px2 = 0.0;                      ///< variance of the point spread function
+  std::array<double, 3> smear_px2{};          ///< uu, uv, vv of a straight motion
+  double vignette_2 = 0.0, vignette_4 = 0.0;  ///< of the radius over half the diagonal
+  double veil = 0.0;                          ///< of the picture's mean, added
+  double veil_scattered = 0.0;                ///< the same, taken off the picture
+  // sensor
+  double exposure = 0.0, red = 0.0, blue = 0.0;  ///< relative
+  double black = 0.0;
+  double gamma = 0.0;  ///< exponent less 1
+};
+
+/// What all photographs of a case have in common.
+struct PhotoScene {
+  std::vector<PhotoInput> photos;
+  std::vector<std::size_t> lamp_of;  ///< by photograph; those at one place are one lamp
+  std::size_t lamps = 0;
+  bool colour = false;
+  Box3 box;
+  /// The lamp's diameters that pixels know of, about that of the state; declared plus this.
+  std::array<double, kLampSizes> lamp_sizes_mm{};
+  [[nodiscard]] Vec3 middle() const { return 0.5 * (box.min + box.max); }
+};
+
+/// Everything that the chain needs at a pixel, for states close to one that was rendered.
+struct PhotoPixel {
+  std::uint32_t photo = 0;
+  float u = 0.0F, v = 0.0F;  ///< from the principal point, undistorted
+  Vec3 place, normal;
+  double visible = 1.0;                             ///< of the lamp
+  std::array<float, kLampSizes> visible_of_size{};  ///< of lamps of those diameters
+  float sky = 1.0F;                                 ///< of the hemisphere, by its cosine
+  float bounce = 0.0F;                              ///< irradiance from the surface around
+  double light = 0.0;                               ///< the chain's radiance as rendered
+  std::array<float, 3> value{};                     ///< behind the lens as rendered
+  float du = 0.0F, dv = 0.0F;                       ///< derivatives of it
+  float duu = 0.0F, duv = 0.0F, dvv = 0.0F;
+  std::array<float, 3> mean{};  ///< of its picture, behind the lens
+};
+
+/// A wave of an albedo map, -1 .. 1.
+[[nodiscard]] double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene);
+/// Radiance of a place towards the camera, of a white Lambert surface's value at the lamp's target.
+/// @param rendered  the state whose lamp `pixel.visible` was seen from
+[[nodiscard]] double radiance(const PhotoPixel& pixel, const PhotoState& state,
+                              const PhotoState& rendered, const PhotoScene& scene);
+/// How far a feature of the scene moves in the picture, pixels.
+[[nodiscard]] std::array<double, 2> displacement(const PhotoPixel& pixel, int channel,
+                                                 const PhotoState& state, const PhotoScene& scene);
+/// What the sensor makes of it.
+[[nodiscard]] double exposed(double behind_lens, double mean, double radius2, int channel,
+                             const PhotoState& state);
+/// Square of a pixel's radius over half the diagonal.
+[[nodiscard]] double radius2(double u, double v, const PhotoInput& photo);
+/// A pixel's value in a state close to the one that was rendered, to first order in what moves or
+/// blurs the picture.
+/// @param light  radiance() of the pixel in that state
+[[nodiscard]] double value_of(const PhotoPixel& pixel, int channel, double light,
+                              const PhotoState& state, const PhotoState& rendered,
+                              const PhotoScene& scene);
+/// The same light comes to the lens; the same places to the same pixels.
+[[nodiscard]] bool same_light(const PhotoState& a, const PhotoState& b);
+[[nodiscard]] bool same_places(const PhotoState& a, const PhotoState& b);
+
+/// One number that a cause changes.
+struct PhotoParameter {
+  std::string key;   ///< those of one key are the same
+  std::string name;  ///< with its unit
+  /// Derivatives are taken between these offsets from the rendered state.
+  std::function<std::pair<double, double>(const PhotoState&, const PhotoScene&)> between;
+  std::function<void(PhotoState&, double)> add;
+  /// What is reported, of the parameter; empty: itself.
+  std::function<double(double)> shown{};
+  /// Of a factor on the surface's light: its derivative at a place; empty: others.
+  std::function<double(Vec3 place, const PhotoScene&)> of_light{};
+};
+struct PhotoForm {
+  std::string law;
+  std::vector<PhotoParameter> parameters;
+  std::vector<std::pair<std::string, double>> fixed{};
+  int sign = 0;  ///< 1 or -1: of the first parameter, the only physical one
+};
+
+}  // namespace maquette::diagnosis

@@ -1,0 +1,351 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/photo_fit.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include "core/median.hpp"
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+/// A rendered edge may be off by that, pixels: relief between its nodes.
+constexpr double kEdge_px = 0.1;
+/// Rendered light may be off by that: interpolated slopes, samples of a penumbra.
+constexpr double kLight = 0.002;
+constexpr double kHuber = 3.0;  // of the noise as found
+constexpr float kLargest = 1e4F;
+
+double channel_of(std::size_t channel, std::size_t channels) {
+  return channels == 1 ? 1.0 : static_cast<double>(channel);
+}
+
+}  // namespace
+
+PhotoState PhotoFit::state_of(const PhotoMembers& members) const {
+  const PhotoScene& scene = views_.scene();
+  PhotoState s;
+  s.lamp_mm.resize(scene.lamps);
+  s.lamp_refocused_mm.resize(scene.lamps);
+  s.camera_mm.resize(scene.photos.size());
+  s.camera_rad.resize(scene.photos.size());
+  for (const PhotoMembers* all : {&known, &members})
+    for (const PhotoMember& m : *all)
+      for (std::size_t k = 0; k < m.values.size(); ++k) m.form.parameters[k].add(s, m.values[k]);
+  return s;
+}
+
+std::vector<int> PhotoLinear::of(const PhotoForm& form) const {
+  std::vector<int> at;
+  for (const PhotoParameter& p : form.parameters) at.push_back(static_cast<int>(index.at(p.key)));
+  return at;
+}
+
+Eigen::MatrixXd PhotoLinear::sum(const std::vector<int>& sets) const {
+  Eigen::MatrixXd all = Eigen::MatrixXd::Zero(gram[0].rows(), gram[0].cols());
+  for (const int s : sets) all += gram[static_cast<std::size_t>(s)];
+  return all;
+}
+
+PhotoLinear PhotoFit::about(const PhotoMembers& model,
+                            const std::vector<const PhotoParameter*>& parameters, bool whole) {
+  views_.render(state_of(model), normals, !parameters.empty() && whole);
+  const PhotoScene& scene = views_.scene();
+  const PhotoState& state = views_.state();
+  PhotoLinear out;
+  std::vector<const PhotoParameter*> each;
+  for (const PhotoParameter* p : parameters)
+    if (out.index.emplace(p->key, static_cast<Eigen::Index>(each.size())).second) each.push_back(p);
+  struct Step {
+    PhotoState low, high;
+    double span;
+    bool light;  // it changes what comes to the lens
+    const PhotoParameter* of;
+  };
+  std::vector<Step> steps;
+  for (const PhotoParameter* p : each) {
+    const auto [low, high] = p->between(state, scene);
+    Step s{state, state, high - low, true, p};
+    p->add(s.low, low);
+    p->add(s.high, high);
+    s.light = !same_light(s.low, s.high);
+    steps.push_back(std::move(s));
+  }
+  const auto& pixels = views_.pixels();
+  const std::size_t channels = views_.channels();
+  const auto rows = static_cast<Eigen::Index>(pixels.size() * channels),
+             cols = static_cast<Eigen::Index>(each.size());
+  out.columns.resize(rows, cols);
+  out.residual.resize(rows);
+  out.sigma.resize(rows);
+  out.set.resize(static_cast<std::size_t>(rows));
+  out.cell.resize(static_cast<std::size_t>(rows));
+  oneapi::tbb::parallel_for(std::size_t{0}, pixels.size(), [&](std::size_t i) {
+    const MeasuredPixel& p = pixels[i];
+    const int set = layout_.set_of(p.place.x, p.place.y);
+    const auto cell = static_cast<std::uint32_t>(
+        std::clamp<std::ptrdiff_t>(
+            static_cast<std::ptrdiff_t>((p.place.y - layout_.y0) / layout_.cell_mm), 0,
+            layout_.rows - 1) *
+            layout_.cols +
+        std::clamp<std::ptrdiff_t>(
+            static_cast<std::ptrdiff_t>((p.place.x - layout_.x0) / layout_.cell_mm), 0,
+            layout_.cols - 1));
+    std::vector<std::array<double, 2>> light(steps.size(), {p.light, p.light});
+    for (std::size_t k = 0; k < steps.size(); ++k) {
+      const Step& s = steps[k];
+      if (!s.light) continue;
+      if (s.of->of_light) {
+        // As light that is a factor on all of it; a map's own sum is close to 1.
+        const double half = 0.5 * s.span * p.light * s.of->of_light(p.place, scene);
+        light[k] = {p.light - half, p.light + half};
+      } else {
+        light[k] = {radiance(p, s.low, state, scene), radiance(p, s.high, state, scene)};
+      }
+    }
+    for (std::size_t ch = 0; ch < channels; ++ch) {
+      const auto channel = static_cast<int>(channel_of(ch, channels));
+      PhotoPixel q = p;
+      q.value[static_cast<std::size_t>(channel)] = p.value[ch];
+      q.mean[static_cast<std::size_t>(channel)] = p.mean[ch];
+      const auto row = static_cast<Eigen::Index>(i * channels + ch);
+      const double y = value_of(q, channel, p.light, state, state, scene);
+      const double slope =
+          std::hypot(static_cast<double>(p.du), static_cast<double>(p.dv)) +
+          0.3 * (std::abs(static_cast<double>(p.duu)) + std::abs(static_cast<double>(p.dvv)));
+      const double sigma = std::sqrt(static_cast<double>(p.variance[ch]) +
+                                     std::pow(kEdge_px * slope, 2) + std::pow(kLight * y, 2));
+      out.sigma(row) = static_cast<float>(sigma);
+      out.residual(row) =
+          std::clamp(static_cast<float>((static_cast<double>(p.measured[ch]) - y) / sigma),
+                     -kLargest, kLargest);
+      for (Eigen::Index k = 0; k < cols; ++k) {
+        const auto at = static_cast<std::size_t>(k);
+        const Step& s = steps[at];
+        const double d =
+            (value_of(q, channel, light[at][1], s.of->of_light ? state : s.high, state, scene) -
+             value_of(q, channel, light[at][0], s.of->of_light ? state : s.low, state, scene)) /
+            (s.span * sigma);
+        out.columns(row, k) = std::isfinite(d) ? static_cast<float>(d) : 0.0F;
+      }
+      out.set[static_cast<std::size_t>(row)] = set;
+      out.cell[static_cast<std::size_t>(row)] = cell;
+    }
+  });
+  // Huber's weights at the spread of this residual: before a large cause is known all of it counts.
+  std::vector<double> size;
+  for (Eigen::Index i = 0; i < rows; i += 7)
+    size.push_back(std::abs(static_cast<double>(out.residual(i))));
+  const double spread = std::fmax(std::sqrt(noise.factor),
+                                  size.empty() ? 1.0 : kMadToSigma * median(std::move(size)));
+  for (auto& g : out.gram) g = Eigen::MatrixXd::Zero(cols + 1, cols + 1);
+  constexpr Eigen::Index kBlock = 4096;
+  for (int set = 0; set < kSets; ++set) {
+    std::vector<Eigen::Index> mine;
+    for (Eigen::Index i = 0; i < rows; ++i)
+      if (out.set[static_cast<std::size_t>(i)] == set) mine.push_back(i);
+    const auto n = static_cast<Eigen::Index>(mine.size());
+    const Eigen::Index blocks = (n + kBlock - 1) / kBlock;
+    std::vector<Eigen::MatrixXd> part(static_cast<std::size_t>(std::min<Eigen::Index>(8, blocks)));
+    oneapi::tbb::parallel_for(std::size_t{0}, part.size(), [&](std::size_t s) {
+      Eigen::MatrixXd& sum = part[s];
+      sum = Eigen::MatrixXd::Zero(cols + 1, cols + 1);
+      for (Eigen::Index b = static_cast<Eigen::Index>(s); b < blocks;
+           b += static_cast<Eigen::Index>(part.size())) {
+        const Eigen::Index first = b * kBlock, count = std::min(kBlock, n - first);
+        Eigen::MatrixXf x(count, cols + 1);
+        for (Eigen::Index i = 0; i < count; ++i) {
+          const Eigen::Index row = mine[static_cast<std::size_t>(first + i)];
+          const float r = out.residual(row);
+          const double large = std::abs(static_cast<double>(r)) / (kHuber * spread);
+          const auto w = static_cast<float>(large > 1.0 ? std::sqrt(1.0 / large) : 1.0);
+          x.row(i).head(cols) = w * out.columns.row(row);
+          x(i, cols) = w * r;
+        }
+        sum += (x.transpose() * x).cast<double>();
+      }
+    });
+    for (const auto& p : part) out.gram[static_cast<std::size_t>(set)] += p;
+  }
+  return out;
+}
+
+PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
+  std::vector<const PhotoParameter*> parameters;
+  for (const PhotoMember& m : model)
+    for (const PhotoParameter& p : m.form.parameters) parameters.push_back(&p);
+  if (parameters.empty()) return model;
+  PhotoMembers best = model;
+  double least = INFINITY;
+  for (int round = 0; round <= rounds; ++round) {
+    const PhotoLinear linear = about(model, parameters, false);
+    const double now = objective(linear, kAll);
+    if (now < least) {
+      best = model;
+      least = now;
+    } else if (round > 0) {
+      break;  // the last step did not help
+    }
+    if (round == rounds) break;
+    const Eigen::MatrixXd g = linear.sum(kAll);
+    const Eigen::Index n = g.rows() - 1;
+    Eigen::MatrixXd a = g.topLeftCorner(n, n);
+    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
+    a = d.asDiagonal() * a * d.asDiagonal();
+    a.diagonal().array() += 1e-7;
+    const Eigen::VectorXd step = d.asDiagonal() * a.ldlt().solve(d.asDiagonal() * g.col(n).head(n));
+    const double gain = step.dot(g.col(n).head(n)) / (noise.factor * noise.over);
+    for (PhotoMember& m : model)
+      for (std::size_t k = 0; k < m.values.size(); ++k) {
+        m.values[k] += step(linear.index.at(m.form.parameters[k].key));
+        if (k == 0 && m.form.sign != 0 && m.values[0] * m.form.sign < 0.0) m.values[0] = 0.0;
+      }
+    if (gain < 0.5) break;
+  }
+  return best;
+}
+
+void PhotoFit::settle_normals(const PhotoMembers& model) {
+  double least = INFINITY;
+  Normals better = normals;
+  for (const Normals each : {Normals::smooth, Normals::patches, Normals::facets}) {
+    normals = each;
+    views_.render(state_of(model), normals);
+    if (const double rough = views_.roughness(); rough < least) {
+      least = rough;
+      better = each;
+    }
+  }
+  normals = better;
+}
+
+double PhotoFit::objective(const PhotoLinear& linear, const std::vector<int>& sets) const {
+  const double s = std::sqrt(noise.factor), knee = kHuber * s;
+  double sum = 0.0;
+  for (Eigen::Index i = 0; i < linear.residual.size(); ++i) {
+    if (std::find(sets.begin(), sets.end(), linear.set[static_cast<std::size_t>(i)]) == sets.end())
+      continue;
+    const double r = std::abs(static_cast<double>(linear.residual(i)));
+    sum += r <= knee ? r * r : knee * (2.0 * r - knee);
+  }
+  return sum / (noise.factor * noise.over);
+}
+
+double PhotoFit::objective(const PhotoMembers& model, const std::vector<int>& sets) {
+  return objective(about(model, {}), sets);
+}
+
+double PhotoFit::over_of(const PhotoLinear& linear, const Eigen::VectorXf& residual,
+                         Eigen::Index column) const {
+  const auto cells = static_cast<std::size_t>(layout_.rows * layout_.cols);
+  std::vector<double> sum(cells, 0.0);
+  double alone = 0.0;
+  for (Eigen::Index i = 0; i < residual.size(); ++i) {
+    if (linear.set[static_cast<std::size_t>(i)] < 0) continue;
+    const double score =
+        static_cast<double>(linear.columns(i, column)) *
+        std::clamp(static_cast<double>(residual(i)), -kHuber * std::sqrt(noise.factor),
+                   kHuber * std::sqrt(noise.factor));
+    sum[linear.cell[static_cast<std::size_t>(i)]] += score;
+    alone += score * score;
+  }
+  double together = 0.0, within = 0.0;
+  for (std::ptrdiff_t r = 0; r < layout_.rows; ++r)
+    for (std::ptrdiff_t c = 0; c < layout_.cols; ++c) {
+      const double here = sum[static_cast<std::size_t>(r * layout_.cols + c)];
+      within += here * here;
+      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - 1);
+           i <= std::min(layout_.rows - 1, r + 1); ++i)
+        for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, c - 1);
+             k <= std::min(layout_.cols - 1, c + 1); ++k)
+          together += here * sum[static_cast<std::size_t>(i * layout_.cols + k)];
+    }
+  return alone > 0.0 ? std::fmax(1.0, std::fmax(within, together) / alone) : 1.0;
+}
+
+PhotoNoise PhotoFit::noise_of(const PhotoLinear& linear) const {
+  const Eigen::MatrixXd g = linear.sum(kAll);
+  const Eigen::Index n = g.rows() - 1;
+  Eigen::VectorXf left = linear.residual;
+  if (n > 0) {
+    Eigen::MatrixXd a = g.topLeftCorner(n, n);
+    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
+    a = d.asDiagonal() * a * d.asDiagonal();
+    a.diagonal().array() += 1e-5;
+    const Eigen::VectorXd x = d.asDiagonal() * a.ldlt().solve(d.asDiagonal() * g.col(n).head(n));
+    left -= linear.columns * x.cast<float>();
+  }
+  PhotoNoise out;
+  std::vector<double> size;
+  for (Eigen::Index i = 0; i < left.size(); ++i)
+    size.push_back(std::abs(static_cast<double>(left(i))));
+  out.factor = std::pow(kMadToSigma * median(std::move(size)), 2);
+  PhotoFit with = *this;
+  with.noise = out;
+  std::vector<double> over(static_cast<std::size_t>(n));
+  oneapi::tbb::parallel_for(Eigen::Index{0}, n, [&](Eigen::Index k) {
+    over[static_cast<std::size_t>(k)] = with.over_of(linear, left, k);
+  });
+  out.over = over.empty() ? 1.0 : std::fmax(1.0, median(std::move(over)));
+  return out;
+}
+
+double gain_of(const Eigen::MatrixXd& g, const std::vector<int>& model,
+               const std::vector<int>& form, int sign, Eigen::VectorXd* values) {
+  const auto y = static_cast<int>(g.rows() - 1);
+  Eigen::MatrixXd a = g(form, form);
+  Eigen::VectorXd b = g(form, std::vector<int>{y});
+  if (!model.empty()) {
+    Eigen::MatrixXd m = g(model, model);
+    const Eigen::VectorXd d = m.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
+    m = d.asDiagonal() * m * d.asDiagonal();
+    m.diagonal().array() += 1e-8;
+    const Eigen::MatrixXd across = d.asDiagonal() * g(model, form);
+    const Eigen::VectorXd at = d.asDiagonal() * g(model, std::vector<int>{y});
+    const auto solved = m.ldlt();
+    a -= across.transpose() * solved.solve(across);
+    b -= across.transpose() * solved.solve(at);
+  }
+  // What the model has already is worth nothing.
+  const Eigen::VectorXd d =
+      Eigen::MatrixXd(g(form, form)).diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
+  a = d.asDiagonal() * a * d.asDiagonal();
+  a.diagonal().array() += 1e-6;
+  const Eigen::VectorXd x = d.asDiagonal() * a.ldlt().solve(d.asDiagonal() * b);
+  if (values != nullptr) *values = x;
+  if (sign != 0 && x(0) * sign < 0.0) return 0.0;
+  return x.dot(b);
+}
+
+PhotoScatter scatter_of(const PhotoViews& views) {
+  // Differences to the next pixel: what the simulation gets wrong is nearly alike in both.
+  std::vector<double> ratio;
+  const std::size_t channels = views.channels();
+  for (const MeasuredPixel& p : views.pixels()) {
+    const double slope = std::abs(static_cast<double>(p.du)) + std::abs(static_cast<double>(p.dv)) +
+                         std::abs(static_cast<double>(p.duu)) +
+                         std::abs(static_cast<double>(p.dvv));
+    for (std::size_t ch = 0; ch < channels; ++ch) {
+      const auto sigma = std::sqrt(static_cast<double>(p.variance[ch]));
+      if (0.1 * slope > 0.3 * sigma) continue;
+      const auto channel = static_cast<int>(channel_of(ch, channels));
+      const auto at = [&](float value) {
+        return exposed(static_cast<double>(value), static_cast<double>(p.mean[ch]),
+                       radius2(p.u, p.v, views.scene().photos[p.photo]), channel, views.state());
+      };
+      const double difference = (static_cast<double>(p.next[ch]) - at(p.value_next[ch])) -
+                                (static_cast<double>(p.measured[ch]) - at(p.value[ch]));
+      ratio.push_back(std::abs(difference) / (std::sqrt(2.0) * sigma));
+    }
+  }
+  PhotoScatter s;
+  if (ratio.size() < 500) return s;
+  // The median's efficiency is 0.37 of a standard deviation's.
+  s.sigma = 1.17 / std::sqrt(static_cast<double>(ratio.size()));
+  s.factor = kMadToSigma * median(std::move(ratio));
+  return s;
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/photo_remainder.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <numbers>
+
+#include "core/median.hpp"
+
+namespace maquette::diagnosis::detail {
+namespace {
+
+constexpr double kFar = 8.0;      // robust standard deviations
+constexpr double kClip = 3.0;     // of the noise: what edges leave is large and says little
+constexpr double kSquare = 32.0;  // of a picture, pixels
+constexpr double kEnough = 12.0;
+constexpr double kSmoothLevel = 1e-9;
+
+struct Mean {
+  double sum = 0.0, n = 0.0;
+};
+
+/// Largest mean over the robust spread of all, each by the square root of what it is a mean of.
+double farthest(const std::map<std::uint64_t, Mean>& means) {
+  std::vector<double> count, size;
+  for (const auto& [key, m] : means)
+    if (m.n >= kEnough) count.push_back(m.n);
+  if (count.size() < 30) return 0.0;
+  const double typical = median(std::move(count));
+  for (const auto& [key, m] : means)
+    if (m.n >= 0.5 * typical) size.push_back(std::abs(m.sum / m.n));
+  if (size.size() < 30) return 0.0;
+  const double spread = std::fmax(1e-9, kMadToSigma * median(size));
+  return *std::max_element(size.begin(), size.end()) / spread;
+}
+
+}  // namespace
+
+Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, const Layout& layout,
+                            double factor, double smooth_255) {
+  Remainder rest;
+  const auto& pixels = views.pixels();
+  const std::size_t channels = views.channels();
+  const double knee = kClip * std::sqrt(factor);
+  const auto group = [&](const std::function<std::uint64_t(const MeasuredPixel&)>& key) {
+    std::map<std::uint64_t, Mean> means;
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      Mean& m = means[key(pixels[i])];
+      for (std::size_t ch = 0; ch < channels; ++ch) {
+        m.sum += std::clamp(
+            static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
+            knee);
+        m.n += 1.0;
+      }
+    }
+    return means;
+  };
+  const auto square = [](const MeasuredPixel& p, double side) {
+    return (static_cast<std::uint64_t>((p.v + 1e5F) / static_cast<float>(side)) << 24) |
+           static_cast<std::uint64_t>((p.u + 1e5F) / static_cast<float>(side));
+  };
+  const auto note = [&](const char* kind) {
+    rest.kinds.emplace_back(kind);
+    rest.found = true;
+  };
+  const auto places = group([&](const MeasuredPixel& p) {
+    const double side = 0.5 * layout.cell_mm;
+    return (static_cast<std::uint64_t>((p.place.y - layout.y0) / side) << 24) |
+           static_cast<std::uint64_t>((p.place.x - layout.x0) / side);
+  });
+  if (farthest(places) > kFar) note("places on the part");
+  if (farthest(group([&](const MeasuredPixel& p) { return square(p, kSquare); })) > kFar)
+    note("places in the picture");
+  if (farthest(group([&](const MeasuredPixel& p) {
+        return (static_cast<std::uint64_t>(p.photo) << 48) | square(p, 1.5 * kSquare);
+      })) > kFar)
+    note("places in one picture");
+  if (farthest(group([](const MeasuredPixel& p) {
+        return (static_cast<std::uint64_t>(p.photo) << 32) | static_cast<std::uint64_t>(p.v + 1e5F);
+      })) > kFar)
+    note("rows");
+  // Neighbouring places' product: what is left beyond noise that is each place's own.
+  double products = 0.0, pairs = 0.0, squares = 0.0, all = 0.0, n = 0.0;
+  for (const auto& [key, m] : places) {
+    const auto next = places.find(key + 1);
+    if (m.n < kEnough || next == places.end() || next->second.n < kEnough) continue;
+    const double a = m.sum / m.n, b = next->second.sum / next->second.n;
+    products += a * b;
+    squares += 0.5 * (a * a + b * b);
+    pairs += 1.0;
+  }
+  for (Eigen::Index i = 0; i < left.residual.size(); ++i) {
+    all += std::pow(static_cast<double>(left.sigma(i)), 2);
+    n += 1.0;
+  }
+  if (pairs > 0.0) {
+    rest.morans_i = products / std::fmax(1e-300, squares);
+    rest.p_white = std::erfc(std::fmax(0.0, rest.morans_i) * std::sqrt(0.5 * pairs));
+    rest.structured_rms =
+        255.0 * std::sqrt(std::fmax(0.0, products / pairs) * all / std::fmax(1.0, n));
+  }
+  if (rest.structured_rms > smooth_255 && rest.p_white < kSmoothLevel) note("smooth over the part");
+  if (rest.found) rest.share = 1.0;
+  return rest;
+}
+
+void show_photographs(const PhotoLinear& before, const std::vector<MeasuredPixel>& pixels_before,
+                      const PhotoLinear& after, const PhotoViews& views, const Layout& layout,
+                      Diagnosis& d) {
+  const std::size_t channels = views.channels();
+  const auto mean = [&](const PhotoLinear& linear, std::size_t pixel) {
+    double sum = 0.0;
+    for (std::size_t ch = 0; ch < channels; ++ch) {
+      const auto i = static_cast<Eigen::Index>(pixel * channels + ch);
+      sum += static_cast<double>(linear.residual(i) * linear.sigma(i));
+    }
+    return 255.0 * sum / static_cast<double>(channels);
+  };
+  const auto map = [&](const PhotoLinear& linear, const std::vector<MeasuredPixel>& pixels) {
+    const double side = 0.2 * layout.cell_mm;
+    Grid<float> sum(5 * layout.rows, 5 * layout.cols, 0.0F),
+        n(5 * layout.rows, 5 * layout.cols, 0.0F);
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      const auto r = static_cast<std::ptrdiff_t>((pixels[i].place.y - layout.y0) / side),
+                 c = static_cast<std::ptrdiff_t>((pixels[i].place.x - layout.x0) / side);
+      if (!sum.contains(r, c)) continue;
+      sum(r, c) += static_cast<float>(mean(linear, i));
+      n(r, c) += 1.0F;
+    }
+    for (std::size_t i = 0; i < sum.cells().size(); ++i)
+      sum.cells()[i] = n.cells()[i] > 0.0F ? sum.cells()[i] / n.cells()[i] : NAN;
+    return sum;
+  };
+  d.map = {layout.x0, layout.y0, 0.2 * layout.cell_mm, map(before, pixels_before),
+           map(after, views.pixels())};
+  const PhotoScene& scene = views.scene();
+  struct Covariate {
+    const char* name;
+    std::function<double(const MeasuredPixel&)> of;
+  };
+  const auto angle = [](Vec3 a, Vec3 b) {
+    return 180.0 / std::numbers::pi *
+           std::acos(std::clamp(dot(a, b) / (norm(a) * norm(b)), -1.0, 1.0));
+  };
+  const std::vector<Covariate> covariates{
+      {"radius in the picture, of half its diagonal",
+       [&](const MeasuredPixel& p) { return std::sqrt(radius2(p.u, p.v, scene.photos[p.photo])); }},
+      {"incidence, degrees",
+       [&](const MeasuredPixel& p) {
+         return angle(p.normal, scene.photos[p.photo].lamp_position_mm - p.place);
+       }},
+      {"phase angle, degrees",
+       [&](const MeasuredPixel& p) {
+         return angle(scene.photos[p.photo].camera_position_mm - p.place,
+                      scene.photos[p.photo].lamp_position_mm - p.place);
+       }},
+      {"value, of full scale",
+       [](const MeasuredPixel& p) { return static_cast<double>(p.value[0]); }},
+      {"distance from the lamp, mm",
+       [&](const MeasuredPixel& p) {
+         return norm(scene.photos[p.photo].lamp_position_mm - p.place);
+       }},
+      {"openness", [](const MeasuredPixel& p) { return static_cast<double>(p.sky); }},
+      {"row", [](const MeasuredPixel& p) { return static_cast<double>(p.v); }}};
+  constexpr int kClasses = 20;
+  for (const Covariate& c : covariates) {
+    double low = INFINITY, high = -INFINITY;
+    for (const auto& p : views.pixels()) {
+      low = std::fmin(low, c.of(p));
+      high = std::fmax(high, c.of(p));
+    }
+    if (!(high > low)) continue;
+    Dependence out{c.name, {}, {}, {}, {}};
+    std::vector<Mean> was(kClasses), is(kClasses);
+    std::vector<double> square(kClasses, 0.0);
+    const auto at = [&](const MeasuredPixel& p) {
+      return static_cast<std::size_t>(
+          std::clamp(static_cast<int>(kClasses * (c.of(p) - low) / (high - low)), 0, kClasses - 1));
+    };
+    for (std::size_t i = 0; i < pixels_before.size(); ++i) {
+      Mean& m = was[at(pixels_before[i])];
+      m.sum += mean(before, i);
+      m.n += 1.0;
+    }
+    for (std::size_t i = 0; i < views.pixels().size(); ++i) {
+      const std::size_t k = at(views.pixels()[i]);
+      const double r = mean(after, i);
+      is[k].sum += r;
+      is[k].n += 1.0;
+      square[k] += r * r;
+    }
+    for (int k = 0; k < kClasses; ++k) {
+      const auto i = static_cast<std::size_t>(k);
+      if (is[i].n < 20.0 || was[i].n < 20.0) continue;
+      out.at.push_back(low + (high - low) * (k + 0.5) / kClasses);
+      out.before.push_back(was[i].sum / was[i].n);
+      out.after.push_back(is[i].sum / is[i].n);
+      out.sigma.push_back(std::sqrt(square[i] / is[i].n / is[i].n));
+    }
+    d.dependences.push_back(std::move(out));
+  }
+}
+
+}  // namespace maquette::diagnosis::detail

@@ -1,0 +1,763 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/detail/photo_views.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include "camera/disc_samples.hpp"
+#include "camera/image_io.hpp"
+#include "core/median.hpp"
+#include "core/random.hpp"
+#include "diagnosis/photographs.hpp"
+
+namespace maquette::diagnosis::detail {
+namespace {
+using heightmap::ModelField;
+
+constexpr std::ptrdiff_t kAcross = 2;        // rays of a pixel along each side
+constexpr std::size_t kMostPixels = 50'000;  // of all photographs that are compared
+/// Variance that a square pixel has beyond that of its rays, of a pixel's square.
+constexpr double kPixelRest = (1.0 - (1.0 - 1.0 / (kAcross * kAcross))) / 12.0;
+constexpr double kOff_mm = 1e-3;     // where a ray to the lamp starts above the surface
+constexpr int kLampRays = 32;        // of a pixel's ray, to lamps with a size
+constexpr std::ptrdiff_t kRim = 10;  // pixels beside the surface's end that are not compared
+constexpr double kSaturated = 0.97;
+constexpr std::ptrdiff_t kAround = 160;  // grid of places that look around, and rays of each
+constexpr int kAroundRays = 64;
+
+double linear_of_srgb(double v) {
+  return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
+}
+
+Vec3 across(Vec3 d) {
+  return normalized(std::abs(d.z) < 0.9 ? cross(d, {0.0, 0.0, 1.0}) : cross(d, {1.0, 0.0, 0.0}));
+}
+
+/// Separable Gaussian of that variance in pixels.
+void blur(Grid<float>& image, double variance) {
+  if (!(variance > 0.0)) return;
+  const double sigma = std::sqrt(variance);
+  // As a box of a pixel's width is in every sample's way anyway, the kernel is sampled at pixels;
+  // narrower ones as the three values that have their variance.
+  std::vector<float> k;
+  if (sigma < 0.5) {
+    const auto side = static_cast<float>(0.5 * variance);
+    k = {side, 1.0F - 2.0F * side, side};
+  } else {
+    const auto reach = static_cast<int>(std::ceil(4.0 * sigma));
+    double sum = 0.0;
+    for (int i = -reach; i <= reach; ++i) sum += std::exp(-0.5 * i * i / variance);
+    for (int i = -reach; i <= reach; ++i)
+      k.push_back(static_cast<float>(std::exp(-0.5 * i * i / variance) / sum));
+  }
+  const auto reach = static_cast<std::ptrdiff_t>(k.size() / 2);
+  const std::ptrdiff_t rows = image.rows(), cols = image.cols();
+  Grid<float> half(rows, cols, 0.0F);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      float sum = 0.0F;
+      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
+        sum += k[static_cast<std::size_t>(i + reach)] *
+               image(r, std::clamp<std::ptrdiff_t>(c + i, 0, cols - 1));
+      half(r, c) = sum;
+    }
+  });
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      float sum = 0.0F;
+      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
+        sum += k[static_cast<std::size_t>(i + reach)] *
+               half(std::clamp<std::ptrdiff_t>(r + i, 0, rows - 1), c);
+      image(r, c) = sum;
+    }
+  });
+}
+
+float bilinear(const Grid<float>& g, double r, double c) {
+  r = std::clamp(r, 0.0, static_cast<double>(g.rows() - 1));
+  c = std::clamp(c, 0.0, static_cast<double>(g.cols() - 1));
+  const auto r0 = std::min(static_cast<std::ptrdiff_t>(r),
+                           std::max<std::ptrdiff_t>(0, g.rows() - 2)),
+             c0 = std::min(static_cast<std::ptrdiff_t>(c),
+                           std::max<std::ptrdiff_t>(0, g.cols() - 2));
+  const auto fr = static_cast<float>(r - static_cast<double>(r0)),
+             fc = static_cast<float>(c - static_cast<double>(c0));
+  const auto r1 = std::min(r0 + 1, g.rows() - 1), c1 = std::min(c0 + 1, g.cols() - 1);
+  return (1.0F - fr) * ((1.0F - fc) * g(r0, c0) + fc * g(r0, c1)) +
+         fr * ((1.0F - fc) * g(r1, c0) + fc * g(r1, c1));
+}
+
+/// Catmull-Rom.
+float cubic(const Grid<float>& g, double r, double c) {
+  const auto r0 = static_cast<std::ptrdiff_t>(std::floor(r)),
+             c0 = static_cast<std::ptrdiff_t>(std::floor(c));
+  const auto weights = [](double t) {
+    return std::array<double, 4>{((-0.5 * t + 1.0) * t - 0.5) * t, (1.5 * t - 2.5) * t * t + 1.0,
+                                 ((-1.5 * t + 2.0) * t + 0.5) * t, (0.5 * t - 0.5) * t * t};
+  };
+  const auto wr = weights(r - static_cast<double>(r0)), wc = weights(c - static_cast<double>(c0));
+  double sum = 0.0;
+  for (std::ptrdiff_t i = 0; i < 4; ++i)
+    for (std::ptrdiff_t k = 0; k < 4; ++k)
+      sum += wr[static_cast<std::size_t>(i)] * wc[static_cast<std::size_t>(k)] *
+             static_cast<double>(g(std::clamp<std::ptrdiff_t>(r0 + i - 1, 0, g.rows() - 1),
+                                   std::clamp<std::ptrdiff_t>(c0 + k - 1, 0, g.cols() - 1)));
+  return static_cast<float>(sum);
+}
+
+/// A straight motion: values along a line, its variance that of the tensor's larger axis; what is
+/// across is Gaussian.
+/// @param wanted  (row, column): elsewhere the picture stays as it is
+template <class Wanted>
+void smear(Grid<float>& image, const std::array<double, 3>& px2, const Wanted& wanted) {
+  const double mean = 0.5 * (px2[0] + px2[2]), apart = std::hypot(0.5 * (px2[0] - px2[2]), px2[1]),
+               most = mean + apart;
+  if (!(most > 1e-6)) return;
+  const double angle = 0.5 * std::atan2(2.0 * px2[1], px2[0] - px2[2]);
+  const double length = std::sqrt(12.0 * most);
+  const int n = std::max(3, 2 * static_cast<int>(std::ceil(length)) + 1);
+  const Grid<float> from = image;
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, image.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < image.cols(); ++c) {
+      if (!wanted(r, c)) continue;
+      float sum = 0.0F;
+      for (int i = 0; i < n; ++i) {
+        const double at = length * ((i + 0.5) / n - 0.5);
+        sum += cubic(from, static_cast<double>(r) + at * std::sin(angle),
+                     static_cast<double>(c) + at * std::cos(angle));
+      }
+      image(r, c) = sum / static_cast<float>(n);
+    }
+  });
+  blur(image, std::fmax(0.0, mean - apart));
+}
+
+}  // namespace
+
+Result<Photograph> read_photograph(const PhotoInput& photo) {
+  MAQUETTE_TRY(auto image, camera::read_image(photo.image));
+  std::erase_if(image.names, [](const std::string& n) { return n == "A"; });
+  if (image.channels.size() > image.names.size()) image.channels.resize(image.names.size());
+  const auto& first = image.channels.front();
+  if (first.cols() != photo.width_px || first.rows() != photo.height_px)
+    return fail(kPhotograph,
+                fmt::format("{}: {} x {} pixels, the case says resolution_px = [{}, {}]; give the "
+                            "picture as it was taken or correct the case",
+                            photo.image.string(), first.cols(), first.rows(), photo.width_px,
+                            photo.height_px));
+  if (image.channels.size() != 1 && image.channels.size() < 3)
+    return fail(kPhotograph, fmt::format("{}: {} channels; expected one, or red, green and blue",
+                                         photo.image.string(), image.channels.size()));
+  image.channels.resize(std::min<std::size_t>(3, image.channels.size()));
+  Photograph p;
+  p.value = std::move(image.channels);
+  if (image.channels.size() == 3 || p.value.size() == 3) {
+    // EXR files order channels by name.
+    const auto at = [&](const char* name) {
+      return std::find(image.names.begin(), image.names.end(), name) - image.names.begin();
+    };
+    if (at("R") == 2 && at("B") == 0) std::swap(p.value[0], p.value[2]);
+  }
+  if (photo.srgb) {
+    if (image.eight_bit) p.quantum = 1.0 / 255.0;
+    for (auto& channel : p.value)
+      for (float& v : channel.cells())
+        v = static_cast<float>(linear_of_srgb(static_cast<double>(v)));
+  }
+  return p;
+}
+
+PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photographs,
+                       std::vector<const ModelField*> surfaces)
+    : scene_(scene), photographs_(std::move(photographs)), surfaces_(std::move(surfaces)) {
+  std::vector<const ModelField*> known;
+  for (const ModelField* s : surfaces_) {
+    auto at = std::find(known.begin(), known.end(), s);
+    if (at == known.end()) {
+      tracers_.emplace_back(*s);
+      const std::ptrdiff_t rows = s->z_mm.rows(), cols = s->z_mm.cols();
+      Slopes slopes{Grid<float>(rows, cols, NAN), Grid<float>(rows, cols, NAN)};
+      oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+        for (std::ptrdiff_t c = 0; c < cols; ++c) {
+          const std::ptrdiff_t c0 = std::max<std::ptrdiff_t>(0, c - 1),
+                               c1 = std::min(cols - 1, c + 1),
+                               r0 = std::max<std::ptrdiff_t>(0, r - 1),
+                               r1 = std::min(rows - 1, r + 1);
+          const double step = s->spacing.value();
+          slopes.x(r, c) = static_cast<float>((s->z_mm(r, c1) - s->z_mm(r, c0)) /
+                                              (step * static_cast<double>(c1 - c0)));
+          slopes.y(r, c) = static_cast<float>((s->z_mm(r1, c) - s->z_mm(r0, c)) /
+                                              (step * static_cast<double>(r1 - r0)));
+        }
+      });
+      slopes_.push_back(std::move(slopes));
+      known.push_back(s);
+      at = known.end() - 1;
+    }
+    tracer_of_.push_back(static_cast<std::size_t>(at - known.begin()));
+  }
+  const std::size_t most = kMostPixels / std::max<std::size_t>(1, scene_.photos.size());
+  for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
+    const PhotoInput& photo = scene_.photos[k];
+    View view{Grid<Sample>(kAcross * photo.height_px, kAcross * photo.width_px), 1, {}};
+    // A lattice that is finer than its share, thinned by what lies on the surface later.
+    const double pixels = static_cast<double>(photo.width_px) * photo.height_px;
+    const auto step = std::max(
+        1, static_cast<int>(std::floor(std::sqrt(pixels / static_cast<double>(most)) + 0.4)));
+    view.step = step;
+    for (int r = step / 2; r < photo.height_px; r += step)
+      for (int c = step / 2; c + 1 < photo.width_px; c += step)
+        view.lattice.push_back(static_cast<std::uint32_t>(r * photo.width_px + c));
+    views_.push_back(std::move(view));
+  }
+}
+
+/// How far around a pixel of the lattice a picture is needed: for derivatives and for what the lens
+/// spreads.
+std::ptrdiff_t PhotoViews::reach() const {
+  const double spread = std::fmax(state_.blur_px2, 0.0) + state_.smear_px2[0] + state_.smear_px2[2];
+  return 2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, spread)))) +
+         (state_.red_scale != 0.0 || state_.blue_scale != 0.0 ? 4 : 0);
+}
+
+Vec3 PhotoViews::normal_at(std::size_t photo, double x, double y) const {
+  const ModelField& f = *surfaces_[photo];
+  const double step = f.spacing.value();
+  const double c = std::clamp((x - f.x0.value()) / step, 0.0,
+                              static_cast<double>(f.z_mm.cols() - 1)),
+               r = std::clamp((y - f.y0.value()) / step, 0.0,
+                              static_cast<double>(f.z_mm.rows() - 1));
+  double gx = 0.0, gy = 0.0;
+  if (normals_ == Normals::smooth) {
+    const Slopes& s = slopes_[tracer_of_[photo]];
+    gx = bilinear(s.x, r, c);
+    gy = bilinear(s.y, r, c);
+  } else {
+    const auto c0 = std::min(static_cast<std::ptrdiff_t>(c), f.z_mm.cols() - 2),
+               r0 = std::min(static_cast<std::ptrdiff_t>(r), f.z_mm.rows() - 2);
+    const double fc = c - static_cast<double>(c0), fr = r - static_cast<double>(r0);
+    const double a = f.z_mm(r0, c0), b = f.z_mm(r0, c0 + 1), d = f.z_mm(r0 + 1, c0),
+                 e = f.z_mm(r0 + 1, c0 + 1);
+    if (normals_ == Normals::patches) {
+      gx = std::lerp(b - a, e - d, fr) / step;
+      gy = std::lerp(d - a, e - b, fc) / step;
+    } else {
+      gx = (fc > fr ? b - a : e - d) / step;
+      gy = (fc > fr ? e - b : d - a) / step;
+    }
+  }
+  return normalized(Vec3{-gx, -gy, 1.0});
+}
+
+void PhotoViews::trace(std::size_t k) {
+  const PhotoInput& photo = scene_.photos[k];
+  View& view = views_[k];
+  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
+  const double f = photo.focal_length_mm * 1000.0 / photo.pixel_pitch_um;
+  const Vec3 origin = photo.camera_position_mm + state_.camera_mm[k];
+  const Vec3 turn = state_.camera_rad[k];
+  const double turned = norm(turn);
+  const Quaternion model_from_camera =
+      turned > 0.0 ? rotation_about((1.0 / turned) * turn, turned) * photo.model_from_camera
+                   : photo.model_from_camera;
+  const std::ptrdiff_t far = reach();
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, view.samples.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < view.samples.cols(); ++c) {
+      if (!view.wanted(r / kAcross, c / kAcross, far)) {
+        view.samples(r, c) = {};
+        continue;
+      }
+      const double u0 = (static_cast<double>(c) + 0.5) / kAcross - photo.principal_u_px,
+                   v0 = (static_cast<double>(r) + 0.5) / kAcross - photo.principal_v_px;
+      double u = u0, v = v0;
+      for (int round = 0; round < 6; ++round) {  // back from where the lens puts it
+        const double r2 = (u * u + v * v) / (f * f);
+        const double radial = 1.0 + state_.focal + state_.radial_1 * r2 + state_.radial_2 * r2 * r2;
+        u = u0 / radial;
+        v = v0 / radial;
+      }
+      Sample& s = view.samples(r, c);
+      s = {};
+      const auto hit = tracer.trace(origin, rotate(model_from_camera, normalized(Vec3{u, -v, -f})));
+      if (!hit) continue;
+      s.x = static_cast<float>(hit->point_mm.x);
+      s.y = static_cast<float>(hit->point_mm.y);
+      s.z = static_cast<float>(hit->point_mm.z);
+    }
+  });
+}
+
+void PhotoViews::see_lamp(std::size_t k) {
+  const PhotoInput& photo = scene_.photos[k];
+  View& view = views_[k];
+  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
+  const std::size_t lamp = scene_.lamp_of[k];
+  const Vec3 position =
+      photo.lamp_position_mm + state_.lamp_mm[lamp] + state_.lamp_refocused_mm[lamp];
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, view.samples.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < view.samples.cols(); ++c) {
+      Sample& s = view.samples(r, c);
+      if (std::isnan(s.x)) continue;
+      const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
+      const double way = norm(position - p);
+      s.visible = tracer.blocked(p, (1.0 / way) * (position - p), way, 0.0) ? 0.0F : 1.0F;
+    }
+  });
+  const double diameter = photo.lamp_diameter_mm + state_.lamp_diameter_mm;
+  if (!(diameter > 0.0)) return;
+  // Penumbras: where a neighbour within their width sees what this does not.
+  const auto reach = std::clamp<std::ptrdiff_t>(
+      static_cast<std::ptrdiff_t>(std::ceil(kAcross * penumbra_px(diameter))) + 1, 2, 60);
+  const std::ptrdiff_t rows = view.samples.rows(), cols = view.samples.cols();
+  // Summed over squares: is it all light or all shadow?
+  Grid<std::int32_t> lit(rows + 1, cols + 1, 0), hit(rows + 1, cols + 1, 0);
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      const Sample& s = view.samples(r, c);
+      const int h = std::isnan(s.x) ? 0 : 1, l = h == 1 && s.visible > 0.0F ? 1 : 0;
+      hit(r + 1, c + 1) = h + hit(r, c + 1) + hit(r + 1, c) - hit(r, c);
+      lit(r + 1, c + 1) = l + lit(r, c + 1) + lit(r + 1, c) - lit(r, c);
+    }
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+    std::vector<camera::DiscPoint> disc;
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      Sample& s = view.samples(r, c);
+      if (std::isnan(s.x)) continue;
+      const std::ptrdiff_t r0 = std::max<std::ptrdiff_t>(0, r - reach),
+                           r1 = std::min(rows, r + reach + 1),
+                           c0 = std::max<std::ptrdiff_t>(0, c - reach),
+                           c1 = std::min(cols, c + reach + 1);
+      const auto sum = [&](const Grid<std::int32_t>& g) {
+        return g(r1, c1) - g(r0, c1) - g(r1, c0) + g(r0, c0);
+      };
+      const int lights = sum(lit);
+      if (lights == 0 || lights == sum(hit)) continue;
+      const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
+      const Vec3 aim = normalized(position - photo.lamp_target_mm);
+      const Vec3 a = across(aim), b = cross(aim, a);
+      camera::stratified_disc(kLampRays, static_cast<std::uint64_t>(r * cols + c), disc);
+      int seen = 0;
+      for (const camera::DiscPoint& d : disc) {
+        const Vec3 to = position + 0.5 * diameter * (d.x * a + d.y * b) - p;
+        const double way = norm(to);
+        seen += tracer.blocked(p, (1.0 / way) * to, way, 0.0) ? 0 : 1;
+      }
+      s.visible = static_cast<float>(seen) / static_cast<float>(disc.size());
+    }
+  });
+}
+
+std::array<float, kLampSizes> PhotoViews::visible_of_sizes(std::size_t k, std::uint32_t at) const {
+  const PhotoInput& photo = scene_.photos[k];
+  const View& view = views_[k];
+  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
+  const std::size_t lamp = scene_.lamp_of[k];
+  const Vec3 position =
+      photo.lamp_position_mm + state_.lamp_mm[lamp] + state_.lamp_refocused_mm[lamp];
+  const Vec3 aim = normalized(position - photo.lamp_target_mm);
+  const Vec3 a = across(aim), b = cross(aim, a);
+  const auto row = static_cast<std::ptrdiff_t>(at) / photo.width_px,
+             col = static_cast<std::ptrdiff_t>(at) % photo.width_px;
+  std::array<double, kLampSizes> sum{};
+  double largest = 0.0;
+  for (const double d : scene_.lamp_sizes_mm)
+    largest = std::fmax(largest, photo.lamp_diameter_mm + d);
+  bool edge = false;
+  float first = -1.0F;
+  std::vector<Vec3> places;
+  for (std::ptrdiff_t i = 0; i < kAcross; ++i)
+    for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
+      const Sample& s = view.samples(kAcross * row + i, kAcross * col + j);
+      if (std::isnan(s.x)) continue;
+      const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
+      places.push_back(p);
+      if (first < 0.0F) first = s.visible;
+      edge |= s.visible != first;
+      for (const auto& [x, y] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}}) {
+        if (edge) break;
+        const Vec3 to = position + 0.5 * largest * (x * a + y * b) - p;
+        const double way = norm(to);
+        edge = tracer.blocked(p, (1.0 / way) * to, way, 0.0) != (first < 0.5F);
+      }
+    }
+  std::array<float, kLampSizes> out;
+  if (!edge || places.empty()) {
+    out.fill(std::fmax(0.0F, first));
+    return out;
+  }
+  std::vector<camera::DiscPoint> disc;
+  for (std::size_t n = 0; n < places.size(); ++n) {
+    camera::stratified_disc(kLampRays, 0x1a3bU + 64ULL * at + n, disc);
+    for (std::size_t size = 0; size < kLampSizes; ++size) {
+      const double diameter = std::fmax(0.0, photo.lamp_diameter_mm + scene_.lamp_sizes_mm[size]);
+      int seen = 0;
+      for (const camera::DiscPoint& d : disc) {
+        const Vec3 to = position + 0.5 * diameter * (d.x * a + d.y * b) - places[n];
+        const double way = norm(to);
+        seen += tracer.blocked(places[n], (1.0 / way) * to, way, 0.0) ? 0 : 1;
+      }
+      sum[size] += static_cast<double>(seen) / static_cast<double>(disc.size());
+    }
+  }
+  for (std::size_t size = 0; size < kLampSizes; ++size)
+    out[size] = static_cast<float>(sum[size] / static_cast<double>(places.size()));
+  return out;
+}
+
+/// What a place sees around it: sky, or surface that a lamp lights.
+void PhotoViews::look_around() {
+  const ModelField& f = *surfaces_[0];
+  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[0]];
+  const double wide = scene_.box.max.x - scene_.box.min.x,
+               high = scene_.box.max.y - scene_.box.min.y;
+  around_step_mm_ = std::fmax(wide, high) / static_cast<double>(kAround - 1);
+  const auto rows = static_cast<std::ptrdiff_t>(high / around_step_mm_) + 1,
+             cols = static_cast<std::ptrdiff_t>(wide / around_step_mm_) + 1;
+  sky_ = Grid<float>(rows, cols, 1.0F);
+  bounce_.assign(scene_.lamps, Grid<float>(rows, cols, 0.0F));
+  std::vector<std::size_t> photo_of(scene_.lamps, 0);
+  for (std::size_t k = scene_.photos.size(); k-- > 0;) photo_of[scene_.lamp_of[k]] = k;
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      const double x = scene_.box.min.x + around_step_mm_ * static_cast<double>(c),
+                   y = scene_.box.min.y + around_step_mm_ * static_cast<double>(r);
+      const double z = heightmap::height_at(f, x, y);
+      if (std::isnan(z)) continue;
+      const Vec3 n = normal_at(0, x, y), a = across(n), b = cross(n, a);
+      const Vec3 p = Vec3{x, y, z} + kOff_mm * n;
+      int open = 0;
+      std::vector<double> light(scene_.lamps, 0.0);
+      for (int i = 0; i < kAroundRays; ++i) {
+        const auto cell = static_cast<std::uint64_t>(r * cols + c);
+        const double u = (i / 8 + random_uniform(cell, static_cast<std::uint64_t>(2 * i))) / 8.0,
+                     v = (i % 8 + random_uniform(cell, static_cast<std::uint64_t>(2 * i + 1))) /
+                         8.0;
+        const camera::DiscPoint d = camera::concentric_disc(u, v);
+        const Vec3 w =
+            d.x * a + d.y * b + std::sqrt(std::fmax(0.0, 1.0 - d.x * d.x - d.y * d.y)) * n;
+        const auto hit = tracer.trace(p, normalized(w));
+        if (!hit) {
+          ++open;
+          continue;
+        }
+        for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp) {
+          const PhotoInput& photo = scene_.photos[photo_of[lamp]];
+          const Vec3 from = hit->point_mm + kOff_mm * hit->normal;
+          const Vec3 to = photo.lamp_position_mm - from;
+          const double way = norm(to), mu0 = dot(hit->normal, to) / way;
+          if (!(mu0 > 0.0) || tracer.blocked(from, (1.0 / way) * to, way, 0.0)) continue;
+          const Vec3 target = photo.lamp_target_mm - photo.lamp_position_mm;
+          light[lamp] += photo.albedo * mu0 * dot(target, target) / (way * way);
+        }
+      }
+      sky_(r, c) = static_cast<float>(open) / kAroundRays;
+      for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp)
+        bounce_[lamp](r, c) = static_cast<float>(light[lamp] / kAroundRays);
+    }
+  });
+}
+
+Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
+  const PhotoInput& photo = scene_.photos[k];
+  const View& view = views_[k];
+  Grid<float> image(photo.height_px, photo.width_px, 0.0F);
+  hits = Grid<float>(photo.height_px, photo.width_px, 0.0F);
+  const std::ptrdiff_t far = reach();
+  oneapi::tbb::parallel_for(0, photo.height_px, [&](int r) {
+    PhotoPixel p;
+    p.photo = static_cast<std::uint32_t>(k);
+    for (int c = 0; c < photo.width_px; ++c) {
+      if (!view.wanted(r, c, far)) continue;
+      double sum = 0.0;
+      int hit = 0;
+      for (std::ptrdiff_t i = 0; i < kAcross; ++i)
+        for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
+          const Sample& s = view.samples(kAcross * r + i, kAcross * c + j);
+          if (std::isnan(s.x)) continue;
+          ++hit;
+          p.place = {s.x, s.y, s.z};
+          p.normal = normal_at(k, s.x, s.y);
+          p.visible = static_cast<double>(s.visible);
+          const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
+                       col = (p.place.x - scene_.box.min.x) / around_step_mm_;
+          p.sky = bilinear(sky_, row, col);
+          p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
+          sum += radiance(p, state_, state_, scene_);
+        }
+      image(r, c) = static_cast<float>(sum / (kAcross * kAcross));
+      hits(r, c) = static_cast<float>(hit) / (kAcross * kAcross);
+    }
+  });
+  return image;
+}
+
+/// Those of the lattice that are compared, in every model: on the surface, not at its rim, not
+/// saturated.
+void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
+  const PhotoInput& photo = scene_.photos[k];
+  View& view = views_[k];
+  const std::ptrdiff_t far = reach();
+  std::erase_if(view.lattice, [&](std::uint32_t at) {
+    const std::ptrdiff_t r = static_cast<std::ptrdiff_t>(at) / photo.width_px,
+                         c = static_cast<std::ptrdiff_t>(at) % photo.width_px;
+    if (r < kRim || c < kRim || r >= photo.height_px - kRim || c >= photo.width_px - kRim)
+      return true;
+    for (std::ptrdiff_t i = -kRim; i <= kRim; ++i)
+      for (std::ptrdiff_t j = -kRim; j <= kRim; ++j)
+        if (view.wanted(r + i, c + j, far) && hits(r + i, c + j) < 1.0F) return true;
+    for (const Grid<float>& channel : photographs_[k].value)
+      for (const std::ptrdiff_t j : {0, 1})
+        if (!(channel(r, c + j) < kSaturated)) return true;  // NaN too
+    return false;
+  });
+}
+
+void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
+  const PhotoInput& photo = scene_.photos[k];
+  const View& view = views_[k];
+  const Photograph& taken = photographs_[k];
+  Grid<float> hits;
+  Grid<float> image = picture(k, hits);
+  if (!selected_) select(k, hits);
+  const auto beyond =
+      2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, state_.blur_px2))));
+  smear(image, state_.smear_px2,
+        [&](std::ptrdiff_t r, std::ptrdiff_t c) { return view.wanted(r, c, beyond); });
+  blur(image, kPixelRest + state_.blur_px2);
+  const auto half_u = photo.principal_u_px, half_v = photo.principal_v_px;
+  const auto coloured = [&](int channel, double r, double c) {
+    const double scale = channel == 0 ? state_.red_scale : channel == 2 ? state_.blue_scale : 0.0;
+    if (scale == 0.0) return image(static_cast<std::ptrdiff_t>(r), static_cast<std::ptrdiff_t>(c));
+    return cubic(image, (r + 0.5 - half_v) / (1.0 + scale) + half_v - 0.5,
+                 (c + 0.5 - half_u) / (1.0 + scale) + half_u - 0.5);
+  };
+  double mean = 0.0, count = 0.0;
+  const std::ptrdiff_t far = reach();
+  for (int r = 0; r < photo.height_px; ++r)
+    for (int c = 0; c < photo.width_px; ++c) {
+      if (!view.wanted(r, c, far)) continue;
+      mean += static_cast<double>(image(r, c)) *
+              (1.0 + state_.vignette_2 * radius2(c + 0.5 - half_u, r + 0.5 - half_v, photo));
+      count += 1.0;
+    }
+  mean /= std::fmax(1.0, count);
+  std::vector<MeasuredPixel> made(view.lattice.size());
+  std::vector<std::uint8_t> good(view.lattice.size(), 0);
+  oneapi::tbb::parallel_for(std::size_t{0}, view.lattice.size(), [&](std::size_t n) {
+    const auto at = static_cast<std::ptrdiff_t>(view.lattice[n]);
+    const std::ptrdiff_t r = at / photo.width_px, c = at % photo.width_px;
+    MeasuredPixel p;
+    p.photo = static_cast<std::uint32_t>(k);
+    p.u = static_cast<float>(static_cast<double>(c) + 0.5 - half_u);
+    p.v = static_cast<float>(static_cast<double>(r) + 0.5 - half_v);
+    double visible = 0.0, rays = 0.0;
+    for (std::ptrdiff_t i = 0; i < kAcross; ++i)
+      for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
+        const Sample& sample = view.samples(kAcross * r + i, kAcross * c + j);
+        if (std::isnan(sample.x)) continue;
+        rays += 1.0;
+        p.place += Vec3{sample.x, sample.y, sample.z};
+        p.normal += normal_at(k, sample.x, sample.y);
+        visible += static_cast<double>(sample.visible);
+      }
+    if (!(rays > 0.0)) return;
+    p.place = (1.0 / rays) * p.place;
+    p.normal = normalized(p.normal);
+    p.visible = visible / rays;
+    p.visible_of_size = visible_of_sizes(k, static_cast<std::uint32_t>(at));
+    p.at = static_cast<std::uint32_t>(at);
+    p.of_rays = light_of(k, p.at, false);
+    const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
+                 col = (p.place.x - scene_.box.min.x) / around_step_mm_;
+    p.sky = bilinear(sky_, row, col);
+    p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
+    p.light = radiance(p, state_, state_, scene_);
+    const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) { return image(r + i, c + j); };
+    p.du = 0.5F * (z(0, 1) - z(0, -1));
+    p.dv = 0.5F * (z(1, 0) - z(-1, 0));
+    p.duu = z(0, 1) - 2.0F * z(0, 0) + z(0, -1);
+    p.dvv = z(1, 0) - 2.0F * z(0, 0) + z(-1, 0);
+    p.duv = 0.25F * (z(1, 1) - z(1, -1) - z(-1, 1) + z(-1, -1));
+    for (std::size_t ch = 0; ch < taken.value.size(); ++ch) {
+      const auto channel = taken.value.size() == 1 ? 1 : static_cast<int>(ch);
+      p.value[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c));
+      p.value_next[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c + 1));
+      p.mean[ch] = static_cast<float>(mean);
+      const double y = static_cast<double>(taken.value[ch](r, c));
+      p.measured[ch] = static_cast<float>(y);
+      p.next[ch] = taken.value[ch](r, c + 1);
+      const double model = exposed(static_cast<double>(p.value[ch]), mean, radius2(p.u, p.v, photo),
+                                   channel, state_);
+      // Electrons scatter; a tone curve stretches that.
+      const double power = 1.0 + state_.gamma,
+                   linear = std::pow(std::fmax(1e-6, model), 1.0 / power),
+                   stretch = power * std::pow(linear, power - 1.0);
+      double variance =
+          stretch * stretch *
+          (std::fmax(0.0, linear) * photo.full_well_e + photo.read_noise_e * photo.read_noise_e) /
+          (photo.full_well_e * photo.full_well_e);
+      if (taken.quantum > 0.0) {
+        const double l = std::clamp(model, 0.0, 1.0);
+        const double slope = l <= 0.0031308 ? 1.0 / 12.92 : 2.4 / 1.055 * std::pow(l, 1.4 / 2.4);
+        variance += std::pow(taken.quantum * slope, 2) / 12.0;
+      }
+      p.variance[ch] = static_cast<float>(variance);
+    }
+    made[n] = p;
+    good[n] = 1;
+  });
+  for (std::size_t n = 0; n < made.size(); ++n)
+    if (good[n] == 1) out.push_back(made[n]);
+}
+
+double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
+  const PhotoInput& photo = scene_.photos[k];
+  const View& view = views_[k];
+  const std::size_t lamp = scene_.lamp_of[k];
+  const Vec3 position =
+      photo.lamp_position_mm + state_.lamp_mm[lamp] + state_.lamp_refocused_mm[lamp];
+  const double diameter = photo.lamp_diameter_mm + state_.lamp_diameter_mm;
+  const Vec3 aim = normalized(position - photo.lamp_target_mm);
+  const Vec3 a = across(aim), b = cross(aim, a);
+  const auto row = static_cast<std::ptrdiff_t>(at) / photo.width_px,
+             col = static_cast<std::ptrdiff_t>(at) % photo.width_px;
+  PhotoPixel p;
+  p.photo = static_cast<std::uint32_t>(k);
+  double sum = 0.0;
+  std::vector<camera::DiscPoint> disc;
+  for (std::ptrdiff_t i = 0; i < kAcross; ++i)
+    for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
+      const Sample& s = view.samples(kAcross * row + i, kAcross * col + j);
+      if (std::isnan(s.x)) continue;
+      p.place = {s.x, s.y, s.z};
+      p.normal = normal_at(k, s.x, s.y);
+      p.visible = static_cast<double>(s.visible);
+      if (moved) {
+        const Vec3 from = p.place + Vec3{0.0, 0.0, kOff_mm};
+        const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
+        if (diameter > 0.0)
+          camera::stratified_disc(
+              kLampRays, 0x51fU + 64ULL * at + static_cast<std::uint64_t>(2 * i + j), disc);
+        else
+          disc.assign(1, {});
+        int seen = 0;
+        for (const camera::DiscPoint& d : disc) {
+          const Vec3 to = position + 0.5 * diameter * (d.x * a + d.y * b) - from;
+          const double way = norm(to);
+          seen += tracer.blocked(from, (1.0 / way) * to, way, 0.0) ? 0 : 1;
+        }
+        p.visible = static_cast<double>(seen) / static_cast<double>(disc.size());
+      }
+      const double r = (p.place.y - scene_.box.min.y) / around_step_mm_,
+                   c = (p.place.x - scene_.box.min.x) / around_step_mm_;
+      p.sky = bilinear(sky_, r, c);
+      p.bounce = bilinear(bounce_[lamp], r, c);
+      sum += radiance(p, state_, state_, scene_);
+    }
+  return sum / (kAcross * kAcross);
+}
+
+/// Light anew at the pixels, the pictures around them as they were.
+void PhotoViews::light_pixels() {
+  const auto moved = [&](const PhotoState& was, std::size_t lamp) {
+    return !(was.lamp_mm[lamp] == state_.lamp_mm[lamp]) ||
+           !(was.lamp_refocused_mm[lamp] == state_.lamp_refocused_mm[lamp]) ||
+           was.lamp_diameter_mm != state_.lamp_diameter_mm;
+  };
+  const bool lit_anew = !same_light(pictured_, state_);
+  std::vector<double> before(scene_.photos.size(), 0.0), now(scene_.photos.size(), 0.0);
+  if (lit_anew)
+    oneapi::tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
+      MeasuredPixel& p = pixels_[i];
+      const double was = p.of_rays;
+      p.of_rays = light_of(p.photo, p.at, moved(pictured_, scene_.lamp_of[p.photo]));
+      const auto by = static_cast<float>(p.of_rays - was);
+      for (float& v : p.value) v += by;
+      for (float& v : p.value_next) v += by;
+      p.light = radiance(p, state_, state_, scene_);
+    });
+  for (const MeasuredPixel& p : pixels_) {
+    now[p.photo] += p.of_rays;
+    before[p.photo] += light_before_[p.photo].first == 0.0 ? 0.0 : 1.0;
+  }
+  for (MeasuredPixel& p : pixels_) {
+    const auto& [light, mean] = light_before_[p.photo];
+    const double count = std::fmax(1.0, before[p.photo]);
+    for (float& v : p.mean)
+      v = static_cast<float>(light > 0.0 ? mean * now[p.photo] / count / light : mean);
+  }
+}
+
+double PhotoViews::penumbra_px(double diameter_mm) const {
+  const PhotoInput& photo = scene_.photos[0];
+  const double way = norm(photo.lamp_position_mm - photo.lamp_target_mm);
+  return diameter_mm * (scene_.box.max.z - scene_.box.min.z) / way * photo.focal_length_mm *
+         1000.0 / photo.pixel_pitch_um / norm(photo.camera_position_mm - photo.lamp_target_mm);
+}
+
+double PhotoViews::roughness() const {
+  std::vector<double> difference;
+  for (const MeasuredPixel& p : pixels_)
+    difference.push_back(
+        static_cast<double>((p.next[0] - p.value_next[0]) - (p.measured[0] - p.value[0])));
+  return nmad(std::move(difference));
+}
+
+void PhotoViews::render(const PhotoState& state, Normals normals, bool derivatives) {
+  if (!derivatives && rendered_ && normals == normals_ && same_places(pictured_, state) &&
+      pictured_.blur_px2 == state.blur_px2 && pictured_.smear_px2 == state.smear_px2) {
+    // What was shown before is the start again: steps do not add up.
+    const PhotoState picture = pictured_;
+    state_ = state;
+    pixels_ = pictured_pixels_;
+    pictured_ = picture;
+    light_pixels();
+    return;
+  }
+  const PhotoState before = traced_;
+  const bool first = !rendered_;
+  const double size_before = before.lamp_diameter_mm;
+  state_ = state;
+  normals_ = normals;
+  rendered_ = true;
+  if (first) look_around();
+  const double base = scene_.photos[0].lamp_diameter_mm + state_.lamp_diameter_mm;
+  constexpr std::array<double, kLampSizes> kFromPoint{10.0, 20.0, 40.0, 80.0, 160.0, 320.0},
+      kAbout{0.5, 0.7, 0.85, 1.18, 1.4, 2.0};
+  for (std::size_t k = 0; k < kLampSizes; ++k)
+    scene_.lamp_sizes_mm[k] =
+        (base > 5.0 ? base * kAbout[k] : kFromPoint[k]) - scene_.photos[0].lamp_diameter_mm;
+  pixels_.clear();
+  for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
+    const std::size_t lamp = scene_.lamp_of[k];
+    const bool lens =
+        first || traced_reach_ < reach() || !(before.camera_mm[k] == state_.camera_mm[k]) ||
+        !(before.camera_rad[k] == state_.camera_rad[k]) || before.focal != state_.focal ||
+        before.radial_1 != state_.radial_1 || before.radial_2 != state_.radial_2;
+    if (lens) trace(k);
+    if (lens || !(before.lamp_mm[lamp] == state_.lamp_mm[lamp]) ||
+        !(before.lamp_refocused_mm[lamp] == state_.lamp_refocused_mm[lamp]) ||
+        size_before != state_.lamp_diameter_mm)
+      see_lamp(k);
+    take_pixels(k, pixels_);
+  }
+  traced_ = state_;
+  traced_reach_ = std::max(traced_reach_, reach());
+  selected_ = true;
+  pictured_ = state_;
+  pictured_pixels_ = pixels_;
+  light_before_.assign(scene_.photos.size(), {0.0, 0.0});
+  std::vector<double> count(scene_.photos.size(), 0.0);
+  for (const MeasuredPixel& p : pixels_) {
+    light_before_[p.photo].first += p.of_rays;
+    light_before_[p.photo].second = static_cast<double>(p.mean[0]);
+    count[p.photo] += 1.0;
+  }
+  for (std::size_t k = 0; k < count.size(); ++k) light_before_[k].first /= std::fmax(1.0, count[k]);
+}
+
+}  // namespace maquette::diagnosis::detail

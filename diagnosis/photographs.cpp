@@ -1,0 +1,717 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "diagnosis/photographs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include <fmt/format.h>
+
+#include "core/chi_squared.hpp"
+#include "core/median.hpp"
+#include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/photo_fit.hpp"
+#include "diagnosis/detail/photo_remainder.hpp"
+#include "diagnosis/path_contact.hpp"
+#include "diagnosis/surface.hpp"
+#include "heightmap/field_io.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+using detail::kAll;
+using detail::kChoose;
+using detail::kConfirm;
+using detail::kReport;
+using detail::PhotoFit;
+using detail::PhotoLinear;
+using detail::PhotoMember;
+using detail::PhotoMembers;
+
+constexpr std::size_t kLeastPixels = 3000;
+constexpr std::size_t kMostCauses = 4, kRounds = 7;
+/// Steps of Gauss and Newton in a trial.
+constexpr int kTrialSteps = 3;
+/// Candidates that are rendered: the best to first order.
+constexpr std::size_t kRendered = 4;
+/// And no farther from the best than that.
+constexpr double kNear = 0.5;
+/// What moves the picture less, rms of full scale over its mean, is not told from what the
+/// rendering itself may be wrong by.
+constexpr double kFloor = 1e-3;
+/// And as a share of what all causes together move.
+constexpr double kFloorShare = 0.12;
+/// What is smooth over the part and larger than that, of the pictures' mean, is no noise.
+constexpr double kSmooth = 3e-3;
+/// Penumbras narrower than that are not told from shadows' steps between rays, pixels.
+constexpr double kPenumbra_px = 0.5;
+/// What is not in a map's waves errs together in all of a place's pixels.
+constexpr double kMapOver = 30.0;
+/// Forms with that many parameters are maps.
+constexpr std::size_t kManyParameters = 12;
+/// The scatter of pixels must be off by this factor to be called a cause: full well and read noise
+/// are known to a few per cent.
+constexpr double kScatterOff = 0.1;
+
+struct Candidate {
+  const Effect* effect;
+  std::vector<PhotoForm> forms;
+};
+
+struct Trial {
+  std::size_t candidate, form;
+  double score;  ///< in -2 log likelihood less the price, to first order
+  double gain;
+  std::vector<double> values;
+};
+
+double price_of(const PhotoForm& form) {
+  return detail::kPricePerCause +
+         detail::kPricePerColumn * static_cast<double>(form.parameters.size());
+}
+double price_of(const PhotoMembers& members) {
+  double sum = 0.0;
+  for (const PhotoMember& m : members) sum += price_of(m.form);
+  return sum;
+}
+std::vector<int> columns_of(const PhotoLinear& linear, const PhotoMembers& members,
+                            std::size_t but = SIZE_MAX) {
+  std::vector<int> all;
+  for (std::size_t k = 0; k < members.size(); ++k)
+    if (k != but)
+      for (const int c : linear.of(members[k].form))
+        if (std::find(all.begin(), all.end(), c) == all.end()) all.push_back(c);
+  return all;
+}
+PhotoMembers without(PhotoMembers members, std::size_t k) {
+  members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
+  return members;
+}
+
+/// rms of what a member moves, of full scale.
+double moved_by(const PhotoLinear& linear, const PhotoMember& member) {
+  const auto at = linear.of(member.form);
+  double sum = 0.0;
+  for (Eigen::Index i = 0; i < linear.residual.size(); ++i) {
+    double d = 0.0;
+    for (std::size_t k = 0; k < at.size(); ++k)
+      d += static_cast<double>(linear.columns(i, at[k])) * member.values[k];
+    sum += std::pow(d * static_cast<double>(linear.sigma(i)), 2);
+  }
+  return std::sqrt(sum / std::fmax(1.0, static_cast<double>(linear.residual.size())));
+}
+
+/// Search over the library for one case.
+class Search {
+ public:
+  /// @param light  mean value of the pictures
+  Search(PhotoFit& fit, std::vector<Candidate> candidates, double light)
+      : fit_(fit), candidates_(std::move(candidates)), light_(light) {
+    for (const Candidate& c : candidates_)
+      for (const PhotoForm& f : c.forms)
+        for (const PhotoParameter& p : f.parameters) parameters_.push_back(&p);
+  }
+  [[nodiscard]] const std::vector<const PhotoParameter*>& parameters() const { return parameters_; }
+
+  /// What each form would gain beside a model, best first; of a cause that the model has, what a
+  /// form with more parameters would gain in its place.
+  [[nodiscard]] std::vector<Trial> trials(const PhotoLinear& linear, const PhotoMembers& members,
+                                          const std::vector<int>& sets) const {
+    const Eigen::MatrixXd g = linear.sum(sets);
+    const auto model = columns_of(linear, members);
+    const double unit = fit_.noise.factor * fit_.noise.over;
+    std::vector<Trial> all;
+    for (std::size_t c = 0; c < candidates_.size(); ++c) {
+      const auto mine = std::find_if(members.begin(), members.end(), [&](const PhotoMember& m) {
+        return m.effect == candidates_[c].effect;
+      });
+      std::vector<Trial> best;
+      for (std::size_t f = 0; f < candidates_[c].forms.size(); ++f) {
+        const PhotoForm& form = candidates_[c].forms[f];
+        std::vector<int> at = linear.of(form);
+        double less = 0.0;
+        if (mine != members.end()) {
+          if (form.parameters.size() <= mine->form.parameters.size()) continue;
+          const auto has = linear.of(mine->form);
+          if (!std::all_of(has.begin(), has.end(),
+                           [&](int k) { return std::find(at.begin(), at.end(), k) != at.end(); }))
+            continue;
+          std::erase_if(
+              at, [&](int k) { return std::find(model.begin(), model.end(), k) != model.end(); });
+          less = price_of(mine->form);
+        }
+        Eigen::VectorXd values;
+        const double gain = detail::gain_of(g, model, at, form.sign, &values) / unit;
+        Trial t{c, f, gain - price_of(form) + less, gain, {}};
+        if (mine == members.end()) t.values.assign(values.data(), values.data() + values.size());
+        best.push_back(std::move(t));
+      }
+      std::sort(best.begin(), best.end(),
+                [](const Trial& a, const Trial& b) { return a.score > b.score; });
+      if (best.size() > 2) best.resize(2);
+      all.insert(all.end(), best.begin(), best.end());
+    }
+    std::sort(all.begin(), all.end(),
+              [](const Trial& a, const Trial& b) { return a.score > b.score; });
+    return all;
+  }
+
+  /// The model with a trial's form, fitted.
+  [[nodiscard]] PhotoMembers with(const PhotoMembers& members, const Trial& t) {
+    PhotoMembers model = members;
+    const Candidate& c = candidates_[t.candidate];
+    const PhotoForm& form = c.forms[t.form];
+    PhotoMember added{c.effect, form, std::vector<double>(form.parameters.size(), 0.0)};
+    const auto mine = std::find_if(model.begin(), model.end(),
+                                   [&](const PhotoMember& m) { return m.effect == c.effect; });
+    if (mine != model.end()) {
+      for (std::size_t k = 0; k < form.parameters.size(); ++k)
+        for (std::size_t i = 0; i < mine->form.parameters.size(); ++i)
+          if (mine->form.parameters[i].key == form.parameters[k].key)
+            added.values[k] = mine->values[i];
+      *mine = std::move(added);
+    } else {
+      model.push_back(std::move(added));
+    }
+    return fit_.fitted(std::move(model), kTrialSteps);
+  }
+
+  /// Likelihood and price of a fitted model on the choosing blocks; less is better.
+  [[nodiscard]] double score(const PhotoMembers& members) {
+    return fit_.objective(members, {kChoose}) + price_of(members);
+  }
+
+  [[nodiscard]] PhotoMembers choose(std::vector<Ranked>& ranking, const RunContext& run) {
+    PhotoMembers members;
+    for (std::size_t round = 0; round < kRounds && !run.stopped(); ++round) {
+      const PhotoLinear linear = fit_.about(members, parameters_);
+      fit_.noise = fit_.noise_of(linear);
+      const double now = fit_.objective(linear, {kChoose}) + price_of(members);
+      const auto all = trials(linear, members, {kChoose});
+      if (members.empty())
+        for (const Trial& t : all)
+          ranking.push_back({candidates_[t.candidate].effect->name,
+                             candidates_[t.candidate].forms[t.form].law, t.score});
+      PhotoMembers best = best_of(all, linear, members, now);
+      if (best.empty()) break;
+      best = pruned(std::move(best));
+      // A displaced picture says little of what lies between nodes.
+      if (members.empty()) {
+        const detail::Normals was = fit_.normals;
+        fit_.settle_normals(best);
+        if (fit_.normals != was) best = fit_.fitted(std::move(best));
+      }
+      if (best.size() > 1) best = exchanged(std::move(best), run);
+      // What comes in and drives out another must leave less than before, or it would go on so.
+      const bool better = members.empty() || score(best) < now - 1.0;
+      if (!better) break;
+      members = std::move(best);
+    }
+    return members;
+  }
+
+  /// Other causes that do as well in the place of the k-th. @param gain  what it gains there
+  [[nodiscard]] std::vector<std::string> equivalents(const PhotoMembers& members, std::size_t k,
+                                                     double& gain,
+                                                     std::vector<Rejected>& ruled_out) {
+    const double full = fit_.objective(members, kAll);
+    const PhotoMembers others = fit_.fitted(without(members, k));
+    const PhotoLinear linear = fit_.about(others, parameters_);
+    const double missed = fit_.objective(linear, kAll);
+    gain = missed - full;
+    const double far = std::fmax(detail::kEquivalent, 0.01 * gain);
+    std::vector<std::string> names;
+    std::vector<std::size_t> done;
+    std::size_t rendered = 0;
+    double own = 0.0;  // to first order
+    const auto all = trials(linear, others, kAll);
+    for (const Trial& t : all)
+      if (candidates_[t.candidate].effect == members[k].effect) own = std::fmax(own, t.gain);
+    for (const Trial& t : all) {
+      const Effect* effect = candidates_[t.candidate].effect;
+      if (effect == members[k].effect ||
+          std::any_of(others.begin(), others.end(),
+                      [&](const PhotoMember& m) { return m.effect == effect; }) ||
+          std::find(done.begin(), done.end(), t.candidate) != done.end())
+        continue;
+      done.push_back(t.candidate);
+      double worse = own - t.gain;
+      if (t.gain > kNear * own && rendered < kRendered) {
+        ++rendered;
+        worse = fit_.objective(with(others, t), kAll) - full;
+      }
+      if (worse < far)
+        names.push_back(effect->name);
+      else if (t.gain > 20.0)
+        ruled_out.push_back(
+            {effect->name, fmt::format("in the place of {} it makes the data 10^{:.1f} times less "
+                                       "likely",
+                                       members[k].effect->name, worse / 4.605)});
+    }
+    return names;
+  }
+
+ private:
+  /// The closest candidates rendered; empty: none does better than `now`.
+  PhotoMembers best_of(const std::vector<Trial>& all, const PhotoLinear& linear,
+                       const PhotoMembers& members, double now) {
+    PhotoMembers best;
+    double least = now;
+    std::size_t rendered = 0;
+    for (const Trial& t : all) {
+      if (rendered == kRendered || !(t.score > 0.0) || t.score < kNear * all.front().score) break;
+      const Candidate& c = candidates_[t.candidate];
+      if (!t.values.empty() &&
+          !(moved_by(linear, {c.effect, c.forms[t.form], t.values}) > kFloor * light_))
+        continue;
+      const bool grows = std::any_of(members.begin(), members.end(),
+                                     [&](const PhotoMember& m) { return m.effect == c.effect; });
+      if (members.size() == kMostCauses && !grows) continue;
+      ++rendered;
+      PhotoMembers model = with(members, t);
+      if (const double s = score(model); s < least) {
+        least = s;
+        best = std::move(model);
+      }
+    }
+    return best.empty() ? best : fit_.fitted(std::move(best));
+  }
+
+  /// Members that are not worth their price to the others go.
+  PhotoMembers pruned(PhotoMembers members) {
+    while (members.size() > 1) {
+      const PhotoLinear linear = fit_.about(members, parameters_of(members));
+      const Eigen::MatrixXd g = linear.sum({kChoose});
+      std::size_t drop = members.size();
+      double least = 0.0;
+      for (std::size_t k = 0; k < members.size(); ++k) {
+        const double worth = worth_of(g, linear, members, k) - price_of(members[k].form);
+        if (worth < least) {
+          least = worth;
+          drop = k;
+        }
+      }
+      if (drop == members.size()) break;
+      members = fit_.fitted(without(std::move(members), drop));
+    }
+    return members;
+  }
+
+  PhotoMembers exchanged(PhotoMembers members, const RunContext& run) {
+    double now = score(members);
+    for (std::size_t k = 0; k < members.size() && !run.stopped(); ++k) {
+      const PhotoMembers others = fit_.fitted(without(members, k));
+      const auto all = trials(fit_.about(others, parameters_), others, {kChoose});
+      std::size_t rendered = 0;
+      for (const Trial& t : all) {
+        if (rendered == 2 || t.score < kNear * all.front().score) break;
+        if (std::any_of(members.begin(), members.end(), [&](const PhotoMember& m) {
+              return m.effect == candidates_[t.candidate].effect;
+            }))
+          continue;
+        ++rendered;
+        PhotoMembers model = with(others, t);
+        if (const double s = score(model); s < now - detail::kPricePerCause) {
+          now = s;
+          members = std::move(model);
+          break;
+        }
+      }
+    }
+    return members;
+  }
+
+ public:
+  [[nodiscard]] static std::vector<const PhotoParameter*> parameters_of(
+      const PhotoMembers& members) {
+    std::vector<const PhotoParameter*> all;
+    for (const PhotoMember& m : members)
+      for (const PhotoParameter& p : m.form.parameters) all.push_back(&p);
+    return all;
+  }
+  /// What the k-th earns where `g` was summed, with all others refitted there.
+  [[nodiscard]] double worth_of(const Eigen::MatrixXd& g, const PhotoLinear& linear,
+                                const PhotoMembers& members, std::size_t k,
+                                const Eigen::VectorXd* held = nullptr) const {
+    const auto others = columns_of(linear, members, k);
+    const auto mine = linear.of(members[k].form);
+    Eigen::VectorXd step;
+    static_cast<void>(detail::gain_of(g, others, mine, 0, &step));
+    const Eigen::VectorXd rendered =
+        Eigen::Map<const Eigen::VectorXd>(members[k].values.data(), step.size());
+    const Eigen::VectorXd best = rendered + step;
+    Eigen::MatrixXd a = g(mine, mine);
+    if (!others.empty()) {
+      Eigen::MatrixXd m = g(others, others);
+      m.diagonal() *= 1.0 + 1e-8;
+      const Eigen::MatrixXd across = g(others, mine);
+      a -= across.transpose() * m.ldlt().solve(across);
+    }
+    const double unit = fit_.noise.factor * fit_.noise.over;
+    const double all = best.dot(a * best) / unit;
+    if (held == nullptr) return all;
+    const Eigen::VectorXd off = best - *held;
+    return all - off.dot(a * off) / unit;
+  }
+  /// Values that a set alone asks for; a map's waves of which it says nothing are as likely as all
+  /// are large.
+  [[nodiscard]] Eigen::VectorXd values_on(const Eigen::MatrixXd& g, const PhotoLinear& linear,
+                                          const PhotoMembers& members, std::size_t k) const {
+    const auto others = columns_of(linear, members, k);
+    const auto mine = linear.of(members[k].form);
+    const Eigen::VectorXd rendered = Eigen::Map<const Eigen::VectorXd>(
+        members[k].values.data(), static_cast<Eigen::Index>(mine.size()));
+    if (mine.size() < kManyParameters) {
+      Eigen::VectorXd step;
+      static_cast<void>(detail::gain_of(g, others, mine, 0, &step));
+      return rendered + step;
+    }
+    const std::vector<int> y{static_cast<int>(g.rows() - 1)};
+    Eigen::MatrixXd a = g(mine, mine);
+    Eigen::VectorXd b = g(mine, y) + a * rendered;
+    if (!others.empty()) {
+      Eigen::MatrixXd m = g(others, others);
+      m.diagonal() *= 1.0 + 1e-8;
+      const Eigen::MatrixXd across = g(others, mine);
+      const auto solved = m.ldlt();
+      const Eigen::VectorXd of_others = g(others, y) + across * rendered;
+      a -= across.transpose() * solved.solve(across);
+      b -= across.transpose() * solved.solve(of_others);
+    }
+    // Few waves that nothing tells may be huge: what most are like.
+    std::vector<double> size;
+    for (const double v : members[k].values) size.push_back(std::abs(v));
+    const double variance = std::pow(kMadToSigma * median(std::move(size)), 2);
+    a.diagonal().array() +=
+        fit_.noise.factor * kMapOver * fit_.noise.over / std::fmax(1e-12, variance);
+    return a.ldlt().solve(b);
+  }
+
+ private:
+  PhotoFit& fit_;
+  std::vector<Candidate> candidates_;
+  std::vector<const PhotoParameter*> parameters_;
+  double light_;
+};
+
+/// Sums over the pictures under every other lamp (from every other place, where there is one lamp),
+/// and over the rest.
+std::array<Eigen::MatrixXd, 2> halves_of(const PhotoLinear& linear,
+                                         const detail::PhotoViews& views) {
+  const PhotoScene& scene = views.scene();
+  const Eigen::Index n = linear.columns.cols();
+  std::array<Eigen::MatrixXd, 2> halves{Eigen::MatrixXd::Zero(n + 1, n + 1),
+                                        Eigen::MatrixXd::Zero(n + 1, n + 1)};
+  constexpr Eigen::Index kBlock = 4096;
+  const auto channels = static_cast<Eigen::Index>(views.channels());
+  for (std::size_t half = 0; half < 2; ++half) {
+    Eigen::MatrixXf x(kBlock, n + 1);
+    Eigen::Index filled = 0;
+    const auto flush = [&] {
+      halves[half] += (x.topRows(filled).transpose() * x.topRows(filled)).cast<double>();
+      filled = 0;
+    };
+    for (Eigen::Index i = 0; i < linear.residual.size(); ++i) {
+      const std::uint32_t photo = views.pixels()[static_cast<std::size_t>(i / channels)].photo;
+      if ((scene.lamps > 1 ? scene.lamp_of[photo] : photo) % 2 != half) continue;
+      x.row(filled).head(n) = linear.columns.row(i);
+      x(filled, n) = std::clamp(linear.residual(i), -5.0F, 5.0F);
+      if (++filled == kBlock) flush();
+    }
+    flush();
+  }
+  return halves;
+}
+
+/// Those that hold on other blocks and are large enough.
+PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, double level_of_light,
+                       std::vector<double>& p_values, std::vector<Rejected>& rejected) {
+  while (!members.empty()) {
+    const PhotoLinear linear = fit.about(members, Search::parameters_of(members));
+    const Eigen::MatrixXd on_choose = linear.sum({kChoose}), on_confirm = linear.sum({kConfirm});
+    const auto halves = halves_of(linear, fit.views());
+    std::vector<double> moved;
+    double together = 0.0;
+    for (const PhotoMember& m : members) {
+      moved.push_back(moved_by(linear, m));
+      together = std::hypot(together, moved.back());
+    }
+    p_values.clear();
+    std::size_t worst = members.size();
+    double least = INFINITY;
+    std::string why;
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      double over = fit.noise.over;
+      for (const int c : linear.of(members[k].form))
+        over = std::fmax(over,
+                         std::fmin(50.0 * fit.noise.over, fit.over_of(linear, linear.residual, c)));
+      const double share = fit.noise.over / over;
+      const double gain = share * search.worth_of(on_confirm, linear, members, k);
+      const Eigen::VectorXd chosen = search.values_on(on_choose, linear, members, k);
+      const double predicted = share * search.worth_of(on_confirm, linear, members, k, &chosen);
+      double p = chi_squared_tail(gain, static_cast<int>(members[k].form.parameters.size()));
+      if (!(predicted > 0.5 * gain)) p = std::fmax(p, 0.5);
+      p_values.push_back(std::fmax(p, 1e-300));
+      const double floor = std::fmax(kFloor * level_of_light, kFloorShare * together);
+      const bool small = !(moved[k] > floor) ||
+                         (members[k].effect->name == "lamp.size" &&
+                          fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
+                                                  members[k].values[0]) < kPenumbra_px);
+      if (p < kClaimLevel && !small) continue;
+      if (!(gain < least)) continue;
+      least = gain;
+      worst = k;
+      why = small ? fmt::format(
+                        "moves the picture by {:.4f} / 255 rms, less than the rendering may "
+                        "be wrong by",
+                        255.0 * moved[k])
+                  : fmt::format(
+                        "chosen on one third of the blocks; on the next it gains {:.1f} with "
+                        "{} parameters, {:.1f} as it was fitted on the first",
+                        gain, members[k].form.parameters.size(), predicted);
+    }
+    if (worst == members.size()) break;
+    rejected.push_back({members[worst].effect->name, why});
+    members = fit.fitted(without(std::move(members), worst));
+  }
+  return members;
+}
+
+std::vector<Estimate> sizes_of(const PhotoLinear& linear, const PhotoFit& fit,
+                               const PhotoMembers& members, std::size_t k) {
+  std::vector<int> columns = columns_of(linear, members, k);
+  const auto mine = linear.of(members[k].form);
+  columns.insert(columns.end(), mine.begin(), mine.end());
+  const Eigen::MatrixXd g = linear.sum(kAll);
+  Eigen::MatrixXd a = g(columns, columns);
+  const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
+  a = d.asDiagonal() * a * d.asDiagonal();
+  a.diagonal().array() += 1e-9;
+  const Eigen::MatrixXd inverse = d.asDiagonal() * a.inverse() * d.asDiagonal();
+  std::vector<Estimate> out;
+  const auto first = static_cast<Eigen::Index>(columns.size() - mine.size());
+  for (std::size_t i = 0; i < mine.size(); ++i) {
+    const PhotoParameter& p = members[k].form.parameters[i];
+    const auto at = first + static_cast<Eigen::Index>(i);
+    const double over = std::fmax(fit.noise.over, fit.over_of(linear, linear.residual, mine[i]));
+    const double sigma = std::sqrt(std::fmax(0.0, inverse(at, at)) * fit.noise.factor * over);
+    const double value = members[k].values[i];
+    const auto shown = [&](double v) { return p.shown ? p.shown(v) : v; };
+    out.push_back({p.name, shown(value),
+                   p.shown ? 0.5 * std::abs(shown(value + sigma) - shown(value - sigma)) : sigma});
+  }
+  return out;
+}
+
+double rms_of(const PhotoLinear& linear, int set, std::size_t* count) {
+  double sum = 0.0, n = 0.0;
+  for (Eigen::Index i = 0; i < linear.residual.size(); ++i) {
+    if (linear.set[static_cast<std::size_t>(i)] != set) continue;
+    sum += std::pow(static_cast<double>(linear.residual(i) * linear.sigma(i)), 2);
+    n += 1.0;
+  }
+  if (count != nullptr) *count = static_cast<std::size_t>(n);
+  return 255.0 * std::sqrt(sum / std::fmax(1.0, n));
+}
+
+/// rms of the noise that the pixels' own scatter shows.
+double noise_rms(const detail::PhotoViews& views, double factor) {
+  double sum = 0.0, n = 0.0;
+  for (const auto& p : views.pixels())
+    for (std::size_t ch = 0; ch < views.channels(); ++ch) {
+      sum += static_cast<double>(p.variance[ch]);
+      n += 1.0;
+    }
+  return 255.0 * factor * std::sqrt(sum / std::fmax(1.0, n));
+}
+
+Result<PhotoScene> scene_of(const std::vector<PhotoInput>& photos) {
+  PhotoScene scene;
+  scene.photos = photos;
+  std::vector<Vec3> lamps;
+  for (PhotoInput& p : scene.photos) {
+    if (std::isnan(p.principal_u_px)) p.principal_u_px = 0.5 * p.width_px;
+    if (std::isnan(p.principal_v_px)) p.principal_v_px = 0.5 * p.height_px;
+    const double length = std::sqrt(p.model_from_camera.w * p.model_from_camera.w +
+                                    p.model_from_camera.x * p.model_from_camera.x +
+                                    p.model_from_camera.y * p.model_from_camera.y +
+                                    p.model_from_camera.z * p.model_from_camera.z);
+    if (!(length > 0.5))
+      return fail(kPhotograph, fmt::format("{}: camera_quaternion_wxyz is no rotation; expected w, "
+                                           "x, y, z with squares that add up to 1",
+                                           p.image.string()));
+    p.model_from_camera = normalized(p.model_from_camera);
+    if (!(norm(p.lamp_position_mm - p.lamp_target_mm) > 0.0))
+      return fail(kPhotograph,
+                  fmt::format("{}: lamp_position_mm and lamp_target_mm are the same place; say "
+                              "where the lamp stands and where it points to",
+                              p.image.string()));
+    std::size_t lamp = 0;
+    while (lamp < lamps.size() && norm(lamps[lamp] - p.lamp_position_mm) > 1e-6) ++lamp;
+    if (lamp == lamps.size()) lamps.push_back(p.lamp_position_mm);
+    scene.lamp_of.push_back(lamp);
+  }
+  scene.lamps = lamps.size();
+  return scene;
+}
+
+std::vector<Candidate> candidates_of(const PhotoScene& scene) {
+  std::vector<Candidate> all;
+  for (const Effect& e : library()) {
+    if (!e.photo_forms) continue;
+    auto forms = e.photo_forms(scene);
+    if (!forms.empty()) all.push_back({&e, std::move(forms)});
+  }
+  return all;
+}
+
+/// What the model has already (extended.toml).
+Result<PhotoMembers> known_members(const std::vector<KnownCause>& known,
+                                   const std::vector<Candidate>& candidates) {
+  PhotoMembers members;
+  for (const KnownCause& k : known) {
+    const Effect* effect = find_effect(k.effect);
+    if (effect == nullptr || !effect->photo_forms) continue;
+    for (const Candidate& c : candidates) {
+      if (c.effect != effect) continue;
+      for (const PhotoForm& f : c.forms) {
+        if (f.law != k.law) continue;
+        PhotoMember m{effect, f, std::vector<double>(f.parameters.size(), 0.0)};
+        for (std::size_t i = 0; i < f.parameters.size(); ++i)
+          for (const auto& [name, value] : k.parameters)
+            if (name == f.parameters[i].key) m.values[i] = value;
+        members.push_back(std::move(m));
+      }
+    }
+    if (members.empty() || members.back().effect != effect)
+      return fail(kUnknownCause, fmt::format("[[cause]] {}: no law \"{}\"; take it from a "
+                                             "diagnosis of the same photographs",
+                                             k.effect, k.law));
+  }
+  return members;
+}
+
+}  // namespace
+
+Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<PhotoInput>& photos,
+                                       const RunContext& run) {
+  Diagnosis d;
+  d.unit = "/ 255";
+  MAQUETTE_TRY(PhotoScene scene, scene_of(photos));
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(part.design));
+  std::vector<detail::Photograph> taken;
+  bool milled = false;
+  for (const PhotoInput& p : scene.photos) {
+    MAQUETTE_TRY(auto photo, detail::read_photograph(p));
+    milled |= p.as_milled && !part.programs.empty();
+    taken.push_back(std::move(photo));
+  }
+  scene.colour = std::all_of(taken.begin(), taken.end(),
+                             [](const detail::Photograph& p) { return p.value.size() == 3; });
+  if (!scene.colour)
+    for (auto& p : taken) p.value.resize(1);
+  std::optional<CutPath> path;
+  std::unique_ptr<SimulatedSurface> cut;
+  if (milled) {
+    MAQUETTE_TRY(auto read, CutPath::read(part.programs, 0.5 * part.ball_diameter_mm, run));
+    path.emplace(std::move(read));
+    cut = std::make_unique<SimulatedSurface>(design, &*path, run);
+  }
+  std::vector<const heightmap::ModelField*> surfaces;
+  for (const PhotoInput& p : scene.photos)
+    surfaces.push_back(p.as_milled && cut ? &cut->field() : &design);
+  scene.box = maquette::diagnosis::scene_of(design, nullptr, 0.5 * part.ball_diameter_mm).box;
+  run.progress(0.05);
+
+  const auto layout = detail::lay_out(scene.box, part.seed);
+  detail::PhotoViews views(scene, std::move(taken), surfaces);
+  PhotoFit fit(views, layout);
+  auto candidates = candidates_of(scene);
+  MAQUETTE_TRY(fit.known, known_members(part.known, candidates));
+  for (const PhotoMember& m : fit.known)
+    std::erase_if(candidates, [&](const Candidate& c) { return c.effect == m.effect; });
+
+  // Facets, patches or smooth slopes: what no cause makes, differences of neighbouring pixels,
+  // decides.
+  fit.settle_normals({});
+  if (views.pixels().size() < kLeastPixels)
+    return fail(kPhotograph,
+                fmt::format("{} pixels of the lattice show the surface; at least {} are needed: do "
+                            "camera_position_mm and camera_quaternion_wxyz look at the part?",
+                            views.pixels().size(), kLeastPixels));
+  run.progress(0.2);
+
+  const PhotoLinear before = fit.about({}, {});
+  d.rms_before = rms_of(before, kReport, &d.n_report);
+  double light = 0.0;
+  for (const auto& p : views.pixels()) light += static_cast<double>(p.measured[0]);
+  light /= static_cast<double>(views.pixels().size());
+  const auto first_pixels = views.pixels();
+  Search search(fit, std::move(candidates), light);
+
+  PhotoMembers members = search.choose(d.ranking, run);
+  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  run.progress(0.7);
+  std::vector<double> p_values;
+  members = confirmed(std::move(members), search, fit, light, p_values, d.rejected);
+  run.progress(0.8);
+
+  const PhotoLinear after = fit.about(members, Search::parameters_of(members));
+  d.rms_after = rms_of(after, kReport, nullptr);
+  const auto scatter = detail::scatter_of(views);
+  d.rms_noise = noise_rms(views, scatter.factor);
+  detail::show_photographs(before, first_pixels, after, views, layout, d);
+  d.remainder =
+      detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
+  std::vector<double> gains(members.size(), 0.0);
+  std::vector<std::vector<Estimate>> sizes;
+  for (std::size_t k = 0; k < members.size(); ++k)
+    sizes.push_back(sizes_of(after, fit, members, k));
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    Cause c;
+    const PhotoMember& m = members[k];
+    c.effect = m.effect->name;
+    c.law = m.form.law;
+    c.parameters = sizes[k];
+    c.fixed = m.form.fixed;
+    for (std::size_t i = 0; i < m.values.size(); ++i)
+      c.raw.emplace_back(m.form.parameters[i].key, m.values[i]);
+    c.separate_by = m.effect->separate_by;
+    c.p_value = p_values[k];
+    c.equivalent = search.equivalents(members, k, gains[k], d.rejected);
+    d.causes.push_back(std::move(c));
+    run.progress(0.8 + 0.18 * static_cast<double>(k + 1) / static_cast<double>(members.size()));
+  }
+  double all = 1e-300;
+  for (const double g : gains) all += std::fmax(0.0, g);
+  for (std::size_t k = 0; k < members.size(); ++k)
+    d.causes[k].share = std::clamp(gains[k] / all, 0.0, 1.0);
+
+  if (std::abs(scatter.factor - 1.0) > kScatterOff + 4.0 * scatter.sigma) {
+    Cause c;
+    const Effect* effect = find_effect("photo.noise");
+    c.effect = effect->name;
+    c.law = "scatter of neighbouring pixels";
+    c.parameters = {{"factor", scatter.factor, scatter.sigma}};
+    c.raw = {{"factor", scatter.factor}};
+    c.separate_by = effect->separate_by;
+    c.p_value = std::fmax(
+        1e-300, std::erfc((std::abs(scatter.factor - 1.0) - kScatterOff) / scatter.sigma));
+    if (std::none_of(part.known.begin(), part.known.end(),
+                     [&](const KnownCause& k) { return k.effect == c.effect; }))
+      d.causes.push_back(std::move(c));
+  }
+  d.verdict = d.causes.empty()    ? (d.remainder.found ? "unexplained" : "consistent")
+              : d.remainder.found ? "partly_explained"
+                                  : "explained";
+  d.notes.push_back(fmt::format("photographs: slopes of the surface are {}",
+                                fit.normals == detail::Normals::smooth ? "smooth between nodes"
+                                : fit.normals == detail::Normals::patches
+                                    ? "those of bilinear patches"
+                                    : "those of facets"));
+  run.progress(1.0);
+  return d;
+}
+
+}  // namespace maquette::diagnosis

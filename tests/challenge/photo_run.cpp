@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "challenge/photo_run.hpp"
+
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <mutex>
+#include <random>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include "challenge/challenge_score.hpp"
+#include "challenge/photo_case.hpp"
+
+namespace challenge {
+namespace {
+
+constexpr double kOver = 5.0;  // limits that a cause has to be found at
+
+struct Settings {
+  std::map<std::string, int> counts;
+  std::uint64_t seed = 1;
+  std::string program, effect, keep, picture;
+  bool strict = false, all_right = false, write_only = false;
+  int from = 0, only = -1, width = 1024;
+  unsigned jobs = 1;
+  double size = 1.0;
+  Relief::Between between = Relief::Between::bilinear;
+};
+
+struct Tally {
+  std::mutex guard;
+  std::map<std::string, Count> result;
+  Confusion confusion;
+  Sizes sizes;
+  double slowest_cpu_s = 0, making_cpu_s = 0;
+};
+
+PhotoOptions options_of(const Settings& settings, const std::string& kind, int i) {
+  PhotoOptions o;
+  o.seed = settings.seed * 1'000'003 + static_cast<std::uint64_t>(i) * 17 +
+           static_cast<std::uint64_t>(kind[0]);
+  o.size = settings.size;
+  o.between = settings.between;
+  o.width = settings.width;
+  o.height = settings.width * 3 / 4;
+  std::mt19937_64 draw(o.seed);
+  const std::size_t hide = kind == "null" ? 0 : kind == "double" ? 2 : kind == "triple" ? 3 : 1;
+  const auto& names = kind == "outside" ? photo_nameless() : photo_hideable();
+  const bool in_turn = kind == "single" || kind == "outside";
+  while (o.effects.size() < hide) {
+    std::string name =
+        names[in_turn ? static_cast<std::size_t>(i) % names.size() : draw() % names.size()];
+    if (!settings.effect.empty() && o.effects.empty()) name = settings.effect;
+    if (std::find(o.effects.begin(), o.effects.end(), name) == o.effects.end())
+      o.effects.push_back(name);
+  }
+  return o;
+}
+
+struct Ran {
+  int exit_code = -1;
+  double cpu_s = 0;
+};
+/// Runs a line of the shell. @return its exit code and what it and its children took
+Ran run(const std::string& line) {
+  const pid_t child = fork();
+  if (child == 0) {
+    execl("/bin/sh", "sh", "-c", line.c_str(), static_cast<char*>(nullptr));
+    _exit(127);
+  }
+  int status = 0;
+  rusage used{};
+  if (child < 0 || wait4(child, &status, 0, &used) != child) return {};
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1,
+          seconds(used.ru_utime) + seconds(used.ru_stime)};
+}
+
+double thread_cpu_s() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+/// How often an effect exceeds its detection limit in its case.
+double over_limit(const PhotoHidden& h) {
+  const double noise = h.over_noise / kPhotoLimitSigma;
+  // More noise changes no mean.
+  return h.effect == "photo.noise" ? noise : std::min(noise, h.rms_255 / kPhotoLimitRms_255);
+}
+
+void one(const Settings& settings, const std::string& kind, int i, Tally& tally) {
+  const PhotoOptions o = options_of(settings, kind, i);
+  const std::filesystem::path folder =
+      settings.keep.empty()
+          ? std::filesystem::temp_directory_path() / fmt::format("photo_challenge_{}", o.seed)
+          : std::filesystem::path(settings.keep) /
+                (fmt::format("{}_{:02}", kind, i) +
+                 (o.effects.empty() ? "" : "_" + fmt::format("{}", fmt::join(o.effects, "+"))));
+  const double begin = thread_cpu_s();
+  const auto hidden = make_photo_case(o, folder);
+  const double making = thread_cpu_s() - begin;
+  std::string words;
+  std::vector<std::string> names;
+  bool small = false;
+  for (const PhotoHidden& h : hidden) {
+    names.push_back(h.effect);
+    words += fmt::format(" {} x{:.1f} ({:.2f}/255, {:.0f} sigma; {}:", h.effect, over_limit(h),
+                         h.rms_255, h.over_noise, h.photographs);
+    for (const auto& [name, value] : h.parameters) words += fmt::format(" {}={:.4g}", name, value);
+    words += ")";
+    small |= over_limit(h) < kOver;
+  }
+  if (settings.write_only) {
+    const std::scoped_lock lock(tally.guard);
+    tally.making_cpu_s = std::max(tally.making_cpu_s, making);
+    fmt::print("{} {} seed {}{} [made in {:.1f} CPU s]\n", kind, i, o.seed, words, making);
+    std::fflush(stdout);
+    return;
+  }
+  const Ran ran =
+      run(fmt::format("'{}' diagnose '{}' --out '{}' --json --quiet{} > '{}' 2> '{}'",
+                      settings.program, (folder / "case.toml").string(), (folder / "out").string(),
+                      settings.jobs > 1 ? " --threads 1" : "", (folder / "said.json").string(),
+                      (folder / "log").string()));
+  const std::scoped_lock lock(tally.guard);
+  tally.making_cpu_s = std::max(tally.making_cpu_s, making);
+  tally.slowest_cpu_s = std::max(tally.slowest_cpu_s, ran.cpu_s);
+  const std::string row = small && kind != "outside" ? kind + ", small" : kind;
+  nlohmann::json j;
+  try {
+    std::ifstream(folder / "out" / "diagnosis.json") >> j;
+  } catch (const std::exception&) {
+    fmt::print("{} {} seed {}: no diagnosis (exit {})\n", kind, i, o.seed, ran.exit_code);
+    std::fflush(stdout);
+    ++tally.result[row].cases;
+    return;
+  }
+  const Verdict v = judge(kind, names, j, tally.confusion);
+  std::string sizes;
+  for (const PhotoHidden& h : hidden)
+    for (const auto& [name, value] : h.parameters)
+      sizes += compare_size(j, h.effect, name, value, tally.sizes);
+  tally.result[row].add(v);
+  fmt::print("{} {} seed {} {}:{} -> {}{} [{:.1f} CPU s]\n", kind, i, o.seed, v.word(), words,
+             v.said, sizes, ran.cpu_s);
+  std::fflush(stdout);
+  if (settings.keep.empty()) std::filesystem::remove_all(folder);
+}
+
+/// False: not understood.
+bool read(int argc, char** argv, Settings& s) {
+  if (argc < 1) return false;
+  s.program = argv[0];
+  for (int i = 1; i < argc; ++i) {
+    const std::string a = argv[i];
+    if (a == "--full") {
+      s.counts = {
+          {"null", 200}, {"single", 440}, {"double", 200}, {"triple", 100}, {"outside", 120}};
+      continue;
+    }
+    if (a == "--strict" || a == "--all-right" || a == "--write-only") {
+      (a == "--strict" ? s.strict : a == "--all-right" ? s.all_right : s.write_only) = true;
+      continue;
+    }
+    if (i + 1 >= argc) return false;
+    const std::string v = argv[++i];
+    if (a == "--seed")
+      s.seed = std::stoull(v);
+    else if (a == "--from")
+      s.from = std::stoi(v);
+    else if (a == "--only")
+      s.only = std::stoi(v);
+    else if (a == "--effect")
+      s.effect = v;
+    else if (a == "--keep")
+      s.keep = v;
+    else if (a == "--picture")
+      s.picture = v;
+    else if (a == "--size-factor")
+      s.size = std::stod(v);
+    else if (a == "--width")
+      s.width = std::max(64, std::stoi(v));
+    else if (a == "--jobs")
+      s.jobs = static_cast<unsigned>(std::max(1, std::stoi(v)));
+    else if (a == "--between" && (v == "bilinear" || v == "triangles" || v == "smooth"))
+      s.between = v == "bilinear"    ? Relief::Between::bilinear
+                  : v == "triangles" ? Relief::Between::triangles
+                                     : Relief::Between::smooth;
+    else if (a == "--null" || a == "--single" || a == "--double" || a == "--triple" ||
+             a == "--outside")
+      s.counts[a.substr(2)] = std::stoi(v);
+    else
+      return false;
+  }
+  return !s.write_only || !s.keep.empty();
+}
+
+}  // namespace
+
+int run_photos(int argc, char** argv) {
+  Settings settings;
+  if (!read(argc, argv, settings)) {
+    std::puts(
+        "usage: challenge --photo MAQUETTE [--null N] [--single N] [--double N] [--triple N] "
+        "[--outside N] [--full] [--seed S] [--from N] [--only I] [--effect NAME] [--size-factor X] "
+        "[--between bilinear|triangles|smooth] [--width PX] [--jobs N] [--keep FOLDER] "
+        "[--write-only] [--picture FILE] [--strict] [--all-right]");
+    return 2;
+  }
+  std::vector<std::pair<std::string, int>> cases;
+  for (const char* kind : {"null", "single", "double", "triple", "outside"})
+    for (int i = settings.from; i < settings.counts[kind]; ++i)
+      if (settings.only < 0 || i == settings.only) cases.emplace_back(kind, i);
+  Tally tally;
+  std::atomic<std::size_t> next{0};
+  {
+    std::vector<std::jthread> workers;
+    for (unsigned w = 0; w < settings.jobs; ++w)
+      workers.emplace_back([&] {
+        for (std::size_t k; (k = next++) < cases.size();)
+          one(settings, cases[k].first, cases[k].second, tally);
+      });
+  }
+  fmt::print("slowest case made in {:.1f} CPU s\n", tally.making_cpu_s);
+  if (settings.write_only) return 0;
+  const Outcome outcome = print_table(tally.result, tally.sizes);
+  fmt::print("slowest case diagnosed in {:.1f} CPU s, {} at a time, seed {}\n", tally.slowest_cpu_s,
+             settings.jobs, settings.seed);
+  if (!settings.picture.empty()) write_confusion(tally.confusion, settings.picture);
+  return (settings.strict && outcome.fell) || (settings.all_right && !outcome.all_right) ? 1 : 0;
+}
+
+}  // namespace challenge

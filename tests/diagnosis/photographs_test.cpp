@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// The chain against closed forms, and diagnoses of pictures of a surface that is a formula: rays
+// meet it by Newton's method, slopes are its derivatives, no lamp casts a shadow.
+
+#include "diagnosis/photographs.hpp"
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "camera/image_io.hpp"
+#include "core/random.hpp"
+#include "heightmap/field_io.hpp"
+#include "support/matchers.hpp"
+#include "support/scan_terrain.hpp"
+
+namespace maquette::diagnosis {
+namespace {
+
+using testing_support::FailsWith;
+using testing_support::Succeeds;
+
+constexpr double kSide_mm = 40.0;
+constexpr std::uint64_t kSeed = 20261123;
+
+double height(double x, double y) {
+  return 0.8 * std::cos(0.6 * x) * std::cos(0.5 * y) + 0.3 * std::sin(1.4 * x + 0.9 * y) + 0.02 * x;
+}
+Vec3 normal(double x, double y) {
+  const double gx = -0.48 * std::sin(0.6 * x) * std::cos(0.5 * y) +
+                    0.42 * std::cos(1.4 * x + 0.9 * y) + 0.02,
+               gy = -0.4 * std::cos(0.6 * x) * std::sin(0.5 * y) +
+                    0.27 * std::cos(1.4 * x + 0.9 * y);
+  return normalized(Vec3{-gx, -gy, 1.0});
+}
+
+/// Looks down at the part's middle.
+PhotoInput photo(int number) {
+  PhotoInput p;
+  p.width_px = 256;
+  p.height_px = 192;
+  p.pixel_pitch_um = 20.0;
+  p.focal_length_mm = 30.0;
+  const double azimuth = 2.1 * number;
+  p.camera_position_mm = {20.0 + 40.0 * std::cos(azimuth), 20.0 + 40.0 * std::sin(azimuth), 260.0};
+  const Vec3 back = normalized(p.camera_position_mm - Vec3{20.0, 20.0, 0.0});
+  const double tilt = std::acos(back.z);
+  p.model_from_camera = rotation_about(normalized(cross({0.0, 0.0, 1.0}, back)), tilt);
+  p.lamp_position_mm = number % 2 == 0 ? Vec3{700.0, 100.0, 900.0} : Vec3{-500.0, 600.0, 900.0};
+  p.lamp_target_mm = {20.0, 20.0, 0.0};
+  p.exposure_scale = 1.5;
+  p.full_well_e = 20000.0;
+  p.as_milled = false;
+  return p;
+}
+
+/// Light at a pixel's place, as the eye of a formula sees it; 0 beside the part.
+double light(const PhotoInput& p, double u, double v) {
+  const double f = p.focal_length_mm * 1000.0 / p.pixel_pitch_um;
+  const Vec3 d = rotate(p.model_from_camera, normalized(Vec3{u, -v, -f}));
+  double t = (p.camera_position_mm.z) / -d.z;
+  for (int round = 0; round < 8; ++round) {
+    const Vec3 at = p.camera_position_mm + t * d;
+    const Vec3 n = normal(at.x, at.y);
+    t -= (at.z - height(at.x, at.y)) * n.z / dot(n, d);
+  }
+  const Vec3 at = p.camera_position_mm + t * d;
+  if (at.x < 0.0 || at.y < 0.0 || at.x > kSide_mm || at.y > kSide_mm) return 0.0;
+  const Vec3 to = p.lamp_position_mm - at;
+  const Vec3 target = p.lamp_position_mm - p.lamp_target_mm;
+  return p.exposure_scale * p.albedo * std::fmax(0.0, dot(normal(at.x, at.y), to) / norm(to)) *
+         dot(target, target) / dot(to, to);
+}
+
+struct Pictures {
+  testing_support::ScratchFolder folder;
+  CaseInput part;
+  std::vector<PhotoInput> photos;
+};
+
+/// @param lens  light behind the lens at (u, v) of a picture, of `light`
+/// @param sensor  value of a channel from that
+void take(Pictures& made, const std::function<double(const PhotoInput&, double, double)>& lens,
+          const std::function<double(double, int)>& sensor, double noise = 1.0) {
+  heightmap::ModelField design{Grid<float>(401, 401, 0.0F), Millimetres{0.1}, Millimetres{0.0},
+                               Millimetres{0.0}};
+  for (std::ptrdiff_t r = 0; r < 401; ++r)
+    for (std::ptrdiff_t c = 0; c < 401; ++c)
+      design.z_mm(r, c) = static_cast<float>(height(design.x_mm(c), design.y_mm(r)));
+  made.part.design = made.folder / "design.tif";
+  ASSERT_THAT(heightmap::write_model_field(design, made.part.design), Succeeds());
+  for (int k = 0; k < 3; ++k) {
+    PhotoInput p = photo(k);
+    p.image = made.folder / fmt::format("photo_{}.exr", k);
+    std::array<Grid<float>, 3> image;
+    image.fill(Grid<float>(p.height_px, p.width_px, 0.0F));
+    for (int r = 0; r < p.height_px; ++r)
+      for (int c = 0; c < p.width_px; ++c) {
+        double mean = 0.0;  // over the pixel
+        for (int i = 0; i < 16; ++i)
+          mean += lens(p, c + (i % 4 + 0.5) / 4.0 - 0.5 * p.width_px,
+                       r + (i / 4 + 0.5) / 4.0 - 0.5 * p.height_px) /
+                  16.0;
+        for (int ch = 0; ch < 3; ++ch) {
+          const double y = sensor(mean, ch);
+          const auto draw = static_cast<std::uint64_t>(((k * 192 + r) * 256 + c) * 3 + ch);
+          image[static_cast<std::size_t>(ch)](r, c) =
+              static_cast<float>(y + noise *
+                                         std::sqrt(std::fmax(0.0, y) * p.full_well_e +
+                                                   p.read_noise_e * p.read_noise_e) /
+                                         p.full_well_e * random_normal(kSeed, draw));
+        }
+      }
+    ASSERT_THAT(camera::write_exr({{"R", &image[0]}, {"G", &image[1]}, {"B", &image[2]}}, p.image),
+                Succeeds());
+    made.photos.push_back(p);
+  }
+}
+
+std::vector<std::string> names_of(const Diagnosis& d) {
+  std::vector<std::string> names;
+  for (const Cause& c : d.causes) names.push_back(c.effect);
+  return names;
+}
+
+double as_it_is(double v, int) {
+  return v;
+}
+
+TEST(Photographs, NothingIsClaimedWhereNothingIs) {
+  Pictures p;
+  take(p, light, as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_EQ(d->verdict, "consistent") << ::testing::PrintToString(names_of(*d));
+  // What is left is noise: mean of the pixels' declared variances, and a fifth of it for slopes
+  // between nodes.
+  EXPECT_LT(d->rms_after, 1.2 * d->rms_noise);
+}
+
+TEST(Photographs, WhiteBalanceIsNamedWithItsSize) {
+  Pictures p;
+  take(p, light, [](double v, int ch) { return v * (ch == 0 ? 1.05 : ch == 2 ? 0.96 : 1.0); });
+  const auto d = diagnose_photographs(p.part, p.photos);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.white_balance"});
+  // 26 000 pixels of 1 % noise: 6e-5; a thousandth for what slopes between nodes change.
+  EXPECT_NEAR(d->causes[0].parameters[0].value, 0.05, 1e-3);
+  EXPECT_NEAR(d->causes[0].parameters[1].value, -0.04, 1e-3);
+  EXPECT_LT(d->rms_after, 1.2 * d->rms_noise);
+}
+
+TEST(Photographs, AFocalLengthIsNoPose) {
+  Pictures p;
+  take(
+      p, [](const PhotoInput& of, double u, double v) { return light(of, u / 1.01, v / 1.01); },
+      as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(d->causes.size(), 1U) << ::testing::PrintToString(names_of(*d));
+  // From above a shorter way is hardly another focal length: one of the two, the other beside it.
+  EXPECT_TRUE(d->causes[0].effect == "photo.focal_length" || d->causes[0].effect == "photo.pose");
+  if (d->causes[0].effect == "photo.focal_length") {
+    EXPECT_NEAR(d->causes[0].parameters[0].value, 0.01, 5e-4);
+  }
+}
+
+TEST(Photographs, NoiseThatIsNotAsStatedIsNamed) {
+  Pictures p;
+  take(p, light, as_it_is, 1.5);
+  const auto d = diagnose_photographs(p.part, p.photos);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.noise"});
+  EXPECT_NEAR(d->causes[0].parameters[0].value, 1.5, 0.05);
+}
+
+TEST(Photographs, APictureOfAnotherSizeIsRefused) {
+  Pictures p;
+  take(p, light, as_it_is);
+  p.photos[1].width_px = 128;
+  const auto d = diagnose_photographs(p.part, p.photos);
+  ASSERT_THAT(d, FailsWith(kPhotograph));
+  EXPECT_NE(d.error().message.find("photo_1.exr"), std::string::npos) << d.error().message;
+}
+
+TEST(Photographs, ACameraThatLooksElsewhereIsRefused) {
+  Pictures p;
+  take(p, light, as_it_is);
+  for (PhotoInput& of : p.photos)
+    of.model_from_camera = rotation_about({1.0, 0.0, 0.0}, std::numbers::pi);  // upwards
+  const auto d = diagnose_photographs(p.part, p.photos);
+  EXPECT_THAT(d, FailsWith(kPhotograph));
+}
+
+PhotoScene one_photo() {
+  PhotoScene s;
+  PhotoInput p;
+  p.camera_position_mm = {0.0, 0.0, 500.0};
+  p.lamp_position_mm = {300.0, 0.0, 400.0};
+  p.lamp_target_mm = {0.0, 0.0, 0.0};
+  s.photos = {p};
+  s.lamp_of = {0};
+  s.lamps = 1;
+  s.box.add({-50.0, -50.0, 0.0});
+  s.box.add({50.0, 50.0, 10.0});
+  return s;
+}
+PhotoState nothing() {
+  PhotoState s;
+  s.lamp_mm.resize(1);
+  s.lamp_refocused_mm.resize(1);
+  s.camera_mm.resize(1);
+  s.camera_rad.resize(1);
+  return s;
+}
+
+TEST(PhotoChain, ALambertPlaneFollowsTheInverseSquareOfTheDistance) {
+  const PhotoScene scene = one_photo();
+  const PhotoState s = nothing();
+  PhotoPixel p;
+  p.normal = {0.0, 0.0, 1.0};
+  for (const double x : {-40.0, 0.0, 40.0}) {
+    p.place = {x, 0.0, 0.0};
+    const double squared = (300.0 - x) * (300.0 - x) + 400.0 * 400.0;
+    EXPECT_NEAR(radiance(p, s, s, scene),
+                0.3 * 400.0 / std::sqrt(squared) * 500.0 * 500.0 / squared, 1e-12);
+  }
+  p.place = {-100.0, 300.0, 0.0};  // 45 degrees off a lamp of 56
+  EXPECT_EQ(radiance(p, s, s, scene), 0.0);
+}
+
+TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {
+  const PhotoScene scene = one_photo();
+  const double f = 35.0 * 1000.0 / 8.45;
+  PhotoPixel p;
+  p.place = {30.0, -20.0, 5.0};
+  p.u = static_cast<float>(f * 30.0 / 495.0);
+  p.v = static_cast<float>(f * 20.0 / 495.0);
+  PhotoState s = nothing();
+  s.camera_mm[0] = {0.4, 0.0, 0.3};
+  const auto moved = displacement(p, 1, s, scene);
+  EXPECT_NEAR(moved[0], f * (29.6 / 495.3 - 30.0 / 495.0), 1e-6);
+  EXPECT_NEAR(moved[1], f * (20.0 / 495.3 - 20.0 / 495.0), 1e-6);
+  s = nothing();
+  s.radial_1 = 0.05;  // Brown: u (1 + k1 r^2), r of u over the focal length
+  const double r2 = (30.0 * 30.0 + 20.0 * 20.0) / (495.0 * 495.0);
+  EXPECT_NEAR(displacement(p, 1, s, scene)[0], 0.05 * r2 * f * 30.0 / 495.0, 1e-4);
+  s = nothing();
+  s.red_scale = 1e-3;
+  EXPECT_NEAR(displacement(p, 0, s, scene)[1], 1e-3 * f * 20.0 / 495.0, 1e-5);
+  EXPECT_EQ(displacement(p, 2, s, scene)[1], 0.0);
+}
+
+TEST(PhotoChain, TheSensorsStepsComeInTheirOrder) {
+  PhotoState s = nothing();
+  s.exposure = 0.1;
+  s.red = 0.2;
+  s.black = 0.05;
+  s.gamma = -0.5;
+  s.vignette_2 = -0.3;
+  s.veil = 0.02;
+  EXPECT_NEAR(exposed(0.4, 0.3, 0.5, 0, s),
+              std::sqrt((0.4 * (1.0 - 0.15) + 0.02 * 0.3) * 1.1 * 1.2 + 0.05), 1e-15);
+}
+
+}  // namespace
+}  // namespace maquette::diagnosis

@@ -37,7 +37,8 @@ Material lambert(double albedo) {
   return {"grey", Lambert{{albedo, albedo, albedo}}};
 }
 std::filesystem::path written(const std::string& name, const std::string& text) {
-  const auto path = std::filesystem::path(testing::TempDir()) / ("lamp_test_" + name);
+  static const testing_support::ScratchFolder folder;
+  const auto path = folder / name;
   std::ofstream(path) << text;
   return path;
 }

@@ -251,8 +251,10 @@ TEST(Reflectance, StaysFiniteAtTheEdges) {
 
 class BrdfFile : public testing::Test {
  protected:
-  std::filesystem::path write(const std::string& text) {
-    const auto path = std::filesystem::path(testing::TempDir()) / "brdf_table_test.csv";
+  testing_support::ScratchFolder folder;
+
+  [[nodiscard]] std::filesystem::path write(const std::string& text) const {
+    const auto path = folder / "table.csv";
     std::ofstream(path) << text;
     return path;
   }
@@ -289,7 +291,7 @@ TEST_F(BrdfFile, InterpolatesInAllThreeAngles) {
 TEST_F(BrdfFile, IsRefusedWithItsLine) {
   const auto code = [&](const std::string& text, const std::string& says) {
     const auto table = read_brdf_table(write(text));
-    EXPECT_THAT(table, FailsWith(kBrdfFile));
+    ASSERT_THAT(table, FailsWith(kBrdfFile));
     EXPECT_NE(table.error().message.find(says), std::string::npos) << table.error().message;
   };
   code("i,e,a\n", "line 1");

@@ -32,11 +32,9 @@ using testing_support::Succeeds;
 
 class RenderScene : public testing::Test {
  protected:
-  fs::path folder = fs::path(testing::TempDir()) / "render_scene_test";
+  testing_support::ScratchFolder folder;
 
   void SetUp() override {
-    fs::remove_all(folder);
-    fs::create_directories(folder);
     // A plane at z = 2 mm, 50 x 50 mm.
     heightmap::ModelField field{Grid<float>(101, 101, 2.0F), Millimetres{0.5}, Millimetres{0},
                                 Millimetres{0}};
@@ -208,7 +206,8 @@ TEST_F(RenderScene, RefusesACameraUnderGroundOnItsWay) {
 }
 
 TEST(Trajectory, IsRefusedWithItsLine) {
-  const fs::path path = fs::path(testing::TempDir()) / "trajectory_test.csv";
+  const testing_support::ScratchFolder folder;
+  const fs::path path = folder / "trajectory.csv";
   const std::string head = "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n";
   const auto says = [&](const std::string& text, const std::string& what) {
     std::ofstream(path) << text;

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "camera/compare_perceptual.hpp"
+#include "camera/srgb.hpp"
 
 namespace maquette::camera {
 namespace {
@@ -84,10 +85,6 @@ class SrgbCodes {
   std::array<std::uint8_t, kSteps + 1> guess_{};
 };
 
-float linear_of(float display) {
-  return display <= 0.04045F ? display / 12.92F : std::pow((display + 0.055F) / 1.055F, 2.4F);
-}
-
 /// Pairs of channels and how their values become x/255.
 struct Pairs {
   struct Pair {
@@ -115,7 +112,7 @@ struct Pairs {
     if (in_display_values() && !eight_bit) {
       for (std::size_t i = 0; i < n; ++i) to[i] = codes(gain * from[i]);
     } else if (eight_bit && scaled) {
-      for (std::size_t i = 0; i < n; ++i) to[i] = codes(gain * linear_of(from[i]));
+      for (std::size_t i = 0; i < n; ++i) to[i] = codes(gain * linear_of_srgb(from[i]));
     } else {
       for (std::size_t i = 0; i < n; ++i) to[i] = 255.0F * gain * from[i];
     }
@@ -270,8 +267,8 @@ std::optional<float> fitted_gain(const Pairs& pairs, std::span<const Pairs::Pair
     for (std::size_t i = 0; i < cells; i += step) {
       float a = p.real->cells()[i], b = p.rendered->cells()[i];
       if (mask.kind.cells()[i] == 0 || !(a < kBright) || !(b < kBright)) continue;
-      if (pairs.real_eight_bit) a = linear_of(a);
-      if (pairs.rendered_eight_bit) b = linear_of(b);
+      if (pairs.real_eight_bit) a = linear_of_srgb(a);
+      if (pairs.rendered_eight_bit) b = linear_of_srgb(b);
       if (a > kDark && b > kDark) samples.push_back({a, b});
     }
   if (samples.size() < 10) return std::nullopt;

@@ -9,6 +9,8 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include "camera/srgb.hpp"
+
 namespace maquette::camera {
 namespace {
 
@@ -74,9 +76,6 @@ Grid<float> product(const Grid<float>& a, const Grid<float>& b) {
 
 using Colour = std::array<double, 3>;
 
-double linear(double display) {
-  return display <= 0.04045 ? display / 12.92 : std::pow((display + 0.055) / 1.055, 2.4);
-}
 // sRGB primaries and white D65, IEC 61966-2-1, with the digits of the FLIP paper's supplement.
 constexpr double kM[3][3] = {
     {10135552.0 / 24577794.0, 8788810.0 / 24577794.0, 4435075.0 / 24577794.0},
@@ -144,7 +143,7 @@ Seen seen(const std::vector<Grid<float>>& bands, double ppd) {
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
       Colour rgb{};
       for (std::size_t b = 0; b < 3; ++b)
-        rgb[b] = linear(
+        rgb[b] = linear_of_srgb(
             std::clamp(static_cast<double>(bands[bands.size() == 3 ? b : 0](r, c)), 0.0, 1.0));
       const Colour v = xyz(rgb);
       const double yn = v[1] / w[1];

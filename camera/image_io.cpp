@@ -8,6 +8,7 @@
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
+#include "camera/srgb.hpp"
 #include "core/check.hpp"
 #include "core/files.hpp"
 
@@ -175,9 +176,7 @@ std::string encode_png(const Grid<Rgb8>& colour) {
 std::uint8_t srgb8(double linear) {
   if (!(linear > 0.0)) return 0;
   if (linear >= 1.0) return 255;
-  const double encoded =
-      linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1.0 / 2.4) - 0.055;
-  return static_cast<std::uint8_t>(std::lround(255.0 * encoded));
+  return static_cast<std::uint8_t>(std::lround(255.0 * srgb_of_linear(linear)));
 }
 
 Result<LoadedImage> read_image(const fs::path& path) {

@@ -10,6 +10,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/chi_squared.hpp"
+#include "diagnosis/detail/ridge.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -193,12 +194,8 @@ Screen screen(const Bank& bank, const std::vector<Member>& members, const std::v
   }
   Screen s;
   for (std::size_t k = 0; k < 2; ++k) {
-    Eigen::MatrixXd a = sum[k](model, model);
-    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-    a = d.asDiagonal() * a * d.asDiagonal();
-    a.diagonal().array() += 1e-10;
-    const Eigen::MatrixXd across = d.asDiagonal() * sum[k](model, Eigen::all);
-    s.rest[k] = sum[k] - across.transpose() * a.ldlt().solve(across);
+    const Eigen::MatrixXd across = sum[k](model, Eigen::all);
+    s.rest[k] = sum[k] - across.transpose() * ridge_solve(sum[k](model, model), across, 1e-10);
   }
   return s;
 }

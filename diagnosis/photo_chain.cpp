@@ -47,31 +47,40 @@ double roughened_short(double variance, const camera::Angles& a) {
          0.45 * v / (v + 0.09) * std::fmax(0.0, a.cos_azimuth()) * alpha_sine * beta_tangent;
 }
 
-/// Share of the lamp that is seen, between the diameters that were traced.
-double visible(const PhotoPixel& p, double diameter_mm, double rendered_mm,
-               const PhotoScene& scene) {
-  if (diameter_mm == rendered_mm) return p.visible;
-  double below = rendered_mm, at_below = p.visible, above = INFINITY, at_above = p.visible;
+/// What is seen of the lamp, between the diameters that were traced.
+SeenLamp seen(const PhotoPixel& p, double diameter_mm, double rendered_mm,
+              const PhotoScene& scene) {
+  if (diameter_mm == rendered_mm) return p.lamp;
+  double below = rendered_mm, above = INFINITY;
+  SeenLamp at_below = p.lamp, at_above = p.lamp;
   for (std::size_t k = 0; k < kLampSizes; ++k) {
     const double d = scene.lamp_sizes_mm[k];
     if (d <= diameter_mm && (d > below || below > diameter_mm)) {
       below = d;
-      at_below = p.visible_of_size[k];
+      at_below = p.lamp_of_size[k];
     }
     if (d >= diameter_mm && d < above) {
       above = d;
-      at_above = p.visible_of_size[k];
+      at_above = p.lamp_of_size[k];
     }
   }
   if (rendered_mm >= diameter_mm && rendered_mm < above) {
     above = rendered_mm;
-    at_above = p.visible;
+    at_above = p.lamp;
   }
   if (!std::isfinite(above) || !(above > below)) return at_below;
-  return std::lerp(at_below, at_above, (diameter_mm - below) / (above - below));
+  const auto t = static_cast<float>((diameter_mm - below) / (above - below));
+  return {std::lerp(at_below.share, at_above.share, t), std::lerp(at_below.x_mm, at_above.x_mm, t),
+          std::lerp(at_below.y_mm, at_above.y_mm, t)};
 }
 
 }  // namespace
+
+std::array<Vec3, 2> across(Vec3 d) {
+  const Vec3 right =
+      normalized(std::abs(d.z) < 0.9 ? cross(d, {0.0, 0.0, 1.0}) : cross(d, {1.0, 0.0, 0.0}));
+  return {right, cross(d, right)};
+}
 
 double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene) {
   const auto i = static_cast<double>(term % (kAlbedoWaves + 1)),
@@ -91,7 +100,13 @@ double radiance(const PhotoPixel& p, const PhotoState& s, const PhotoState& rend
   const Vec3 aim = photo.lamp_target_mm - position;
   const Vec3 declared = photo.lamp_target_mm - photo.lamp_position_mm;
   const Vec3 kept = declared - s.lamp_refocused_mm[lamp];
-  const Vec3 to = position - p.place;
+  // Light comes from the middle of what is seen of the lamp.
+  const SeenLamp of_lamp = seen(p, s.lamp_diameter_mm, rendered.lamp_diameter_mm, scene);
+  Vec3 to = position - p.place;
+  if (of_lamp.x_mm != 0.0F || of_lamp.y_mm != 0.0F) {
+    const auto [right, up] = across(normalized(position - photo.lamp_target_mm));
+    to += (1.0 / of_lamp.share) * (of_lamp.x_mm * right + of_lamp.y_mm * up);
+  }
   const double squared = dot(to, to), distance = std::sqrt(squared);
   const Vec3 light = (1.0 / distance) * to;
   const double off_axis = -dot(light, aim) / norm(aim);
@@ -109,7 +124,7 @@ double radiance(const PhotoPixel& p, const PhotoState& s, const PhotoState& rend
     e = dot(kept, kept) / squared *
         (s.falloff == 0.0 ? 1.0 : std::pow(squared / dot(kept, kept), -0.5 * s.falloff)) *
         (s.beam_power == 0.0 ? 1.0 : std::pow(std::fmax(1e-9, off_axis), s.beam_power)) *
-        visible(p, s.lamp_diameter_mm, rendered.lamp_diameter_mm, scene);
+        static_cast<double>(of_lamp.share);
   double out = 0.0;
   if (angles.front() && e > 0.0) {
     double factor = radiance_factor(photo, albedo, angles) *

@@ -100,13 +100,21 @@ struct PhotoScene {
   [[nodiscard]] Vec3 middle() const { return 0.5 * (box.min + box.max); }
 };
 
+/// What a place sees of a lamp with a size.
+struct SeenLamp {
+  float share = 0.0F;              ///< of its disc
+  float x_mm = 0.0F, y_mm = 0.0F;  ///< middle of that part times the share, along across()
+};
+/// Two directions across a third, all of length 1; across a lamp's: from its target to it.
+[[nodiscard]] std::array<Vec3, 2> across(Vec3 direction);
+
 /// Everything that the chain needs at a pixel, for states close to one that was rendered.
 struct PhotoPixel {
   std::uint32_t photo = 0;
   float u = 0.0F, v = 0.0F;  ///< from the principal point, undistorted
   Vec3 place, normal;
-  double visible = 1.0;                             ///< of the lamp
-  std::array<float, kLampSizes> visible_of_size{};  ///< of lamps of those diameters
+  SeenLamp lamp;
+  std::array<SeenLamp, kLampSizes> lamp_of_size{};  ///< of lamps of those diameters
   float sky = 1.0F;                                 ///< of the hemisphere, by its cosine
   float bounce = 0.0F;                              ///< irradiance from the surface around
   double light = 0.0;                               ///< the chain's radiance as rendered
@@ -119,7 +127,7 @@ struct PhotoPixel {
 /// A wave of an albedo map, -1 .. 1.
 [[nodiscard]] double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene);
 /// Radiance of a place towards the camera, of a white Lambert surface's value at the lamp's target.
-/// @param rendered  the state whose lamp `pixel.visible` was seen from
+/// @param rendered  the state whose lamp `pixel.lamp` was seen from
 [[nodiscard]] double radiance(const PhotoPixel& pixel, const PhotoState& state,
                               const PhotoState& rendered, const PhotoScene& scene);
 /// How far a feature of the scene moves in the picture, pixels.

@@ -7,6 +7,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/median.hpp"
+#include "diagnosis/detail/ridge.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -18,8 +19,9 @@ constexpr double kLight = 0.002;
 constexpr double kHuber = 3.0;  // of the noise as found
 constexpr float kLargest = 1e4F;
 
-double channel_of(std::size_t channel, std::size_t channels) {
-  return channels == 1 ? 1.0 : static_cast<double>(channel);
+/// Red, green, blue: a picture in grey is green's.
+int channel_of(std::size_t channel, std::size_t channels) {
+  return channels == 1 ? 1 : static_cast<int>(channel);
 }
 
 }  // namespace
@@ -106,7 +108,7 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
       }
     }
     for (std::size_t ch = 0; ch < channels; ++ch) {
-      const auto channel = static_cast<int>(channel_of(ch, channels));
+      const int channel = channel_of(ch, channels);
       PhotoPixel q = p;
       q.value[static_cast<std::size_t>(channel)] = p.value[ch];
       q.mean[static_cast<std::size_t>(channel)] = p.mean[ch];
@@ -191,11 +193,7 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
     if (round == rounds) break;
     const Eigen::MatrixXd g = linear.sum(kAll);
     const Eigen::Index n = g.rows() - 1;
-    Eigen::MatrixXd a = g.topLeftCorner(n, n);
-    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
-    a = d.asDiagonal() * a * d.asDiagonal();
-    a.diagonal().array() += 1e-7;
-    const Eigen::VectorXd step = d.asDiagonal() * a.ldlt().solve(d.asDiagonal() * g.col(n).head(n));
+    const Eigen::VectorXd step = ridge_solve(g.topLeftCorner(n, n), g.col(n).head(n), 1e-7);
     const double gain = step.dot(g.col(n).head(n)) / (noise.factor * noise.over);
     for (PhotoMember& m : model)
       for (std::size_t k = 0; k < m.values.size(); ++k) {
@@ -270,11 +268,7 @@ PhotoNoise PhotoFit::noise_of(const PhotoLinear& linear) const {
   const Eigen::Index n = g.rows() - 1;
   Eigen::VectorXf left = linear.residual;
   if (n > 0) {
-    Eigen::MatrixXd a = g.topLeftCorner(n, n);
-    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
-    a = d.asDiagonal() * a * d.asDiagonal();
-    a.diagonal().array() += 1e-5;
-    const Eigen::VectorXd x = d.asDiagonal() * a.ldlt().solve(d.asDiagonal() * g.col(n).head(n));
+    const Eigen::VectorXd x = ridge_solve(g.topLeftCorner(n, n), g.col(n).head(n), 1e-5);
     left -= linear.columns * x.cast<float>();
   }
   PhotoNoise out;
@@ -294,29 +288,12 @@ PhotoNoise PhotoFit::noise_of(const PhotoLinear& linear) const {
 
 double gain_of(const Eigen::MatrixXd& g, const std::vector<int>& model,
                const std::vector<int>& form, int sign, Eigen::VectorXd* values) {
-  const auto y = static_cast<int>(g.rows() - 1);
-  Eigen::MatrixXd a = g(form, form);
-  Eigen::VectorXd b = g(form, std::vector<int>{y});
-  if (!model.empty()) {
-    Eigen::MatrixXd m = g(model, model);
-    const Eigen::VectorXd d = m.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
-    m = d.asDiagonal() * m * d.asDiagonal();
-    m.diagonal().array() += 1e-8;
-    const Eigen::MatrixXd across = d.asDiagonal() * g(model, form);
-    const Eigen::VectorXd at = d.asDiagonal() * g(model, std::vector<int>{y});
-    const auto solved = m.ldlt();
-    a -= across.transpose() * solved.solve(across);
-    b -= across.transpose() * solved.solve(at);
-  }
+  const Reduced own(g, form, model);
   // What the model has already is worth nothing.
-  const Eigen::VectorXd d =
-      Eigen::MatrixXd(g(form, form)).diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
-  a = d.asDiagonal() * a * d.asDiagonal();
-  a.diagonal().array() += 1e-6;
-  const Eigen::VectorXd x = d.asDiagonal() * a.ldlt().solve(d.asDiagonal() * b);
+  const Eigen::VectorXd x = ridge_solve(own.a, own.b, 1e-6, g.diagonal()(form));
   if (values != nullptr) *values = x;
   if (sign != 0 && x(0) * sign < 0.0) return 0.0;
-  return x.dot(b);
+  return x.dot(own.b);
 }
 
 PhotoScatter scatter_of(const PhotoViews& views) {
@@ -330,7 +307,7 @@ PhotoScatter scatter_of(const PhotoViews& views) {
     for (std::size_t ch = 0; ch < channels; ++ch) {
       const auto sigma = std::sqrt(static_cast<double>(p.variance[ch]));
       if (0.1 * slope > 0.3 * sigma) continue;
-      const auto channel = static_cast<int>(channel_of(ch, channels));
+      const int channel = channel_of(ch, channels);
       const auto at = [&](float value) {
         return exposed(static_cast<double>(value), static_cast<double>(p.mean[ch]),
                        radius2(p.u, p.v, views.scene().photos[p.photo]), channel, views.state());

@@ -9,7 +9,9 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "camera/disc_samples.hpp"
+#include "camera/effects/sampling.hpp"
 #include "camera/image_io.hpp"
+#include "camera/srgb.hpp"
 #include "core/median.hpp"
 #include "core/random.hpp"
 #include "diagnosis/photographs.hpp"
@@ -21,7 +23,7 @@ using heightmap::ModelField;
 constexpr std::ptrdiff_t kAcross = 2;        // rays of a pixel along each side
 constexpr std::size_t kMostPixels = 50'000;  // of all photographs that are compared
 /// Variance that a square pixel has beyond that of its rays, of a pixel's square.
-constexpr double kPixelRest = (1.0 - (1.0 - 1.0 / (kAcross * kAcross))) / 12.0;
+constexpr double kPixelRest = 1.0 / (12.0 * kAcross * kAcross);
 constexpr double kOff_mm = 1e-3;     // where a ray to the lamp starts above the surface
 constexpr int kLampRays = 32;        // of a pixel's ray, to lamps with a size
 constexpr std::ptrdiff_t kRim = 10;  // pixels beside the surface's end that are not compared
@@ -29,12 +31,60 @@ constexpr double kSaturated = 0.97;
 constexpr std::ptrdiff_t kAround = 160;  // grid of places that look around, and rays of each
 constexpr int kAroundRays = 64;
 
-double linear_of_srgb(double v) {
-  return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
+/// A lamp as it stands in a state.
+struct Lamp {
+  Vec3 position, right, up;  ///< right and up across its axis
+  double diameter_mm;
+
+  Lamp(const PhotoScene& scene, const PhotoState& state, std::size_t photo) {
+    const PhotoInput& p = scene.photos[photo];
+    const std::size_t lamp = scene.lamp_of[photo];
+    position = p.lamp_position_mm + state.lamp_mm[lamp] + state.lamp_refocused_mm[lamp];
+    const auto axes = across(normalized(position - p.lamp_target_mm));
+    right = axes[0];
+    up = axes[1];
+    diameter_mm = p.lamp_diameter_mm + state.lamp_diameter_mm;
+  }
+  [[nodiscard]] Vec3 at(double x, double y, double diameter) const {
+    return position + 0.5 * diameter * (x * right + y * up);
+  }
+};
+bool same_lamp(const PhotoState& a, const PhotoState& b, std::size_t lamp) {
+  return a.lamp_mm[lamp] == b.lamp_mm[lamp] &&
+         a.lamp_refocused_mm[lamp] == b.lamp_refocused_mm[lamp] &&
+         a.lamp_diameter_mm == b.lamp_diameter_mm;
 }
 
-Vec3 across(Vec3 d) {
-  return normalized(std::abs(d.z) < 0.9 ? cross(d, {0.0, 0.0, 1.0}) : cross(d, {1.0, 0.0, 0.0}));
+bool sees(const heightmap::FieldTracer& tracer, Vec3 from, Vec3 to) {
+  const double way = norm(to - from);
+  return !tracer.blocked(from, (1.0 / way) * (to - from), way, 0.0);
+}
+/// What a place sees of points on a lamp's disc.
+SeenLamp seen_of(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& lamp,
+                 double diameter_mm, const std::vector<camera::DiscPoint>& disc) {
+  int seen = 0;
+  double x = 0.0, y = 0.0;
+  for (const camera::DiscPoint& d : disc) {
+    if (!sees(tracer, from, lamp.at(d.x, d.y, diameter_mm))) continue;
+    ++seen;
+    x += d.x;
+    y += d.y;
+  }
+  const auto all = static_cast<int>(disc.size());
+  if (seen == all) return {1.0F, 0.0F, 0.0F};
+  const double each = 0.5 * diameter_mm / all;
+  return {static_cast<float>(seen) / static_cast<float>(all), static_cast<float>(each * x),
+          static_cast<float>(each * y)};
+}
+SeenLamp mean_of(const SeenLamp& sum, double n) {
+  const auto k = static_cast<float>(1.0 / n);
+  return {k * sum.share, k * sum.x_mm, k * sum.y_mm};
+}
+SeenLamp& operator+=(SeenLamp& a, const SeenLamp& b) {
+  a.share += b.share;
+  a.x_mm += b.x_mm;
+  a.y_mm += b.y_mm;
+  return a;
 }
 
 /// Separable Gaussian of that variance in pixels.
@@ -77,36 +127,12 @@ void blur(Grid<float>& image, double variance) {
   });
 }
 
+/// Between nodes; the edge goes on.
 float bilinear(const Grid<float>& g, double r, double c) {
-  r = std::clamp(r, 0.0, static_cast<double>(g.rows() - 1));
-  c = std::clamp(c, 0.0, static_cast<double>(g.cols() - 1));
-  const auto r0 = std::min(static_cast<std::ptrdiff_t>(r),
-                           std::max<std::ptrdiff_t>(0, g.rows() - 2)),
-             c0 = std::min(static_cast<std::ptrdiff_t>(c),
-                           std::max<std::ptrdiff_t>(0, g.cols() - 2));
-  const auto fr = static_cast<float>(r - static_cast<double>(r0)),
-             fc = static_cast<float>(c - static_cast<double>(c0));
-  const auto r1 = std::min(r0 + 1, g.rows() - 1), c1 = std::min(c0 + 1, g.cols() - 1);
-  return (1.0F - fr) * ((1.0F - fc) * g(r0, c0) + fc * g(r0, c1)) +
-         fr * ((1.0F - fc) * g(r1, c0) + fc * g(r1, c1));
+  return camera::bilinear(g, static_cast<float>(c) + 0.5F, static_cast<float>(r) + 0.5F);
 }
-
-/// Catmull-Rom.
 float cubic(const Grid<float>& g, double r, double c) {
-  const auto r0 = static_cast<std::ptrdiff_t>(std::floor(r)),
-             c0 = static_cast<std::ptrdiff_t>(std::floor(c));
-  const auto weights = [](double t) {
-    return std::array<double, 4>{((-0.5 * t + 1.0) * t - 0.5) * t, (1.5 * t - 2.5) * t * t + 1.0,
-                                 ((-1.5 * t + 2.0) * t + 0.5) * t, (0.5 * t - 0.5) * t * t};
-  };
-  const auto wr = weights(r - static_cast<double>(r0)), wc = weights(c - static_cast<double>(c0));
-  double sum = 0.0;
-  for (std::ptrdiff_t i = 0; i < 4; ++i)
-    for (std::ptrdiff_t k = 0; k < 4; ++k)
-      sum += wr[static_cast<std::size_t>(i)] * wc[static_cast<std::size_t>(k)] *
-             static_cast<double>(g(std::clamp<std::ptrdiff_t>(r0 + i - 1, 0, g.rows() - 1),
-                                   std::clamp<std::ptrdiff_t>(c0 + k - 1, 0, g.cols() - 1)));
-  return static_cast<float>(sum);
+  return camera::bicubic(g, static_cast<float>(c) + 0.5F, static_cast<float>(r) + 0.5F);
 }
 
 /// A straight motion: values along a line, its variance that of the tensor's larger axis; what is
@@ -155,7 +181,7 @@ Result<Photograph> read_photograph(const PhotoInput& photo) {
   image.channels.resize(std::min<std::size_t>(3, image.channels.size()));
   Photograph p;
   p.value = std::move(image.channels);
-  if (image.channels.size() == 3 || p.value.size() == 3) {
+  if (p.value.size() == 3) {
     // EXR files order channels by name.
     const auto at = [&](const char* name) {
       return std::find(image.names.begin(), image.names.end(), name) - image.names.begin();
@@ -165,8 +191,7 @@ Result<Photograph> read_photograph(const PhotoInput& photo) {
   if (photo.srgb) {
     if (image.eight_bit) p.quantum = 1.0 / 255.0;
     for (auto& channel : p.value)
-      for (float& v : channel.cells())
-        v = static_cast<float>(linear_of_srgb(static_cast<double>(v)));
+      for (float& v : channel.cells()) v = camera::linear_of_srgb(v);
   }
   return p;
 }
@@ -292,33 +317,28 @@ void PhotoViews::trace(std::size_t k) {
 }
 
 void PhotoViews::see_lamp(std::size_t k) {
-  const PhotoInput& photo = scene_.photos[k];
   View& view = views_[k];
   const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
-  const std::size_t lamp = scene_.lamp_of[k];
-  const Vec3 position =
-      photo.lamp_position_mm + state_.lamp_mm[lamp] + state_.lamp_refocused_mm[lamp];
+  const Lamp lamp(scene_, state_, k);
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, view.samples.rows(), [&](std::ptrdiff_t r) {
     for (std::ptrdiff_t c = 0; c < view.samples.cols(); ++c) {
       Sample& s = view.samples(r, c);
       if (std::isnan(s.x)) continue;
       const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
-      const double way = norm(position - p);
-      s.visible = tracer.blocked(p, (1.0 / way) * (position - p), way, 0.0) ? 0.0F : 1.0F;
+      s.lamp = {sees(tracer, p, lamp.position) ? 1.0F : 0.0F, 0.0F, 0.0F};
     }
   });
-  const double diameter = photo.lamp_diameter_mm + state_.lamp_diameter_mm;
-  if (!(diameter > 0.0)) return;
+  if (!(lamp.diameter_mm > 0.0)) return;
   // Penumbras: where a neighbour within their width sees what this does not.
   const auto reach = std::clamp<std::ptrdiff_t>(
-      static_cast<std::ptrdiff_t>(std::ceil(kAcross * penumbra_px(diameter))) + 1, 2, 60);
+      static_cast<std::ptrdiff_t>(std::ceil(kAcross * penumbra_px(lamp.diameter_mm))) + 1, 2, 60);
   const std::ptrdiff_t rows = view.samples.rows(), cols = view.samples.cols();
   // Summed over squares: is it all light or all shadow?
   Grid<std::int32_t> lit(rows + 1, cols + 1, 0), hit(rows + 1, cols + 1, 0);
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
       const Sample& s = view.samples(r, c);
-      const int h = std::isnan(s.x) ? 0 : 1, l = h == 1 && s.visible > 0.0F ? 1 : 0;
+      const int h = std::isnan(s.x) ? 0 : 1, l = h == 1 && s.lamp.share > 0.0F ? 1 : 0;
       hit(r + 1, c + 1) = h + hit(r, c + 1) + hit(r + 1, c) - hit(r, c);
       lit(r + 1, c + 1) = l + lit(r, c + 1) + lit(r + 1, c) - lit(r, c);
     }
@@ -337,32 +357,20 @@ void PhotoViews::see_lamp(std::size_t k) {
       const int lights = sum(lit);
       if (lights == 0 || lights == sum(hit)) continue;
       const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
-      const Vec3 aim = normalized(position - photo.lamp_target_mm);
-      const Vec3 a = across(aim), b = cross(aim, a);
       camera::stratified_disc(kLampRays, static_cast<std::uint64_t>(r * cols + c), disc);
-      int seen = 0;
-      for (const camera::DiscPoint& d : disc) {
-        const Vec3 to = position + 0.5 * diameter * (d.x * a + d.y * b) - p;
-        const double way = norm(to);
-        seen += tracer.blocked(p, (1.0 / way) * to, way, 0.0) ? 0 : 1;
-      }
-      s.visible = static_cast<float>(seen) / static_cast<float>(disc.size());
+      s.lamp = seen_of(tracer, p, lamp, lamp.diameter_mm, disc);
     }
   });
 }
 
-std::array<float, kLampSizes> PhotoViews::visible_of_sizes(std::size_t k, std::uint32_t at) const {
+std::array<SeenLamp, kLampSizes> PhotoViews::lamp_of_sizes(std::size_t k, std::uint32_t at) const {
   const PhotoInput& photo = scene_.photos[k];
   const View& view = views_[k];
   const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
-  const std::size_t lamp = scene_.lamp_of[k];
-  const Vec3 position =
-      photo.lamp_position_mm + state_.lamp_mm[lamp] + state_.lamp_refocused_mm[lamp];
-  const Vec3 aim = normalized(position - photo.lamp_target_mm);
-  const Vec3 a = across(aim), b = cross(aim, a);
+  const Lamp lamp(scene_, state_, k);
   const auto row = static_cast<std::ptrdiff_t>(at) / photo.width_px,
              col = static_cast<std::ptrdiff_t>(at) % photo.width_px;
-  std::array<double, kLampSizes> sum{};
+  std::array<SeenLamp, kLampSizes> sum{};
   double largest = 0.0;
   for (const double d : scene_.lamp_sizes_mm)
     largest = std::fmax(largest, photo.lamp_diameter_mm + d);
@@ -375,18 +383,16 @@ std::array<float, kLampSizes> PhotoViews::visible_of_sizes(std::size_t k, std::u
       if (std::isnan(s.x)) continue;
       const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
       places.push_back(p);
-      if (first < 0.0F) first = s.visible;
-      edge |= s.visible != first;
+      if (first < 0.0F) first = s.lamp.share;
+      edge |= s.lamp.share != first;
       for (const auto& [x, y] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}}) {
         if (edge) break;
-        const Vec3 to = position + 0.5 * largest * (x * a + y * b) - p;
-        const double way = norm(to);
-        edge = tracer.blocked(p, (1.0 / way) * to, way, 0.0) != (first < 0.5F);
+        edge = sees(tracer, p, lamp.at(x, y, largest)) == (first < 0.5F);
       }
     }
-  std::array<float, kLampSizes> out;
+  std::array<SeenLamp, kLampSizes> out;
   if (!edge || places.empty()) {
-    out.fill(std::fmax(0.0F, first));
+    out.fill({std::fmax(0.0F, first), 0.0F, 0.0F});
     return out;
   }
   std::vector<camera::DiscPoint> disc;
@@ -394,21 +400,15 @@ std::array<float, kLampSizes> PhotoViews::visible_of_sizes(std::size_t k, std::u
     camera::stratified_disc(kLampRays, 0x1a3bU + 64ULL * at + n, disc);
     for (std::size_t size = 0; size < kLampSizes; ++size) {
       const double diameter = std::fmax(0.0, photo.lamp_diameter_mm + scene_.lamp_sizes_mm[size]);
-      int seen = 0;
-      for (const camera::DiscPoint& d : disc) {
-        const Vec3 to = position + 0.5 * diameter * (d.x * a + d.y * b) - places[n];
-        const double way = norm(to);
-        seen += tracer.blocked(places[n], (1.0 / way) * to, way, 0.0) ? 0 : 1;
-      }
-      sum[size] += static_cast<double>(seen) / static_cast<double>(disc.size());
+      sum[size] += seen_of(tracer, places[n], lamp, diameter, disc);
     }
   }
   for (std::size_t size = 0; size < kLampSizes; ++size)
-    out[size] = static_cast<float>(sum[size] / static_cast<double>(places.size()));
+    out[size] = mean_of(sum[size], static_cast<double>(places.size()));
   return out;
 }
 
-/// What a place sees around it: sky, or surface that a lamp lights.
+/// Sky, or surface that a lamp lights, from places on a grid.
 void PhotoViews::look_around() {
   const ModelField& f = *surfaces_[0];
   const heightmap::FieldTracer& tracer = tracers_[tracer_of_[0]];
@@ -427,7 +427,8 @@ void PhotoViews::look_around() {
                    y = scene_.box.min.y + around_step_mm_ * static_cast<double>(r);
       const double z = heightmap::height_at(f, x, y);
       if (std::isnan(z)) continue;
-      const Vec3 n = normal_at(0, x, y), a = across(n), b = cross(n, a);
+      const Vec3 n = normal_at(0, x, y);
+      const auto [a, b] = across(n);
       const Vec3 p = Vec3{x, y, z} + kOff_mm * n;
       int open = 0;
       std::vector<double> light(scene_.lamps, 0.0);
@@ -441,7 +442,7 @@ void PhotoViews::look_around() {
             d.x * a + d.y * b + std::sqrt(std::fmax(0.0, 1.0 - d.x * d.x - d.y * d.y)) * n;
         const auto hit = tracer.trace(p, normalized(w));
         if (!hit) {
-          ++open;
+          open += w.z > 0.0 ? 1 : 0;  // the sky is above
           continue;
         }
         for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp) {
@@ -459,6 +460,21 @@ void PhotoViews::look_around() {
         bounce_[lamp](r, c) = static_cast<float>(light[lamp] / kAroundRays);
     }
   });
+}
+
+/// What a place sees around it.
+void PhotoViews::look_around_from(std::size_t k, PhotoPixel& p) const {
+  const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
+               col = (p.place.x - scene_.box.min.x) / around_step_mm_;
+  p.sky = bilinear(sky_, row, col);
+  p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
+}
+/// A pixel as one of its rays meets the surface.
+void PhotoViews::show(std::size_t k, const Sample& s, PhotoPixel& p) const {
+  p.place = {s.x, s.y, s.z};
+  p.normal = normal_at(k, s.x, s.y);
+  p.lamp = s.lamp;
+  look_around_from(k, p);
 }
 
 Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
@@ -479,13 +495,7 @@ Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
           const Sample& s = view.samples(kAcross * r + i, kAcross * c + j);
           if (std::isnan(s.x)) continue;
           ++hit;
-          p.place = {s.x, s.y, s.z};
-          p.normal = normal_at(k, s.x, s.y);
-          p.visible = static_cast<double>(s.visible);
-          const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
-                       col = (p.place.x - scene_.box.min.x) / around_step_mm_;
-          p.sky = bilinear(sky_, row, col);
-          p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
+          show(k, s, p);
           sum += radiance(p, state_, state_, scene_);
         }
       image(r, c) = static_cast<float>(sum / (kAcross * kAcross));
@@ -554,7 +564,8 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
     p.photo = static_cast<std::uint32_t>(k);
     p.u = static_cast<float>(static_cast<double>(c) + 0.5 - half_u);
     p.v = static_cast<float>(static_cast<double>(r) + 0.5 - half_v);
-    double visible = 0.0, rays = 0.0;
+    double rays = 0.0;
+    SeenLamp seen;
     for (std::ptrdiff_t i = 0; i < kAcross; ++i)
       for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
         const Sample& sample = view.samples(kAcross * r + i, kAcross * c + j);
@@ -562,19 +573,16 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
         rays += 1.0;
         p.place += Vec3{sample.x, sample.y, sample.z};
         p.normal += normal_at(k, sample.x, sample.y);
-        visible += static_cast<double>(sample.visible);
+        seen += sample.lamp;
       }
     if (!(rays > 0.0)) return;
     p.place = (1.0 / rays) * p.place;
     p.normal = normalized(p.normal);
-    p.visible = visible / rays;
-    p.visible_of_size = visible_of_sizes(k, static_cast<std::uint32_t>(at));
+    p.lamp = mean_of(seen, rays);
+    p.lamp_of_size = lamp_of_sizes(k, static_cast<std::uint32_t>(at));
     p.at = static_cast<std::uint32_t>(at);
     p.of_rays = light_of(k, p.at, false);
-    const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
-                 col = (p.place.x - scene_.box.min.x) / around_step_mm_;
-    p.sky = bilinear(sky_, row, col);
-    p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
+    look_around_from(k, p);
     p.light = radiance(p, state_, state_, scene_);
     const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) { return image(r + i, c + j); };
     p.du = 0.5F * (z(0, 1) - z(0, -1));
@@ -617,12 +625,7 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
 double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
   const PhotoInput& photo = scene_.photos[k];
   const View& view = views_[k];
-  const std::size_t lamp = scene_.lamp_of[k];
-  const Vec3 position =
-      photo.lamp_position_mm + state_.lamp_mm[lamp] + state_.lamp_refocused_mm[lamp];
-  const double diameter = photo.lamp_diameter_mm + state_.lamp_diameter_mm;
-  const Vec3 aim = normalized(position - photo.lamp_target_mm);
-  const Vec3 a = across(aim), b = cross(aim, a);
+  const Lamp lamp(scene_, state_, k);
   const auto row = static_cast<std::ptrdiff_t>(at) / photo.width_px,
              col = static_cast<std::ptrdiff_t>(at) % photo.width_px;
   PhotoPixel p;
@@ -633,29 +636,16 @@ double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
     for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
       const Sample& s = view.samples(kAcross * row + i, kAcross * col + j);
       if (std::isnan(s.x)) continue;
-      p.place = {s.x, s.y, s.z};
-      p.normal = normal_at(k, s.x, s.y);
-      p.visible = static_cast<double>(s.visible);
+      show(k, s, p);
       if (moved) {
-        const Vec3 from = p.place + Vec3{0.0, 0.0, kOff_mm};
-        const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
-        if (diameter > 0.0)
+        if (lamp.diameter_mm > 0.0)
           camera::stratified_disc(
               kLampRays, 0x51fU + 64ULL * at + static_cast<std::uint64_t>(2 * i + j), disc);
         else
           disc.assign(1, {});
-        int seen = 0;
-        for (const camera::DiscPoint& d : disc) {
-          const Vec3 to = position + 0.5 * diameter * (d.x * a + d.y * b) - from;
-          const double way = norm(to);
-          seen += tracer.blocked(from, (1.0 / way) * to, way, 0.0) ? 0 : 1;
-        }
-        p.visible = static_cast<double>(seen) / static_cast<double>(disc.size());
+        p.lamp = seen_of(tracers_[tracer_of_[k]], p.place + Vec3{0.0, 0.0, kOff_mm}, lamp,
+                         lamp.diameter_mm, disc);
       }
-      const double r = (p.place.y - scene_.box.min.y) / around_step_mm_,
-                   c = (p.place.x - scene_.box.min.x) / around_step_mm_;
-      p.sky = bilinear(sky_, r, c);
-      p.bounce = bilinear(bounce_[lamp], r, c);
       sum += radiance(p, state_, state_, scene_);
     }
   return sum / (kAcross * kAcross);
@@ -663,33 +653,33 @@ double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
 
 /// Light anew at the pixels, the pictures around them as they were.
 void PhotoViews::light_pixels() {
-  const auto moved = [&](const PhotoState& was, std::size_t lamp) {
-    return !(was.lamp_mm[lamp] == state_.lamp_mm[lamp]) ||
-           !(was.lamp_refocused_mm[lamp] == state_.lamp_refocused_mm[lamp]) ||
-           was.lamp_diameter_mm != state_.lamp_diameter_mm;
-  };
-  const bool lit_anew = !same_light(pictured_, state_);
-  std::vector<double> before(scene_.photos.size(), 0.0), now(scene_.photos.size(), 0.0);
-  if (lit_anew)
+  if (!same_light(pictured_, state_))
     oneapi::tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
       MeasuredPixel& p = pixels_[i];
       const double was = p.of_rays;
-      p.of_rays = light_of(p.photo, p.at, moved(pictured_, scene_.lamp_of[p.photo]));
+      p.of_rays = light_of(p.photo, p.at, !same_lamp(pictured_, state_, scene_.lamp_of[p.photo]));
       const auto by = static_cast<float>(p.of_rays - was);
       for (float& v : p.value) v += by;
       for (float& v : p.value_next) v += by;
       p.light = radiance(p, state_, state_, scene_);
     });
-  for (const MeasuredPixel& p : pixels_) {
-    now[p.photo] += p.of_rays;
-    before[p.photo] += light_before_[p.photo].first == 0.0 ? 0.0 : 1.0;
-  }
+  // A picture's mean follows that of its pixels.
+  const std::vector<double> now = light_by_photo();
   for (MeasuredPixel& p : pixels_) {
     const auto& [light, mean] = light_before_[p.photo];
-    const double count = std::fmax(1.0, before[p.photo]);
-    for (float& v : p.mean)
-      v = static_cast<float>(light > 0.0 ? mean * now[p.photo] / count / light : mean);
+    p.mean.fill(static_cast<float>(light > 0.0 ? mean * now[p.photo] / light : mean));
   }
+}
+
+/// Mean of the rays' light over the pixels of each photograph.
+std::vector<double> PhotoViews::light_by_photo() const {
+  std::vector<double> sum(scene_.photos.size(), 0.0), count(scene_.photos.size(), 0.0);
+  for (const MeasuredPixel& p : pixels_) {
+    sum[p.photo] += p.of_rays;
+    count[p.photo] += 1.0;
+  }
+  for (std::size_t k = 0; k < sum.size(); ++k) sum[k] /= std::fmax(1.0, count[k]);
+  return sum;
 }
 
 double PhotoViews::penumbra_px(double diameter_mm) const {
@@ -711,16 +701,13 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
   if (!derivatives && rendered_ && normals == normals_ && same_places(pictured_, state) &&
       pictured_.blur_px2 == state.blur_px2 && pictured_.smear_px2 == state.smear_px2) {
     // What was shown before is the start again: steps do not add up.
-    const PhotoState picture = pictured_;
     state_ = state;
     pixels_ = pictured_pixels_;
-    pictured_ = picture;
     light_pixels();
     return;
   }
   const PhotoState before = traced_;
   const bool first = !rendered_;
-  const double size_before = before.lamp_diameter_mm;
   state_ = state;
   normals_ = normals;
   rendered_ = true;
@@ -733,16 +720,12 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
         (base > 5.0 ? base * kAbout[k] : kFromPoint[k]) - scene_.photos[0].lamp_diameter_mm;
   pixels_.clear();
   for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
-    const std::size_t lamp = scene_.lamp_of[k];
     const bool lens =
         first || traced_reach_ < reach() || !(before.camera_mm[k] == state_.camera_mm[k]) ||
         !(before.camera_rad[k] == state_.camera_rad[k]) || before.focal != state_.focal ||
         before.radial_1 != state_.radial_1 || before.radial_2 != state_.radial_2;
     if (lens) trace(k);
-    if (lens || !(before.lamp_mm[lamp] == state_.lamp_mm[lamp]) ||
-        !(before.lamp_refocused_mm[lamp] == state_.lamp_refocused_mm[lamp]) ||
-        size_before != state_.lamp_diameter_mm)
-      see_lamp(k);
+    if (lens || !same_lamp(before, state_, scene_.lamp_of[k])) see_lamp(k);
     take_pixels(k, pixels_);
   }
   traced_ = state_;
@@ -750,14 +733,10 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
   selected_ = true;
   pictured_ = state_;
   pictured_pixels_ = pixels_;
+  const std::vector<double> light = light_by_photo();
   light_before_.assign(scene_.photos.size(), {0.0, 0.0});
-  std::vector<double> count(scene_.photos.size(), 0.0);
-  for (const MeasuredPixel& p : pixels_) {
-    light_before_[p.photo].first += p.of_rays;
-    light_before_[p.photo].second = static_cast<double>(p.mean[0]);
-    count[p.photo] += 1.0;
-  }
-  for (std::size_t k = 0; k < count.size(); ++k) light_before_[k].first /= std::fmax(1.0, count[k]);
+  for (const MeasuredPixel& p : pixels_)
+    light_before_[p.photo] = {light[p.photo], static_cast<double>(p.mean[0])};
 }
 
 }  // namespace maquette::diagnosis::detail

@@ -13,6 +13,7 @@
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
 #include "diagnosis/detail/photo_remainder.hpp"
+#include "diagnosis/detail/ridge.hpp"
 #include "diagnosis/path_contact.hpp"
 #include "diagnosis/surface.hpp"
 #include "heightmap/field_io.hpp"
@@ -48,8 +49,12 @@ constexpr double kSmooth = 3e-3;
 constexpr double kPenumbra_px = 0.5;
 /// What is not in a map's waves errs together in all of a place's pixels.
 constexpr double kMapOver = 30.0;
-/// Forms with that many parameters are maps.
+/// Maps have that many parameters at least.
 constexpr std::size_t kManyParameters = 12;
+/// A map is confirmed in cells of the part's width over this that were seen so often under each of
+/// two lamps.
+constexpr std::size_t kMapCells = 48;
+constexpr int kMapSeen = 2;
 /// The scatter of pixels must be off by this factor to be called a cause: full well and read noise
 /// are known to a few per cent.
 constexpr double kScatterOff = 0.1;
@@ -83,6 +88,14 @@ std::vector<int> columns_of(const PhotoLinear& linear, const PhotoMembers& membe
       for (const int c : linear.of(members[k].form))
         if (std::find(all.begin(), all.end(), c) == all.end()) all.push_back(c);
   return all;
+}
+Eigen::VectorXd values_of(const PhotoMember& m) {
+  return Eigen::Map<const Eigen::VectorXd>(m.values.data(),
+                                           static_cast<Eigen::Index>(m.values.size()));
+}
+/// Of places on the part: a form with that many parameters, all of them factors on its light.
+bool is_map(const PhotoForm& form) {
+  return form.parameters.size() >= kManyParameters && form.parameters.front().of_light;
 }
 PhotoMembers without(PhotoMembers members, std::size_t k) {
   members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
@@ -331,6 +344,7 @@ class Search {
     return all;
   }
   /// What the k-th earns where `g` was summed, with all others refitted there.
+  /// @param held  its values, of elsewhere; null: the best there
   [[nodiscard]] double worth_of(const Eigen::MatrixXd& g, const PhotoLinear& linear,
                                 const PhotoMembers& members, std::size_t k,
                                 const Eigen::VectorXd* held = nullptr) const {
@@ -338,16 +352,8 @@ class Search {
     const auto mine = linear.of(members[k].form);
     Eigen::VectorXd step;
     static_cast<void>(detail::gain_of(g, others, mine, 0, &step));
-    const Eigen::VectorXd rendered =
-        Eigen::Map<const Eigen::VectorXd>(members[k].values.data(), step.size());
-    const Eigen::VectorXd best = rendered + step;
-    Eigen::MatrixXd a = g(mine, mine);
-    if (!others.empty()) {
-      Eigen::MatrixXd m = g(others, others);
-      m.diagonal() *= 1.0 + 1e-8;
-      const Eigen::MatrixXd across = g(others, mine);
-      a -= across.transpose() * m.ldlt().solve(across);
-    }
+    const Eigen::VectorXd best = values_of(members[k]) + step;
+    const Eigen::MatrixXd a = detail::Reduced(g, mine, others).a;
     const double unit = fit_.noise.factor * fit_.noise.over;
     const double all = best.dot(a * best) / unit;
     if (held == nullptr) return all;
@@ -360,32 +366,21 @@ class Search {
                                           const PhotoMembers& members, std::size_t k) const {
     const auto others = columns_of(linear, members, k);
     const auto mine = linear.of(members[k].form);
-    const Eigen::VectorXd rendered = Eigen::Map<const Eigen::VectorXd>(
-        members[k].values.data(), static_cast<Eigen::Index>(mine.size()));
-    if (mine.size() < kManyParameters) {
+    const Eigen::VectorXd rendered = values_of(members[k]);
+    if (!is_map(members[k].form)) {
       Eigen::VectorXd step;
       static_cast<void>(detail::gain_of(g, others, mine, 0, &step));
       return rendered + step;
     }
-    const std::vector<int> y{static_cast<int>(g.rows() - 1)};
-    Eigen::MatrixXd a = g(mine, mine);
-    Eigen::VectorXd b = g(mine, y) + a * rendered;
-    if (!others.empty()) {
-      Eigen::MatrixXd m = g(others, others);
-      m.diagonal() *= 1.0 + 1e-8;
-      const Eigen::MatrixXd across = g(others, mine);
-      const auto solved = m.ldlt();
-      const Eigen::VectorXd of_others = g(others, y) + across * rendered;
-      a -= across.transpose() * solved.solve(across);
-      b -= across.transpose() * solved.solve(of_others);
-    }
+    detail::Reduced own(g, mine, others);
+    own.b += own.a * rendered;
     // Few waves that nothing tells may be huge: what most are like.
     std::vector<double> size;
     for (const double v : members[k].values) size.push_back(std::abs(v));
     const double variance = std::pow(kMadToSigma * median(std::move(size)), 2);
-    a.diagonal().array() +=
+    own.a.diagonal().array() +=
         fit_.noise.factor * kMapOver * fit_.noise.over / std::fmax(1e-12, variance);
-    return a.ldlt().solve(b);
+    return own.a.ldlt().solve(own.b);
   }
 
  private:
@@ -396,15 +391,31 @@ class Search {
 };
 
 /// Sums over the pictures under every other lamp (from every other place, where there is one lamp),
-/// and over the rest.
-std::array<Eigen::MatrixXd, 2> halves_of(const PhotoLinear& linear,
-                                         const detail::PhotoViews& views) {
+/// and over the rest, of places that both show in light: a map is known nowhere else.
+std::array<Eigen::MatrixXd, 2> halves_of(const PhotoLinear& linear, const detail::PhotoViews& views,
+                                         double factor) {
   const PhotoScene& scene = views.scene();
+  const auto& pixels = views.pixels();
+  const auto half_of = [&](const detail::MeasuredPixel& p) {
+    return static_cast<std::size_t>(scene.lamps > 1 ? scene.lamp_of[p.photo] : p.photo) % 2;
+  };
+  const auto cell_of = [&](const detail::MeasuredPixel& p) {
+    const auto part = [](double at, double low, double high) {
+      return std::clamp(static_cast<std::size_t>(kMapCells * (at - low) / (high - low)),
+                        std::size_t{0}, kMapCells - 1);
+    };
+    return part(p.place.y, scene.box.min.y, scene.box.max.y) * kMapCells +
+           part(p.place.x, scene.box.min.x, scene.box.max.x);
+  };
+  std::vector<std::array<int, 2>> seen(kMapCells * kMapCells, {0, 0});
+  for (const detail::MeasuredPixel& p : pixels)
+    if (p.lamp.share > 0.5F) ++seen[cell_of(p)][half_of(p)];
   const Eigen::Index n = linear.columns.cols();
   std::array<Eigen::MatrixXd, 2> halves{Eigen::MatrixXd::Zero(n + 1, n + 1),
                                         Eigen::MatrixXd::Zero(n + 1, n + 1)};
   constexpr Eigen::Index kBlock = 4096;
-  const auto channels = static_cast<Eigen::Index>(views.channels());
+  const std::size_t channels = views.channels();
+  const float knee = 3.0F * static_cast<float>(std::sqrt(factor));
   for (std::size_t half = 0; half < 2; ++half) {
     Eigen::MatrixXf x(kBlock, n + 1);
     Eigen::Index filled = 0;
@@ -412,16 +423,39 @@ std::array<Eigen::MatrixXd, 2> halves_of(const PhotoLinear& linear,
       halves[half] += (x.topRows(filled).transpose() * x.topRows(filled)).cast<double>();
       filled = 0;
     };
-    for (Eigen::Index i = 0; i < linear.residual.size(); ++i) {
-      const std::uint32_t photo = views.pixels()[static_cast<std::size_t>(i / channels)].photo;
-      if ((scene.lamps > 1 ? scene.lamp_of[photo] : photo) % 2 != half) continue;
-      x.row(filled).head(n) = linear.columns.row(i);
-      x(filled, n) = std::clamp(linear.residual(i), -5.0F, 5.0F);
-      if (++filled == kBlock) flush();
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      if (half_of(pixels[i]) != half || !(pixels[i].lamp.share > 0.5F)) continue;
+      const auto& both = seen[cell_of(pixels[i])];
+      if (std::min(both[0], both[1]) < kMapSeen) continue;
+      for (std::size_t ch = 0; ch < channels; ++ch) {
+        const auto row = static_cast<Eigen::Index>(i * channels + ch);
+        x.row(filled).head(n) = linear.columns.row(row);
+        x(filled, n) = std::clamp(linear.residual(row), -knee, knee);
+        if (++filled == kBlock) flush();
+      }
     }
     flush();
   }
   return halves;
+}
+
+/// What a member gains where it had no say, and what its values from elsewhere gain there, both in
+/// units of their own noise.
+struct Held {
+  double gain = 0.0, predicted = 0.0;
+};
+/// Values of other blocks; a map's, of the same places under other lamps, the worse of both ways.
+Held held_out(const Search& search, const PhotoFit& fit, const PhotoLinear& linear,
+              const PhotoMembers& members, std::size_t k, double share) {
+  const auto on = [&](const Eigen::MatrixXd& chosen, const Eigen::MatrixXd& other) {
+    const Eigen::VectorXd values = search.values_on(chosen, linear, members, k);
+    return Held{share * search.worth_of(other, linear, members, k),
+                share * search.worth_of(other, linear, members, k, &values)};
+  };
+  if (!is_map(members[k].form)) return on(linear.sum({kChoose}), linear.sum({kConfirm}));
+  const auto halves = halves_of(linear, fit.views(), fit.noise.factor);
+  const Held one = on(halves[0], halves[1]), other = on(halves[1], halves[0]);
+  return one.predicted < other.predicted ? one : other;
 }
 
 /// Those that hold on other blocks and are large enough.
@@ -429,8 +463,6 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
                        std::vector<double>& p_values, std::vector<Rejected>& rejected) {
   while (!members.empty()) {
     const PhotoLinear linear = fit.about(members, Search::parameters_of(members));
-    const Eigen::MatrixXd on_choose = linear.sum({kChoose}), on_confirm = linear.sum({kConfirm});
-    const auto halves = halves_of(linear, fit.views());
     std::vector<double> moved;
     double together = 0.0;
     for (const PhotoMember& m : members) {
@@ -447,9 +479,7 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
         over = std::fmax(over,
                          std::fmin(50.0 * fit.noise.over, fit.over_of(linear, linear.residual, c)));
       const double share = fit.noise.over / over;
-      const double gain = share * search.worth_of(on_confirm, linear, members, k);
-      const Eigen::VectorXd chosen = search.values_on(on_choose, linear, members, k);
-      const double predicted = share * search.worth_of(on_confirm, linear, members, k, &chosen);
+      const auto [gain, predicted] = held_out(search, fit, linear, members, k, share);
       double p = chi_squared_tail(gain, static_cast<int>(members[k].form.parameters.size()));
       if (!(predicted > 0.5 * gain)) p = std::fmax(p, 0.5);
       p_values.push_back(std::fmax(p, 1e-300));
@@ -462,14 +492,16 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
       if (!(gain < least)) continue;
       least = gain;
       worst = k;
-      why = small ? fmt::format(
-                        "moves the picture by {:.4f} / 255 rms, less than the rendering may "
-                        "be wrong by",
-                        255.0 * moved[k])
-                  : fmt::format(
-                        "chosen on one third of the blocks; on the next it gains {:.1f} with "
-                        "{} parameters, {:.1f} as it was fitted on the first",
-                        gain, members[k].form.parameters.size(), predicted);
+      why = small
+                ? fmt::format(
+                      "moves the picture by {:.4f} / 255 rms, less than the rendering may "
+                      "be wrong by",
+                      255.0 * moved[k])
+                : fmt::format(
+                      "{} gains {:.1f} with {} parameters, {:.1f} as it was fitted on the first",
+                      is_map(members[k].form) ? "chosen under one lamp; under the next it"
+                                              : "chosen on one third of the blocks; on the next it",
+                      gain, members[k].form.parameters.size(), predicted);
     }
     if (worst == members.size()) break;
     rejected.push_back({members[worst].effect->name, why});
@@ -484,11 +516,9 @@ std::vector<Estimate> sizes_of(const PhotoLinear& linear, const PhotoFit& fit,
   const auto mine = linear.of(members[k].form);
   columns.insert(columns.end(), mine.begin(), mine.end());
   const Eigen::MatrixXd g = linear.sum(kAll);
-  Eigen::MatrixXd a = g(columns, columns);
-  const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
-  a = d.asDiagonal() * a * d.asDiagonal();
-  a.diagonal().array() += 1e-9;
-  const Eigen::MatrixXd inverse = d.asDiagonal() * a.inverse() * d.asDiagonal();
+  const auto size = static_cast<Eigen::Index>(columns.size());
+  const Eigen::MatrixXd inverse =
+      detail::ridge_solve(g(columns, columns), Eigen::MatrixXd::Identity(size, size), 1e-9);
   std::vector<Estimate> out;
   const auto first = static_cast<Eigen::Index>(columns.size() - mine.size());
   for (std::size_t i = 0; i < mine.size(); ++i) {

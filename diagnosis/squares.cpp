@@ -3,6 +3,8 @@
 
 #include <cmath>
 
+#include "diagnosis/detail/ridge.hpp"
+
 namespace maquette::diagnosis::detail {
 namespace {
 using Eigen::Index;
@@ -27,10 +29,7 @@ MatrixXd plain_sums(const Bank& bank, const std::vector<int>& model, const std::
 
 /// The first `p` unknowns of normal equations by a right-hand side.
 VectorXd solve(const MatrixXd& sum, Index p, const VectorXd& right) {
-  const VectorXd d = sum.diagonal().head(p).cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  MatrixXd scaled = d.asDiagonal() * sum.topLeftCorner(p, p) * d.asDiagonal();
-  scaled.diagonal().array() += 1e-10;
-  return d.asDiagonal() * scaled.ldlt().solve(d.asDiagonal() * right);
+  return ridge_solve(sum.topLeftCorner(p, p), right, 1e-10);
 }
 
 }  // namespace

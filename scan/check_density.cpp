@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "scan/check_stations.hpp"
+#include "scan/detail/check_each_place.hpp"
 
 namespace maquette::scan {
 namespace {
@@ -221,15 +222,7 @@ Result<void> check_density(const Cloud& cloud, const RigidTransform& model_from_
     if (!cells) return {};
     return check_place(model_from_scan.point(place), std::move(*cells), design);
   };
-  if (cloud.station_mm) return check(*cloud.station_mm, 0, cloud.points_mm.size());
-  std::size_t first = 0;
-  for (const ScanStation& s : cloud.stations) {
-    if (s.position_mm) {
-      MAQUETTE_TRY_VOID(check(*s.position_mm, first, s.points));
-    }
-    first += s.points;
-  }
-  return {};
+  return check_each_place(cloud, check);
 }
 
 }  // namespace maquette::scan

@@ -11,6 +11,8 @@
 #include <fmt/format.h>
 #include <Eigen/Dense>
 
+#include "scan/detail/check_each_place.hpp"
+
 namespace maquette::scan {
 namespace {
 
@@ -199,31 +201,16 @@ Result<void> check_each(const Cloud& cloud, const RigidTransform& model_from_sca
                             "of the cloud, or none",
                             from.x, from.y, from.z, 100.0 * share));
   };
-  if (cloud.station_mm) return check(*cloud.station_mm, 0, cloud.points_mm.size());
-  std::size_t first = 0;
-  for (const ScanStation& s : cloud.stations) {
-    if (s.position_mm) {
-      MAQUETTE_TRY_VOID(check(*s.position_mm, first, s.points));
-    }
-    first += s.points;
-  }
-  return {};
+  return check_each_place(cloud, check);
 }
 
 }  // namespace
 
 Result<void> check_sight_planes(const Cloud& cloud) {
   if (cloud.grid.empty()) return {};
-  if (cloud.station_mm)
-    return check_columns(columns_of(cloud, 0, cloud.points_mm.size()), *cloud.station_mm);
-  std::size_t first = 0;
-  for (const ScanStation& s : cloud.stations) {
-    if (s.position_mm) {
-      MAQUETTE_TRY_VOID(check_columns(columns_of(cloud, first, s.points), *s.position_mm));
-    }
-    first += s.points;
-  }
-  return {};
+  return check_each_place(cloud, [&](Vec3 place, std::size_t first, std::size_t n) {
+    return check_columns(columns_of(cloud, first, n), place);
+  });
 }
 
 Result<void> check_viewpoints(const Cloud& cloud, const RigidTransform& model_from_scan,

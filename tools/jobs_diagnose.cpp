@@ -107,7 +107,8 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
       if (!d.controls->passed()) d.notes.push_back("a control did not pass: see the report");
     }
   }
-  if (!c->photos.empty()) {
+  const bool with_photographs = !c->photos.empty();
+  if (with_photographs) {
     MAQUETTE_TRY(pictures, diagnosis::diagnose_photographs(input, photographs_of(*c), run));
     if (with_controls)
       pictures.notes.push_back("controls are those of scans and probes: photographs have none");
@@ -117,16 +118,16 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
   JobResult result;
   result.outputs = {folder / "diagnosis.json", folder / "extended.toml", folder / "report.html"};
-  if (points && !c->photos.empty()) {
+  if (points && with_photographs) {
     result.outputs.push_back(folder / "photographs.html");
     MAQUETTE_TRY_VOID(write_file(result.outputs.back(), diagnosis::to_html(pictures)));
   }
   std::string report = diagnosis::to_html(points ? d : pictures);
-  const std::string json = points && !c->photos.empty() ? together(d, pictures)
-                                                        : diagnosis::to_json(points ? d : pictures);
+  const std::string json = points && with_photographs ? together(d, pictures)
+                                                      : diagnosis::to_json(points ? d : pictures);
   if (!points) {
     d = std::move(pictures);
-  } else if (!c->photos.empty()) {
+  } else if (with_photographs) {
     d.causes.insert(d.causes.end(), pictures.causes.begin(), pictures.causes.end());
     d.verdict = verdict_of(d.verdict, pictures.verdict);
     d.notes.insert(d.notes.end(), pictures.notes.begin(), pictures.notes.end());

@@ -7,6 +7,8 @@
 
 #include <fmt/format.h>
 
+#include "camera/srgb.hpp"
+
 namespace maquette::camera {
 namespace {
 
@@ -21,7 +23,7 @@ double encoded(const Tone& e, double linear) {
   const double v = std::clamp(linear, 0.0, 1.0);
   if (e.curve == "linear") return v;
   if (e.curve == "gamma") return std::pow(v, 1.0 / e.gamma);
-  return v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
+  return srgb_of_linear(v);
 }
 
 Result<void> check(const Tone& e, const Shot&) {

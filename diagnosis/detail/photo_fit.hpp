@@ -67,7 +67,7 @@ class PhotoFit {
   [[nodiscard]] PhotoNoise noise_of(const PhotoLinear& linear) const;
   [[nodiscard]] double over_of(const PhotoLinear& linear, const Eigen::VectorXf& residual,
                                Eigen::Index column) const;
-  [[nodiscard]] PhotoViews& views() { return views_; }
+  [[nodiscard]] const PhotoViews& views() const { return views_; }
 
  private:
   [[nodiscard]] PhotoState state_of(const PhotoMembers& members) const;

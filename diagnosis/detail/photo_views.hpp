@@ -62,7 +62,7 @@ class PhotoViews {
  private:
   struct Sample {
     float x = NAN, y = 0.0F, z = 0.0F;  ///< NaN: beside the surface
-    float visible = 0.0F;
+    SeenLamp lamp;
   };
   struct View {
     Grid<Sample> samples;     ///< kAcross x kAcross a pixel
@@ -84,12 +84,15 @@ class PhotoViews {
   void light_pixels();
   [[nodiscard]] double light_of(std::size_t photo, std::uint32_t at, bool moved) const;
   void look_around();
+  void look_around_from(std::size_t photo, PhotoPixel& pixel) const;
+  void show(std::size_t photo, const Sample& ray, PhotoPixel& pixel) const;
+  [[nodiscard]] std::vector<double> light_by_photo() const;
   [[nodiscard]] std::ptrdiff_t reach() const;
   [[nodiscard]] Vec3 normal_at(std::size_t photo, double x, double y) const;
   [[nodiscard]] Grid<float> picture(std::size_t photo, Grid<float>& hits) const;
   void select(std::size_t photo, const Grid<float>& hits);
   void take_pixels(std::size_t photo, std::vector<MeasuredPixel>& out);
-  [[nodiscard]] std::array<float, kLampSizes> visible_of_sizes(std::size_t photo,
+  [[nodiscard]] std::array<SeenLamp, kLampSizes> lamp_of_sizes(std::size_t photo,
                                                                std::uint32_t at) const;
 
   PhotoScene scene_;

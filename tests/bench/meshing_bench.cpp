@@ -16,14 +16,9 @@
 //   meshing_bench volume [STONES [NODES]]   500 stones united with 4001 x 4001 nodes: time, memory,
 //                                    errors
 
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
-#include <functional>
 #include <queue>
 #include <string>
 #include <vector>
@@ -32,13 +27,13 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/files.hpp"
-#include "core/random.hpp"
 #include "export/cad.hpp"
 #include "meshing/bands.hpp"
 #include "meshing/decimate.hpp"
 #include "meshing/grid_stream.hpp"
 #include "meshing_volume.hpp"
 #include "support/bench_times.hpp"
+#include "support/terrain.hpp"
 
 namespace maquette::meshing {
 namespace {
@@ -52,47 +47,6 @@ double touched_mib(const ModelField& field) {
   volatile double sum = 0.0;
   for (const float z : field.z_mm.cells()) sum = sum + static_cast<double>(z);
   return peak_mib();
-}
-
-/// Before any thread was started; the child's peak is its own.
-void in_its_own_process(const std::function<void()>& work) {
-  std::fflush(stdout);
-  const pid_t child = ::fork();
-  if (child == 0) {
-    work();
-    std::fflush(stdout);
-    ::_exit(0);
-  }
-  int status = 0;
-  if (child < 0 || ::waitpid(child, &status, 0) != child || status != 0)
-    fmt::print("  (this case failed)\n");
-}
-
-/// Octaves of smoothed random heights, each half as long and 0.47 as high as the one before.
-ModelField fractal(std::ptrdiff_t n) {
-  ModelField f{Grid<float>(n, n), Millimetres{0.5}, Millimetres{0}, Millimetres{0}};
-  const auto rows = [&](std::ptrdiff_t r) {
-    double high = 40.0, length = 512.0;
-    for (std::uint64_t octave = 0; octave < 9; ++octave, high *= 0.47, length *= 0.5) {
-      const auto at = [&](std::ptrdiff_t i, std::ptrdiff_t j) {
-        return random_uniform(77 + octave, static_cast<std::uint64_t>(i * 65536 + j)) - 0.5;
-      };
-      const auto smooth = [](double u) { return u * u * u * (u * (6.0 * u - 15.0) + 10.0); };
-      const double y = static_cast<double>(r) / length;
-      const auto i = static_cast<std::ptrdiff_t>(y);
-      const double v = smooth(y - static_cast<double>(i));
-      for (std::ptrdiff_t c = 0; c < n; ++c) {
-        const double x = static_cast<double>(c) / length;
-        const auto j = static_cast<std::ptrdiff_t>(x);
-        const double u = smooth(x - static_cast<double>(j));
-        f.z_mm(r, c) +=
-            static_cast<float>(high * ((1 - u) * (1 - v) * at(i, j) + u * (1 - v) * at(i, j + 1) +
-                                       (1 - u) * v * at(i + 1, j) + u * v * at(i + 1, j + 1)));
-      }
-    }
-  };
-  for (std::ptrdiff_t r = 0; r < n; ++r) rows(r);
-  return f;
 }
 
 /// Cheap, and not level.

@@ -20,7 +20,6 @@
 // --from: the first cases of each kind are passed over; --only: all but one, to see it again.
 // --keep: cases stay, with their reports. --jobs: cases at a time, each on one thread if several.
 
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -28,16 +27,16 @@
 #include <fstream>
 #include <map>
 #include <mutex>
-#include <random>
 #include <string>
 #include <string_view>
-#include <thread>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include "challenge/challenge_case.hpp"
 #include "challenge/challenge_score.hpp"
+#include "challenge/challenge_settings.hpp"
 #include "challenge/photo_run.hpp"
 
 namespace {
@@ -66,13 +65,9 @@ Reported reported(const std::string& effect, double size) {
   return {};
 }
 
-struct Settings {
-  std::map<std::string, int> counts;
-  std::uint64_t seed = 1;
-  std::string program, effect, keep, picture;
-  bool strict = false, all_right = false, controls = false;
-  int points = 300'000, from = 0, only = -1, fade = -1;
-  unsigned jobs = 1;
+struct Settings : challenge::CommonSettings {
+  bool controls = false;
+  int points = 300'000, fade = -1;
   double over = 0.0, noise = 1.0;
 };
 
@@ -86,20 +81,12 @@ struct Tally {
 
 challenge::Options options_of(const Settings& settings, const std::string& kind, int i) {
   challenge::Options o;
-  o.seed = settings.seed * 1'000'003 + static_cast<std::uint64_t>(i) * 17 +
-           static_cast<std::uint64_t>(kind[0]);
+  o.seed = challenge::seed_of(settings, kind, i);
   o.points = settings.points;
   o.noise = settings.noise;
-  std::mt19937_64 draw(o.seed);
-  const int hide = kind == "null" ? 0 : kind == "double" ? 2 : kind == "triple" ? 3 : 1;
-  const auto& names = kind == "outside" ? challenge::nameless() : challenge::hideable();
-  while (static_cast<int>(o.effects.size()) < hide) {
-    std::string name = names[kind == "single" ? static_cast<std::size_t>(i) % names.size()
-                                              : draw() % names.size()];
-    if (!settings.effect.empty() && o.effects.empty()) name = settings.effect;
-    if (std::find(o.effects.begin(), o.effects.end(), name) == o.effects.end())
-      o.effects.push_back(name);
-  }
+  o.effects = challenge::effects_of(
+      settings, kind, i, kind == "outside" ? challenge::nameless() : challenge::hideable(),
+      kind == "single");
   return o;
 }
 
@@ -159,51 +146,26 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
 }
 
 /// False: not understood.
-bool read(int argc, char** argv, Settings& s) {
-  if (argc < 2) return false;
-  s.program = argv[1];
-  for (int i = 2; i < argc; ++i) {
-    const std::string a = argv[i];
-    if (a == "--full") {
-      s.counts = {
-          {"null", 200}, {"single", 600}, {"double", 300}, {"triple", 150}, {"outside", 150}};
-      continue;
-    }
-    if (a == "--strict" || a == "--controls" || a == "--all-right") {
-      (a == "--strict" ? s.strict : a == "--controls" ? s.controls : s.all_right) = true;
-      continue;
-    }
-    if (i + 1 >= argc) return false;
-    const std::string v = argv[++i];
-    if (a == "--seed")
-      s.seed = std::stoull(v);
-    else if (a == "--from")
-      s.from = std::stoi(v);
-    else if (a == "--only")
-      s.only = std::stoi(v);
-    else if (a == "--fade")
+bool read(const std::vector<std::string>& words, Settings& s) {
+  const auto flag = [&](const std::string& a, const std::string&) {
+    return a == "--controls" && (s.controls = true);
+  };
+  const auto valued = [&](const std::string& a, const std::string& v) {
+    if (a == "--fade")
       s.fade = std::stoi(v);
-    else if (a == "--effect")
-      s.effect = v;
-    else if (a == "--keep")
-      s.keep = v;
-    else if (a == "--picture")
-      s.picture = v;
     else if (a == "--points")
       s.points = std::stoi(v);
     else if (a == "--over")
       s.over = std::stod(v);
     else if (a == "--noise")
       s.noise = std::stod(v);
-    else if (a == "--jobs")
-      s.jobs = static_cast<unsigned>(std::max(1, std::stoi(v)));
-    else if (a == "--null" || a == "--single" || a == "--double" || a == "--triple" ||
-             a == "--outside")
-      s.counts[a.substr(2)] = std::stoi(v);
     else
       return false;
-  }
-  return true;
+    return true;
+  };
+  return challenge::read_settings(
+      words, {{"null", 200}, {"single", 600}, {"double", 300}, {"triple", 150}, {"outside", 150}},
+      flag, valued, s);
 }
 
 }  // namespace
@@ -212,7 +174,7 @@ int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "--photo")
     return challenge::run_photos(argc - 2, argv + 2);
   Settings settings;
-  if (!read(argc, argv, settings)) {
+  if (!read({argv + 1, argv + argc}, settings)) {
     std::puts(
         "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
         "[--full] [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X] "
@@ -221,20 +183,9 @@ int main(int argc, char** argv) {
         "[--all-right]");
     return 2;
   }
-  std::vector<std::pair<std::string, int>> cases;
-  for (const char* kind : {"null", "single", "double", "triple", "outside"})
-    for (int i = settings.from; i < settings.counts[kind]; ++i)
-      if (settings.only < 0 || i == settings.only) cases.emplace_back(kind, i);
   Tally tally;
-  std::atomic<std::size_t> next{0};
-  {
-    std::vector<std::jthread> workers;
-    for (unsigned w = 0; w < settings.jobs; ++w)
-      workers.emplace_back([&] {
-        for (std::size_t k; (k = next++) < cases.size();)
-          one(settings, cases[k].first, cases[k].second, tally);
-      });
-  }
+  challenge::run_cases(settings,
+                       [&](const std::string& kind, int i) { one(settings, kind, i, tally); });
   const challenge::Outcome outcome = challenge::print_table(tally.result, tally.sizes);
   fmt::print("slowest case {:.1f} s, {} at a time\n", tally.slowest, settings.jobs);
   if (!settings.picture.empty()) challenge::write_confusion(tally.confusion, settings.picture);

@@ -6,18 +6,16 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <fstream>
 #include <mutex>
-#include <random>
-#include <thread>
 
 #include <fmt/format.h>
 
 #include "challenge/challenge_score.hpp"
+#include "challenge/challenge_settings.hpp"
 #include "challenge/photo_case.hpp"
 
 namespace challenge {
@@ -25,13 +23,9 @@ namespace {
 
 constexpr double kOver = 5.0;  // limits that a cause has to be found at
 
-struct Settings {
-  std::map<std::string, int> counts;
-  std::uint64_t seed = 1;
-  std::string program, effect, keep, picture;
-  bool strict = false, all_right = false, write_only = false;
-  int from = 0, only = -1, width = 1024;
-  unsigned jobs = 1;
+struct Settings : CommonSettings {
+  bool write_only = false;
+  int width = 1024;
   double size = 1.0;
   Relief::Between between = Relief::Between::bilinear;
 };
@@ -46,23 +40,13 @@ struct Tally {
 
 PhotoOptions options_of(const Settings& settings, const std::string& kind, int i) {
   PhotoOptions o;
-  o.seed = settings.seed * 1'000'003 + static_cast<std::uint64_t>(i) * 17 +
-           static_cast<std::uint64_t>(kind[0]);
+  o.seed = seed_of(settings, kind, i);
   o.size = settings.size;
   o.between = settings.between;
   o.width = settings.width;
   o.height = settings.width * 3 / 4;
-  std::mt19937_64 draw(o.seed);
-  const std::size_t hide = kind == "null" ? 0 : kind == "double" ? 2 : kind == "triple" ? 3 : 1;
-  const auto& names = kind == "outside" ? photo_nameless() : photo_hideable();
-  const bool in_turn = kind == "single" || kind == "outside";
-  while (o.effects.size() < hide) {
-    std::string name =
-        names[in_turn ? static_cast<std::size_t>(i) % names.size() : draw() % names.size()];
-    if (!settings.effect.empty() && o.effects.empty()) name = settings.effect;
-    if (std::find(o.effects.begin(), o.effects.end(), name) == o.effects.end())
-      o.effects.push_back(name);
-  }
+  o.effects = kind == "outside" ? effects_of(settings, kind, i, photo_nameless(), true)
+                                : effects_of(settings, kind, i, photo_hideable(), kind == "single");
   return o;
 }
 
@@ -105,9 +89,9 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
   const std::filesystem::path folder =
       settings.keep.empty()
           ? std::filesystem::temp_directory_path() / fmt::format("photo_challenge_{}", o.seed)
-          : std::filesystem::path(settings.keep) /
-                (fmt::format("{}_{:02}", kind, i) +
-                 (o.effects.empty() ? "" : "_" + fmt::format("{}", fmt::join(o.effects, "+"))));
+          : std::filesystem::path(settings.keep) / fmt::format("{}_{:02}{}{}", kind, i,
+                                                               o.effects.empty() ? "" : "_",
+                                                               fmt::join(o.effects, "+"));
   const double begin = thread_cpu_s();
   const auto hidden = make_photo_case(o, folder);
   const double making = thread_cpu_s() - begin;
@@ -160,58 +144,37 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
 }
 
 /// False: not understood.
-bool read(int argc, char** argv, Settings& s) {
-  if (argc < 1) return false;
-  s.program = argv[0];
-  for (int i = 1; i < argc; ++i) {
-    const std::string a = argv[i];
-    if (a == "--full") {
-      s.counts = {
-          {"null", 200}, {"single", 440}, {"double", 200}, {"triple", 100}, {"outside", 120}};
-      continue;
-    }
-    if (a == "--strict" || a == "--all-right" || a == "--write-only") {
-      (a == "--strict" ? s.strict : a == "--all-right" ? s.all_right : s.write_only) = true;
-      continue;
-    }
-    if (i + 1 >= argc) return false;
-    const std::string v = argv[++i];
-    if (a == "--seed")
-      s.seed = std::stoull(v);
-    else if (a == "--from")
-      s.from = std::stoi(v);
-    else if (a == "--only")
-      s.only = std::stoi(v);
-    else if (a == "--effect")
-      s.effect = v;
-    else if (a == "--keep")
-      s.keep = v;
-    else if (a == "--picture")
-      s.picture = v;
-    else if (a == "--size-factor")
+bool read(const std::vector<std::string>& words, Settings& s) {
+  const auto flag = [&](const std::string& a, const std::string&) {
+    return a == "--write-only" && (s.write_only = true);
+  };
+  const auto valued = [&](const std::string& a, const std::string& v) {
+    if (a == "--size-factor")
       s.size = std::stod(v);
     else if (a == "--width")
       s.width = std::max(64, std::stoi(v));
-    else if (a == "--jobs")
-      s.jobs = static_cast<unsigned>(std::max(1, std::stoi(v)));
-    else if (a == "--between" && (v == "bilinear" || v == "triangles" || v == "smooth"))
-      s.between = v == "bilinear"    ? Relief::Between::bilinear
-                  : v == "triangles" ? Relief::Between::triangles
-                                     : Relief::Between::smooth;
-    else if (a == "--null" || a == "--single" || a == "--double" || a == "--triple" ||
-             a == "--outside")
-      s.counts[a.substr(2)] = std::stoi(v);
+    else if (a == "--between" && v == "bilinear")
+      s.between = Relief::Between::bilinear;
+    else if (a == "--between" && v == "triangles")
+      s.between = Relief::Between::triangles;
+    else if (a == "--between" && v == "smooth")
+      s.between = Relief::Between::smooth;
     else
       return false;
-  }
-  return !s.write_only || !s.keep.empty();
+    return true;
+  };
+  return read_settings(
+             words,
+             {{"null", 200}, {"single", 440}, {"double", 200}, {"triple", 100}, {"outside", 120}},
+             flag, valued, s) &&
+         (!s.write_only || !s.keep.empty());
 }
 
 }  // namespace
 
 int run_photos(int argc, char** argv) {
   Settings settings;
-  if (!read(argc, argv, settings)) {
+  if (!read({argv, argv + argc}, settings)) {
     std::puts(
         "usage: challenge --photo MAQUETTE [--null N] [--single N] [--double N] [--triple N] "
         "[--outside N] [--full] [--seed S] [--from N] [--only I] [--effect NAME] [--size-factor X] "
@@ -219,20 +182,8 @@ int run_photos(int argc, char** argv) {
         "[--write-only] [--picture FILE] [--strict] [--all-right]");
     return 2;
   }
-  std::vector<std::pair<std::string, int>> cases;
-  for (const char* kind : {"null", "single", "double", "triple", "outside"})
-    for (int i = settings.from; i < settings.counts[kind]; ++i)
-      if (settings.only < 0 || i == settings.only) cases.emplace_back(kind, i);
   Tally tally;
-  std::atomic<std::size_t> next{0};
-  {
-    std::vector<std::jthread> workers;
-    for (unsigned w = 0; w < settings.jobs; ++w)
-      workers.emplace_back([&] {
-        for (std::size_t k; (k = next++) < cases.size();)
-          one(settings, cases[k].first, cases[k].second, tally);
-      });
-  }
+  run_cases(settings, [&](const std::string& kind, int i) { one(settings, kind, i, tally); });
   fmt::print("slowest case made in {:.1f} CPU s\n", tally.making_cpu_s);
   if (settings.write_only) return 0;
   const Outcome outcome = print_table(tally.result, tally.sizes);

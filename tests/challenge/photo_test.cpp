@@ -464,7 +464,7 @@ std::string bytes_of(const std::filesystem::path& file) {
 }
 
 TEST(PhotoCase, TellsNothingOfWhatIsHiddenAndIsTheSameTwice) {
-  const testing_support::ScratchFolder folder;
+  const maquette::testing_support::ScratchFolder folder;
   PhotoOptions o;
   o.seed = 12;
   o.width = 96;
@@ -485,7 +485,7 @@ TEST(PhotoCase, TellsNothingOfWhatIsHiddenAndIsTheSameTwice) {
 }
 
 TEST(PhotoCase, AGainWeighsAsItsClosedForm) {
-  const testing_support::ScratchFolder folder;
+  const maquette::testing_support::ScratchFolder folder;
   PhotoOptions o;
   o.width = 96;
   o.height = 72;

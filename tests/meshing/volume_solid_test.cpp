@@ -297,17 +297,20 @@ TEST(VolumeSolid, FillsAPocketUnderAStone) {
   EXPECT_TRUE(solid->triangles == filled->triangles);
 }
 
-TEST(VolumeSolid, KeepsAHoleThatNoVoxelSees) {
+/// Of radii 8 and 5 mm, with a hole of 0.02 mm at the crown that no voxel sees.
+TriMesh upturned_bowl(Vec3 axis) {
   std::vector<std::array<double, 2>> profile;
-  for (int i = 0; i <= 30; ++i) {
+  const auto arc = [&](double radius, int i) {
     const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
-    profile.push_back({8 * std::cos(t), 8 * std::sin(t) - 1.0});
-  }
-  for (int i = 30; i >= 0; --i) {
-    const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
-    profile.push_back({5 * std::cos(t), 5 * std::sin(t) - 1.0});
-  }
-  const std::vector<TriMesh> stones{turned(profile, {20, 20, 0})};
+    profile.push_back({radius * std::cos(t), radius * std::sin(t) - 1.0});
+  };
+  for (int i = 0; i <= 30; ++i) arc(8.0, i);
+  for (int i = 30; i >= 0; --i) arc(5.0, i);
+  return turned(profile, axis);
+}
+
+TEST(VolumeSolid, KeepsAHoleThatNoVoxelSees) {
+  const std::vector<TriMesh> stones{upturned_bowl({20, 20, 0})};
   const ModelField field = level(81, 81, 0.5);
   const auto solid = volume_solid(field, stones, kDeep);
   ASSERT_THAT(solid, Succeeds());
@@ -320,18 +323,8 @@ TEST(VolumeSolid, KeepsAHoleThatNoVoxelSees) {
 }
 
 TEST(VolumeSolidByLevelSet, FillsAPocketUnderAStone) {
-  // A bowl upside down, with a hole of 0.02 mm at the crown that no voxel sees.
-  std::vector<std::array<double, 2>> profile;
-  for (int i = 0; i <= 30; ++i) {
-    const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
-    profile.push_back({8 * std::cos(t), 8 * std::sin(t) - 1.0});
-  }
-  for (int i = 30; i >= 0; --i) {
-    const double t = 0.999 * 0.5 * std::numbers::pi * i / 30;
-    profile.push_back({5 * std::cos(t), 5 * std::sin(t) - 1.0});
-  }
   const std::vector<TriMesh> stones{
-      that_cuts_itself(turned(profile, {20, 20, 0}), {26.5, 20, -1}, 0.8)};
+      that_cuts_itself(upturned_bowl({20, 20, 0}), {26.5, 20, -1}, 0.8)};
   const ModelField field = level(81, 81, 0.5);
   const auto solid = volume_solid(field, stones, kDeep);
   ASSERT_THAT(solid, Succeeds());

@@ -5,9 +5,13 @@
 /// What a benchmark has used so far: seconds by the clock and of all threads' processors (user and
 /// system; the machine may have other work), and the most memory.
 
-#include <chrono>
-
 #include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdio>
+#include <functional>
 
 namespace maquette::testing_support {
 
@@ -34,6 +38,21 @@ inline Times now() {
 /// The most that the process has held.
 inline double peak_mib() {
   return static_cast<double>(used_so_far().ru_maxrss) / 1024.0;
+}
+
+/// Runs a case in a process of its own, so that its peak of memory is its own, too. Before any
+/// thread is started.
+inline void in_its_own_process(const std::function<void()>& work) {
+  std::fflush(stdout);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    work();
+    std::fflush(stdout);
+    ::_exit(0);
+  }
+  int status = 0;
+  if (child < 0 || ::waitpid(child, &status, 0) != child || status != 0)
+    std::puts("  (this case failed)");
 }
 
 }  // namespace maquette::testing_support

@@ -85,10 +85,12 @@ std::array<Vec3, 2> across(Vec3 d) {
 double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene) {
   const auto i = static_cast<double>(term % (kAlbedoWaves + 1)),
              j = static_cast<double>(term / (kAlbedoWaves + 1));
-  return std::cos(i * std::numbers::pi * (place.x - scene.box.min.x) /
-                  (scene.box.max.x - scene.box.min.x)) *
-         std::cos(j * std::numbers::pi * (place.y - scene.box.min.y) /
-                  (scene.box.max.y - scene.box.min.y));
+  // Over the part and a tenth of it more on each side: a map need not be level at the part's rim.
+  const auto at = [](double v, double low, double high) {
+    return std::numbers::pi * (v - low + 0.1 * (high - low)) / (1.2 * (high - low));
+  };
+  return std::cos(i * at(place.x, scene.box.min.x, scene.box.max.x)) *
+         std::cos(j * at(place.y, scene.box.min.y, scene.box.max.y));
 }
 
 double radiance(const PhotoPixel& p, const PhotoState& s, const PhotoState& rendered,

@@ -43,7 +43,7 @@ struct PhotoInput {
 };
 
 /// Waves of an albedo map along each side.
-inline constexpr int kAlbedoWaves = 9;
+inline constexpr int kAlbedoWaves = 11;
 inline constexpr std::size_t kAlbedoTerms = (kAlbedoWaves + 1) * (kAlbedoWaves + 1);
 /// Angular half widths of an opposition surge, and exponents of a specular lobe, that are tried.
 inline constexpr std::array<double, 9> kSurgeWidths{0.02, 0.03, 0.045, 0.07, 0.1,
@@ -57,7 +57,8 @@ inline constexpr std::size_t kLampSizes = 6;
 struct PhotoState {
   // surface
   double albedo = 0.0;  ///< relative
-  /// Relative, of cos(i pi x') cos(j pi y') over the part, x', y' 0..1; (0, 0) is not used.
+  /// Relative, of cos(i pi x') cos(j pi y') over the part and a rim, x', y' 0..1; (0, 0) is not
+  /// used.
   std::array<double, kAlbedoTerms> albedo_map{};
   double roughness_rad2 = 0.0;        ///< Oren and Nayar's variance of facets' slopes, full fit
   double roughness_short_rad2 = 0.0;  ///< the same in their short form, equation 30

@@ -76,6 +76,13 @@ SeenLamp seen_of(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& la
   return {static_cast<float>(seen) / static_cast<float>(all), static_cast<float>(each * x),
           static_cast<float>(each * y)};
 }
+/// Is what a place sees of a lamp's rim other than what it sees of its middle?
+bool differs_at_rim(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& lamp,
+                    double diameter_mm, bool middle) {
+  for (const auto& [x, y] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}})
+    if (sees(tracer, from, lamp.at(x, y, diameter_mm)) != middle) return true;
+  return false;
+}
 SeenLamp mean_of(const SeenLamp& sum, double n) {
   const auto k = static_cast<float>(1.0 / n);
   return {k * sum.share, k * sum.x_mm, k * sum.y_mm};
@@ -329,9 +336,16 @@ void PhotoViews::see_lamp(std::size_t k) {
     }
   });
   if (!(lamp.diameter_mm > 0.0)) return;
-  // Penumbras: where a neighbour within their width sees what this does not.
+  // Penumbras: where a neighbour within their width sees what this does not. Along the light a low
+  // lamp stretches them twice: the shadow, and the angle at which its edge meets the ground.
+  const PhotoInput& photo = scene_.photos[k];
+  const Vec3 from_target = lamp.position - photo.lamp_target_mm;
+  const double sine = std::fmax(0.1, from_target.z / norm(from_target));
   const auto reach = std::clamp<std::ptrdiff_t>(
-      static_cast<std::ptrdiff_t>(std::ceil(kAcross * penumbra_px(lamp.diameter_mm))) + 1, 2, 60);
+      static_cast<std::ptrdiff_t>(
+          std::ceil(kAcross * penumbra_px(lamp.diameter_mm) / (sine * sine))) +
+          1,
+      2, 400);
   const std::ptrdiff_t rows = view.samples.rows(), cols = view.samples.cols();
   // Summed over squares: is it all light or all shadow?
   Grid<std::int32_t> lit(rows + 1, cols + 1, 0), hit(rows + 1, cols + 1, 0);
@@ -357,6 +371,7 @@ void PhotoViews::see_lamp(std::size_t k) {
       const int lights = sum(lit);
       if (lights == 0 || lights == sum(hit)) continue;
       const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
+      if (!differs_at_rim(tracer, p, lamp, lamp.diameter_mm, s.lamp.share > 0.0F)) continue;
       camera::stratified_disc(kLampRays, static_cast<std::uint64_t>(r * cols + c), disc);
       s.lamp = seen_of(tracer, p, lamp, lamp.diameter_mm, disc);
     }
@@ -385,10 +400,7 @@ std::array<SeenLamp, kLampSizes> PhotoViews::lamp_of_sizes(std::size_t k, std::u
       places.push_back(p);
       if (first < 0.0F) first = s.lamp.share;
       edge |= s.lamp.share != first;
-      for (const auto& [x, y] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}}) {
-        if (edge) break;
-        edge = sees(tracer, p, lamp.at(x, y, largest)) == (first < 0.5F);
-      }
+      edge = edge || differs_at_rim(tracer, p, lamp, largest, first >= 0.5F);
     }
   std::array<SeenLamp, kLampSizes> out;
   if (!edge || places.empty()) {
@@ -581,7 +593,7 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
     p.lamp = mean_of(seen, rays);
     p.lamp_of_size = lamp_of_sizes(k, static_cast<std::uint32_t>(at));
     p.at = static_cast<std::uint32_t>(at);
-    p.of_rays = light_of(k, p.at, false);
+    p.of_rays = light_of(k, p.at, false).light;
     look_around_from(k, p);
     p.light = radiance(p, state_, state_, scene_);
     const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) { return image(r + i, c + j); };
@@ -622,7 +634,8 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
     if (good[n] == 1) out.push_back(made[n]);
 }
 
-double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
+/// Means over a pixel's rays.
+PhotoViews::RayLight PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
   const PhotoInput& photo = scene_.photos[k];
   const View& view = views_[k];
   const Lamp lamp(scene_, state_, k);
@@ -631,6 +644,7 @@ double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
   PhotoPixel p;
   p.photo = static_cast<std::uint32_t>(k);
   double sum = 0.0;
+  SeenLamp seen;
   std::vector<camera::DiscPoint> disc;
   for (std::ptrdiff_t i = 0; i < kAcross; ++i)
     for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
@@ -647,8 +661,9 @@ double PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
                          lamp.diameter_mm, disc);
       }
       sum += radiance(p, state_, state_, scene_);
+      seen += p.lamp;
     }
-  return sum / (kAcross * kAcross);
+  return {sum / (kAcross * kAcross), mean_of(seen, kAcross * kAcross)};
 }
 
 /// Light anew at the pixels, the pictures around them as they were.
@@ -657,7 +672,10 @@ void PhotoViews::light_pixels() {
     oneapi::tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
       MeasuredPixel& p = pixels_[i];
       const double was = p.of_rays;
-      p.of_rays = light_of(p.photo, p.at, !same_lamp(pictured_, state_, scene_.lamp_of[p.photo]));
+      const RayLight now =
+          light_of(p.photo, p.at, !same_lamp(pictured_, state_, scene_.lamp_of[p.photo]));
+      p.of_rays = now.light;
+      p.lamp = now.lamp;
       const auto by = static_cast<float>(p.of_rays - was);
       for (float& v : p.value) v += by;
       for (float& v : p.value_next) v += by;

@@ -82,7 +82,11 @@ class PhotoViews {
   void trace(std::size_t photo);
   void see_lamp(std::size_t photo);
   void light_pixels();
-  [[nodiscard]] double light_of(std::size_t photo, std::uint32_t at, bool moved) const;
+  struct RayLight {
+    double light = 0.0;
+    SeenLamp lamp;
+  };
+  [[nodiscard]] RayLight light_of(std::size_t photo, std::uint32_t at, bool moved) const;
   void look_around();
   void look_around_from(std::size_t photo, PhotoPixel& pixel) const;
   void show(std::size_t photo, const Sample& ray, PhotoPixel& pixel) const;

@@ -148,7 +148,8 @@ double radiance(const PhotoPixel& p, const PhotoState& s, const PhotoState& rend
     out += e * factor;
   }
   out += albedo * (s.ambient_sky * static_cast<double>(p.sky) + s.ambient_even +
-                   s.bounce * static_cast<double>(p.bounce));
+                   s.bounce * static_cast<double>(p.bounce) +
+                   s.bounce_all * static_cast<double>(p.bounce_all));
   return photo.exposure_scale * out;
 }
 
@@ -185,9 +186,9 @@ bool same_light(const PhotoState& a, const PhotoState& b) {
   return a.albedo == b.albedo && a.albedo_map == b.albedo_map &&
          a.roughness_rad2 == b.roughness_rad2 && a.roughness_short_rad2 == b.roughness_short_rad2 &&
          a.surge == b.surge && a.specular == b.specular && a.bounce == b.bounce &&
-         a.lamp_mm == b.lamp_mm && a.lamp_refocused_mm == b.lamp_refocused_mm &&
-         a.lamp_diameter_mm == b.lamp_diameter_mm && a.falloff == b.falloff &&
-         a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
+         a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
+         a.lamp_refocused_mm == b.lamp_refocused_mm && a.lamp_diameter_mm == b.lamp_diameter_mm &&
+         a.falloff == b.falloff && a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
          a.ambient_even == b.ambient_even && a.camera_mm == b.camera_mm;
 }
 

@@ -64,7 +64,8 @@ struct PhotoState {
   double roughness_short_rad2 = 0.0;  ///< the same in their short form, equation 30
   std::array<double, kSurgeWidths.size()> surge{};
   std::array<double, kLobeExponents.size()> specular{};
-  double bounce = 0.0;  ///< share of the once interreflected light
+  double bounce = 0.0;      ///< share of the once interreflected light
+  double bounce_all = 0.0;  ///< share of all of it, however often
   // lamp
   std::vector<Vec3> lamp_mm;            ///< by lamp; its intensity stays
   std::vector<Vec3> lamp_refocused_mm;  ///< by lamp; the target's irradiance stays
@@ -117,7 +118,8 @@ struct PhotoPixel {
   SeenLamp lamp;
   std::array<SeenLamp, kLampSizes> lamp_of_size{};  ///< of lamps of those diameters
   float sky = 1.0F;                                 ///< of the hemisphere, by its cosine
-  float bounce = 0.0F;                              ///< irradiance from the surface around
+  float bounce = 0.0F;                              ///< irradiance from the lit surface around
+  float bounce_all = 0.0F;                          ///< and from what that lights
   double light = 0.0;                               ///< the chain's radiance as rendered
   std::array<float, 3> value{};                     ///< behind the lens as rendered
   float du = 0.0F, dv = 0.0F;                       ///< derivatives of it

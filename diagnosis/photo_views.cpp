@@ -30,6 +30,7 @@ constexpr std::ptrdiff_t kRim = 10;  // pixels beside the surface's end that are
 constexpr double kSaturated = 0.97;
 constexpr std::ptrdiff_t kAround = 160;  // grid of places that look around, and rays of each
 constexpr int kAroundRays = 64;
+constexpr int kBounces = 3;  // beyond the first; each leaves a tenth or less
 
 /// A lamp as it stands in a state.
 struct Lamp {
@@ -431,6 +432,10 @@ void PhotoViews::look_around() {
              cols = static_cast<std::ptrdiff_t>(wide / around_step_mm_) + 1;
   sky_ = Grid<float>(rows, cols, 1.0F);
   bounce_.assign(scene_.lamps, Grid<float>(rows, cols, 0.0F));
+  struct Seen {
+    float row, col;
+  };
+  std::vector<std::vector<Seen>> seen(static_cast<std::size_t>(rows * cols));
   std::vector<std::size_t> photo_of(scene_.lamps, 0);
   for (std::size_t k = scene_.photos.size(); k-- > 0;) photo_of[scene_.lamp_of[k]] = k;
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
@@ -457,6 +462,9 @@ void PhotoViews::look_around() {
           open += w.z > 0.0 ? 1 : 0;  // the sky is above
           continue;
         }
+        seen[cell].push_back(
+            {static_cast<float>((hit->point_mm.y - scene_.box.min.y) / around_step_mm_),
+             static_cast<float>((hit->point_mm.x - scene_.box.min.x) / around_step_mm_)});
         for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp) {
           const PhotoInput& photo = scene_.photos[photo_of[lamp]];
           const Vec3 from = hit->point_mm + kOff_mm * hit->normal;
@@ -472,6 +480,23 @@ void PhotoViews::look_around() {
         bounce_[lamp](r, c) = static_cast<float>(light[lamp] / kAroundRays);
     }
   });
+  // Light that bounced lights again.
+  bounce_all_ = bounce_;
+  for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp) {
+    const double albedo = scene_.photos[photo_of[lamp]].albedo;
+    for (int again = 0; again < kBounces; ++again) {
+      const Grid<float> before = bounce_all_[lamp];
+      oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+        for (std::ptrdiff_t c = 0; c < cols; ++c) {
+          double sum = 0.0;
+          for (const Seen& at : seen[static_cast<std::size_t>(r * cols + c)])
+            sum += bilinear(before, at.row, at.col);
+          bounce_all_[lamp](r, c) =
+              bounce_[lamp](r, c) + static_cast<float>(albedo * sum / kAroundRays);
+        }
+      });
+    }
+  }
 }
 
 /// What a place sees around it.
@@ -480,6 +505,7 @@ void PhotoViews::look_around_from(std::size_t k, PhotoPixel& p) const {
                col = (p.place.x - scene_.box.min.x) / around_step_mm_;
   p.sky = bilinear(sky_, row, col);
   p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
+  p.bounce_all = bilinear(bounce_all_[scene_.lamp_of[k]], row, col);
 }
 /// A pixel as one of its rays meets the surface.
 void PhotoViews::show(std::size_t k, const Sample& s, PhotoPixel& p) const {
@@ -612,14 +638,18 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
       p.next[ch] = taken.value[ch](r, c + 1);
       const double model = exposed(static_cast<double>(p.value[ch]), mean, radius2(p.u, p.v, photo),
                                    channel, state_);
-      // Electrons scatter; a tone curve stretches that.
+      // Electrons scatter; a tone curve stretches that: by what it makes of the scatter as a whole,
+      // for in the dark it bends within it.
       const double power = 1.0 + state_.gamma,
-                   linear = std::pow(std::fmax(1e-6, model), 1.0 / power),
-                   stretch = power * std::pow(linear, power - 1.0);
-      double variance =
-          stretch * stretch *
-          (std::fmax(0.0, linear) * photo.full_well_e + photo.read_noise_e * photo.read_noise_e) /
-          (photo.full_well_e * photo.full_well_e);
+                   linear = std::copysign(std::pow(std::abs(model), 1.0 / power), model),
+                   sigma = std::sqrt(std::fmax(0.0, linear) * photo.full_well_e +
+                                     photo.read_noise_e * photo.read_noise_e) /
+                           photo.full_well_e;
+      double variance = sigma * sigma;
+      if (state_.gamma != 0.0) {
+        const auto toned = [&](double v) { return std::copysign(std::pow(std::abs(v), power), v); };
+        variance = std::pow(0.5 * (toned(linear + sigma) - toned(linear - sigma)), 2);
+      }
       if (taken.quantum > 0.0) {
         const double l = std::clamp(model, 0.0, 1.0);
         const double slope = l <= 0.0031308 ? 1.0 / 12.92 : 2.4 / 1.055 * std::pow(l, 1.4 / 2.4);

@@ -109,7 +109,7 @@ class PhotoViews {
   };
   std::vector<Slopes> slopes_;
   Grid<float> sky_;
-  std::vector<Grid<float>> bounce_;  ///< by lamp
+  std::vector<Grid<float>> bounce_, bounce_all_;  ///< by lamp
   double around_step_mm_ = 1.0;
   std::vector<View> views_;
   std::vector<MeasuredPixel> pixels_;

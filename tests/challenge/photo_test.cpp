@@ -13,6 +13,7 @@
 // Seeds are in the tests; tolerances are derived where they stand.
 
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -23,7 +24,6 @@
 #include "challenge/photo_case.hpp"
 #include "core/random.hpp"
 #include "heightmap/height_field.hpp"
-#include "support/matchers.hpp"
 
 namespace challenge {
 namespace {
@@ -458,13 +458,30 @@ TEST(PhotoEffects, EveryNameCanBeHiddenAndNothingElse) {
   EXPECT_THROW(hide_in_photos("photo.luck", 1.0, w, d), std::runtime_error);
 }
 
+/// Of this test alone, gone at its end.
+struct Folder {
+  std::filesystem::path path;
+
+  Folder() {
+    std::string name = (std::filesystem::temp_directory_path() / "maquette-test-XXXXXX").string();
+    path = ::mkdtemp(name.data());
+  }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  ~Folder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+  std::filesystem::path operator/(const std::string& name) const { return path / name; }
+};
+
 std::string bytes_of(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
 TEST(PhotoCase, TellsNothingOfWhatIsHiddenAndIsTheSameTwice) {
-  const maquette::testing_support::ScratchFolder folder;
+  const Folder folder;
   PhotoOptions o;
   o.seed = 12;
   o.width = 96;
@@ -485,7 +502,7 @@ TEST(PhotoCase, TellsNothingOfWhatIsHiddenAndIsTheSameTwice) {
 }
 
 TEST(PhotoCase, AGainWeighsAsItsClosedForm) {
-  const maquette::testing_support::ScratchFolder folder;
+  const Folder folder;
   PhotoOptions o;
   o.width = 96;
   o.height = 72;
@@ -493,7 +510,7 @@ TEST(PhotoCase, AGainWeighsAsItsClosedForm) {
   PhotoHidden h;
   for (o.seed = 1; h.photographs != "all" || h.effect.empty(); ++o.seed) {
     o.effects = {"photo.exposure"};
-    h = make_photo_case(o, folder.path()).front();
+    h = make_photo_case(o, folder.path).front();
   }
   --o.seed;
   Draw d{std::mt19937_64(o.seed * 7919 + 13)};

@@ -148,7 +148,7 @@ double octaves(const Gradients& gradients, Vec3 direction) {
 // ---- proportions --------------------------------------------------------------
 
 /// Area of the convex hull seen from above (monotone chain).
-double hull_area(const std::vector<Vec3>& vertices) {
+double hull_area(std::span<const Vec3> vertices) {
   std::vector<std::array<double, 2>> p;
   p.reserve(vertices.size());
   for (const Vec3& v : vertices) p.push_back({v.x, v.y});
@@ -184,11 +184,15 @@ void give_proportions(TriMesh& rock, double flatness, double elongation) {
   const Box3 box = rock.bounds();
   const Vec3 extent = box.max - box.min;
   stretch(rock.vertices_mm, {1.0, elongation * extent.x / extent.y, 1.0});
-  const double diameter = std::sqrt(hull_area(rock.vertices_mm) * 4.0 / std::numbers::pi);
+  const double diameter = equivalent_diameter(rock.vertices_mm);
   stretch(rock.vertices_mm, {1.0 / diameter, 1.0 / diameter, flatness / extent.z});
 }
 
 }  // namespace
+
+double equivalent_diameter(std::span<const Vec3> vertices) {
+  return std::sqrt(hull_area(vertices) * 4.0 / std::numbers::pi);
+}
 
 TriMesh make_rock(const RockShape& shape) {
   MAQUETTE_CHECK(shape.angularity >= 0.0 && shape.angularity <= 1.0, "{}", shape.angularity);

@@ -5,6 +5,7 @@
 /// Rock shapes and sizes.
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "core/tri_mesh.hpp"
@@ -36,6 +37,10 @@ struct RockShape {
 /// flat base. Edges of the polyhedron are cut off by the triangles' size.
 /// @pre all members within their ranges
 [[nodiscard]] TriMesh make_rock(const RockShape& shape);
+
+/// Of the circle that has the area of the convex hull seen from above (along z); 0 for fewer than
+/// three points. The unit is that of the vertices.
+[[nodiscard]] double equivalent_diameter(std::span<const Vec3> vertices);
 
 /// `count` diameters, descending, drawn from the exponential size-frequency law of
 /// Golombek and Rapp 1997 (doi:10.1029/96JE03319):

@@ -6,7 +6,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "assets/rocks.hpp"
 #include "export/glb_file.hpp"
 
 namespace maquette::exporting {
@@ -61,8 +60,8 @@ Pose pose_of(const PlacedStone& stone, Vec3 corner_mm) {
           static_cast<float>(kMetresPerMillimetre * stone.scale_mm)};
 }
 
-std::size_t add_rock(Json& json, Buffer& buffer, const assets::RockShape& shape) {
-  const TriMesh rock = assets::make_rock(shape);
+std::size_t add_rock(Json& json, Buffer& buffer, const PlacedStone& stone) {
+  const TriMesh rock = meshing::unit_stone(stone.shape, stone.body);
   std::vector<Float3> positions;
   Float3 lo, hi;
   lo.fill(INFINITY);
@@ -110,12 +109,12 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
   bool instanced = false;
   for (std::size_t i = 0; i < stones.size(); ++i) {
     if (done[i]) continue;
-    const std::size_t mesh = add_rock(json, buffer, stones[i].shape);
+    const std::size_t mesh = add_rock(json, buffer, stones[i]);
     std::vector<Float3> translations, scales;
     std::vector<std::array<float, 4>> rotations;
     Json numbers = Json::array();
     for (std::size_t j = i; j < stones.size(); ++j) {
-      if (done[j] || !(stones[j].shape == stones[i].shape)) continue;
+      if (done[j] || !meshing::same_shape(stones[j], stones[i])) continue;
       done[j] = true;
       const Pose pose = pose_of(stones[j], corner_mm);
       translations.push_back(pose.translation_m);

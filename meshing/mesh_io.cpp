@@ -86,7 +86,9 @@ bool has_nul(std::string_view text) {
   return text.substr(0, 1024).find('\0') != std::string_view::npos;
 }
 
-Result<TriMesh> read_by_content(std::string_view bytes, const RunContext& run) {
+Result<TriMesh> read_by_content(std::string_view bytes, const std::filesystem::path& folder,
+                                const RunContext& run) {
+  if (detail::looks_like_gltf(bytes)) return detail::read_gltf(bytes, folder, run);
   if (starts_with_word(bytes, "ply")) return detail::read_ply(bytes, run);
   // Some binary STL files begin with "solid"; the length of the file tells.
   if (bytes.size() >= 84) {
@@ -102,7 +104,7 @@ Result<TriMesh> read_by_content(std::string_view bytes, const RunContext& run) {
   } else if (bytes.size() >= 84) {
     return detail::read_binary_stl(bytes, run);  // truncated: says by how much
   }
-  return fail(kMeshFormat, "neither PLY, STL nor OBJ");
+  return fail(kMeshFormat, "neither PLY, STL, OBJ nor glTF");
 }
 
 }  // namespace
@@ -156,11 +158,16 @@ Result<void> write_ply(const MeshStream& mesh, const std::filesystem::path& path
 
 Result<TriMesh> read_mesh(const std::filesystem::path& path, const RunContext& run) {
   MAQUETTE_TRY(const auto file, MappedFile::open(path));
-  auto mesh = read_by_content(file.bytes(), run);
+  auto mesh = read_by_content(file.bytes(), path.parent_path(), run);
   if (mesh && mesh->triangles.empty())
     mesh = fail(kMeshEmpty, "contains no triangle; a surface mesh is expected");
   if (!mesh) return tl::unexpected(std::move(mesh).error().within(path.string()));
   return mesh;
+}
+
+Result<bool> is_gltf(const std::filesystem::path& path) {
+  MAQUETTE_TRY(const auto file, MappedFile::open(path));
+  return detail::looks_like_gltf(file.bytes());
 }
 
 }  // namespace maquette::meshing

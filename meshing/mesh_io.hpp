@@ -26,20 +26,26 @@ inline constexpr ErrorCode kMeshEmpty{"MESHING_MESH_EMPTY"};
 [[nodiscard]] Result<void> write_ply(const MeshStream& mesh, const std::filesystem::path& path,
                                      const RunContext& run = {});
 
-/// PLY, STL or OBJ, chosen by content and not by name.
+/// PLY, STL, OBJ or glTF, chosen by content and not by name.
 ///   PLY  ascii and both binary kinds, any scalar types, other elements and properties
 ///        skipped; polygons are fanned from their first corner
 ///   STL  ascii and binary; corners of equal coordinates (+0 = -0) become one vertex, in
 ///        order of first appearance; stored normals are ignored
 ///   OBJ  v and f (v, v/t, v//n, v/t/n, negative indices, polygons fanned); what the
 ///        format knows beside these is skipped, groups are not kept
+///   glTF binary or text, of version 2: the triangles of the scene with their nodes' poses, plain,
+///        quantised (KHR_mesh_quantization) or by Draco; corners of equal coordinates become one
+///        vertex. The format is in metres with y up: x stays, y becomes z, z becomes -y, in mm
 /// Triangles come in the file's order, degenerate ones included; nothing is repaired
-/// (mesh_checks says what a mesh is). Units are the file's.
+/// (mesh_checks says what a mesh is). Units are the file's, of a glTF mm.
 /// CORE_FILE_NOT_FOUND, CORE_FILE_NOT_READABLE; MESHING_MESH_FORMAT with line or byte
 /// offset and what was expected; MESHING_MESH_EMPTY: no triangle; CORE_CANCELLED.
 /// Coordinates are finite, indices in range. Bytes after the end of binary data are
 /// reported by run.warn. The file is mapped: it must not be shortened meanwhile.
 [[nodiscard]] Result<TriMesh> read_mesh(const std::filesystem::path& path,
                                         const RunContext& run = {});
+
+/// Whether read_mesh takes the file for a glTF, whose unit the format says.
+[[nodiscard]] Result<bool> is_gltf(const std::filesystem::path& path);
 
 }  // namespace maquette::meshing

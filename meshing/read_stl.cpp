@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -8,55 +7,11 @@
 
 #include <fmt/format.h>
 
-#include "core/random.hpp"
 #include "meshing/detail/mesh_readers.hpp"
 #include "meshing/mesh_io.hpp"
 
 namespace maquette::meshing::detail {
 namespace {
-
-/// Gives every distinct corner one number, in order of first appearance. Open addressing
-/// over the vertex list itself: 4 bytes a slot, filled to at most a half.
-class Welder {
- public:
-  explicit Welder(std::vector<Vec3>& vertices) : vertices_(vertices), slots_(1024, kFree) {}
-
-  std::uint32_t number_of(Vec3 corner) {
-    corner = corner + Vec3{};  // -0 + 0 is +0: the two are equal and must hash alike
-    std::size_t slot = find(corner);
-    if (slots_[slot] == kFree) {
-      if (2 * (vertices_.size() + 1) > slots_.size()) {
-        grow();
-        slot = find(corner);
-      }
-      slots_[slot] = static_cast<std::uint32_t>(vertices_.size());
-      vertices_.push_back(corner);
-    }
-    return slots_[slot];
-  }
-
- private:
-  static constexpr std::uint32_t kFree = 0xffffffff;
-
-  [[nodiscard]] std::size_t find(Vec3 v) const {
-    const std::uint64_t hash =
-        mix64(std::bit_cast<std::uint64_t>(v.x) ^
-              mix64(std::bit_cast<std::uint64_t>(v.y) ^ mix64(std::bit_cast<std::uint64_t>(v.z))));
-    std::size_t slot = hash & (slots_.size() - 1);
-    while (slots_[slot] != kFree && vertices_[slots_[slot]] != v)
-      slot = (slot + 1) & (slots_.size() - 1);
-    return slot;
-  }
-
-  void grow() {
-    slots_.assign(2 * slots_.size(), kFree);
-    for (std::size_t i = 0; i < vertices_.size(); ++i)
-      slots_[find(vertices_[i])] = static_cast<std::uint32_t>(i);
-  }
-
-  std::vector<Vec3>& vertices_;
-  std::vector<std::uint32_t> slots_;
-};
 
 bool finite(Vec3 v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);

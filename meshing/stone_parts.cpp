@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
+#include <string>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -23,8 +25,20 @@ constexpr double kReached_mm = 1e-6;
 /// with 1e-16 of the first one.
 constexpr int kMostSteps = 200;
 
-auto key_of(const assets::RockShape& s) {
-  return std::tuple(s.seed, s.angularity, s.flatness, s.elongation, s.roughness, s.subdivisions);
+auto key_of(const PlacedStone& stone) {
+  const assets::RockShape& s = stone.shape;
+  return std::tuple(stone.body != nullptr ? stone.body->name : std::string(), s.seed, s.angularity,
+                    s.flatness, s.elongation, s.roughness, s.subdivisions);
+}
+
+/// The first triangle that faces the origin, if any does.
+std::optional<std::size_t> facing_origin(const TriMesh& mesh) {
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto& [a, b, c] = mesh.triangles[i];
+    if (!(dot(mesh.vertices_mm[a], cross(mesh.vertices_mm[b], mesh.vertices_mm[c])) > 0.0))
+      return i;
+  }
+  return std::nullopt;
 }
 
 /// Share of the way to the origin that is left once the distance to the surface is `wanted_mm`;
@@ -44,22 +58,23 @@ double share_left(const StoneDistance& surface, Vec3 vertex, double wanted_mm) {
 }  // namespace
 
 std::vector<CatalogueStone> stone_catalogue(std::span<const PlacedStone> stones) {
-  const auto kind = [](const PlacedStone& s) { return std::tuple(-s.scale_mm, key_of(s.shape)); };
+  const auto kind = [](const PlacedStone& s) { return std::tuple(-s.scale_mm, key_of(s)); };
   std::vector<const PlacedStone*> order;
   for (const PlacedStone& s : stones) order.push_back(&s);
   std::sort(order.begin(), order.end(), [&](const PlacedStone* a, const PlacedStone* b) {
     return std::tuple(kind(*a), a->number) < std::tuple(kind(*b), b->number);
   });
   std::vector<CatalogueStone> catalogue;
-  std::map<decltype(key_of({})), int> shapes;
+  std::map<decltype(key_of(PlacedStone{})), int> shapes;
   for (std::size_t i = 0; i < order.size(); ++i) {
     const PlacedStone& s = *order[i];
     if (i == 0 || kind(s) != kind(*order[i - 1])) {
       const auto [shape, is_new] =
-          shapes.try_emplace(key_of(s.shape), static_cast<int>(shapes.size()) + 1);
+          shapes.try_emplace(key_of(s), static_cast<int>(shapes.size()) + 1);
       catalogue.push_back({.part_number = fmt::format("S{:03}", catalogue.size() + 1),
                            .shape_number = shape->second,
                            .shape = s.shape,
+                           .body = s.body,
                            .scale_mm = s.scale_mm,
                            .places = {}});
     }
@@ -72,6 +87,15 @@ Result<TriMesh> shrink_stone(const TriMesh& stone, Millimetres clearance) {
   MAQUETTE_CHECK(clearance.value() >= 0.0, "{}", clearance.value());
   TriMesh shrunk = stone;
   if (clearance.value() == 0.0) return shrunk;
+  if (const auto facing = facing_origin(stone)) {
+    const Vec3 at = stone.vertices_mm[stone.triangles[*facing][0]];
+    return fail(kStoneFolds,
+                fmt::format("a stone folds: seen from its middle not all of its surface shows (at "
+                            "x {:.3f} y {:.3f} z {:.3f} mm from there), so that it cannot be made "
+                            "smaller by a clearance; take a clearance of 0, or a body without "
+                            "overhangs",
+                            at.x, at.y, at.z));
+  }
   const TriMesh* const body = &stone;
   const StoneDistance surface({&body, 1});
   for (Vec3& v : shrunk.vertices_mm) {
@@ -113,7 +137,7 @@ double thinner_than_wall_mm(const TriMesh& stone, Millimetres wall) {
   MAQUETTE_CHECK(wall.value() > 0.0, "{}", wall.value());
   const double radius_mm = 0.5 * wall.value();
   const auto centres = shrink_stone(stone, Millimetres{radius_mm});
-  if (!centres) return INFINITY;
+  if (!centres) return centres.error().code == kStoneFolds ? NAN : INFINITY;
   const TriMesh* const body = &*centres;
   const StoneDistance reach({&body, 1});
   double most = 0.0;

@@ -23,12 +23,14 @@
 namespace maquette::meshing {
 
 inline constexpr ErrorCode kStoneVanishes{"MESHING_STONE_VANISHES"};
+inline constexpr ErrorCode kStoneFolds{"MESHING_STONE_FOLDS"};
 
 /// Stones of the same shape and size.
 struct CatalogueStone {
   std::string part_number;  ///< "S001", by falling size
   int shape_number = 0;     ///< 1, 2, ... stones of one shape in several sizes share it
   assets::RockShape shape;
+  StoneBodyPtr body;                ///< as of PlacedStone
   double scale_mm = 0.0;            ///< equivalent diameter
   std::vector<std::size_t> places;  ///< in the plan, of the stones that are made so; by number
 };
@@ -47,8 +49,9 @@ struct CatalogueStone {
 /// so round the origin, and each direction keeps its vertex.
 /// Accuracy. Vertices to 1e-6 mm. Facets between them: on convex ground farther inside, in hollows
 /// nearer to the surface by the sagitta of a facet. Clearance 0 gives the same vertices.
-/// MESHING_STONE_VANISHES: nothing is left in some direction.
-/// @pre closed, star-shaped round the origin, which is inside; clearance >= 0
+/// MESHING_STONE_VANISHES: nothing is left in some direction. MESHING_STONE_FOLDS: not star-shaped
+/// round the origin (a triangle faces it), as bodies from files may be.
+/// @pre closed; clearance >= 0
 [[nodiscard]] Result<TriMesh> shrink_stone(const TriMesh& stone, Millimetres clearance);
 
 /// Least and largest distance of a shrunk stone's surface (vertices, middles of edges and facets)
@@ -61,7 +64,7 @@ struct ClearanceRange {
 /// How far the stone's surface stands out of the union of all balls of diameter `wall` that fit in
 /// it (the opening of mathematical morphology): what a process with that least wall rounds off or
 /// loses. (1 / sin(a / 2) - 1) wall / 2 at an edge of angle a; INFINITY where not even the origin
-/// has such a ball round it.
+/// has such a ball round it, NaN where the stone folds (see shrink_stone).
 /// Accuracy: too large by at most the sagitta of a facet of the body shrunk by wall / 2.
 /// @pre as shrink_stone; wall > 0
 [[nodiscard]] double thinner_than_wall_mm(const TriMesh& stone, Millimetres wall);

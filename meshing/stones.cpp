@@ -77,7 +77,7 @@ std::optional<PlacedStone> lay_one(const SiteStone& stone, const ModelField& sur
   const double y_end = surface.y_mm(surface.z_mm.rows() - 1);
   if (!(x_mm >= surface.x0.value() && x_mm <= x_end && y_mm >= surface.y0.value() && y_mm <= y_end))
     return std::nullopt;
-  TriMesh rock = assets::make_rock(stone.shape);
+  const TriMesh rock = unit_stone(stone.shape, stone.body);
   double footprint_mm = 0.0;
   for (const Vec3& v : rock.vertices_mm)
     footprint_mm = std::fmax(footprint_mm, scale_mm * std::hypot(v.x, v.y));
@@ -93,6 +93,7 @@ std::optional<PlacedStone> lay_one(const SiteStone& stone, const ModelField& sur
   PlacedStone placed{
       .number = stone.number,
       .shape = stone.shape,
+      .body = stone.body,
       .scale_mm = scale_mm,
       .model_from_stone = {.rotation = lay_rotation(normal, stone.heading),
                            .translation_mm = {x_mm, y_mm, plane->z0 + distance_mm / normal.z}}};
@@ -169,8 +170,22 @@ std::vector<PlacedStone> lay_stones(std::span<const SiteStone> stones, const Mod
   return all;
 }
 
+bool same_shape(const PlacedStone& a, const PlacedStone& b) {
+  if (a.body == nullptr || b.body == nullptr) return a.body == b.body && a.shape == b.shape;
+  return a.body == b.body || *a.body == *b.body;
+}
+
+bool operator==(const PlacedStone& a, const PlacedStone& b) {
+  return a.number == b.number && same_shape(a, b) && a.scale_mm == b.scale_mm &&
+         a.model_from_stone == b.model_from_stone && a.embedded_depth_mm == b.embedded_depth_mm;
+}
+
+TriMesh unit_stone(const assets::RockShape& shape, const StoneBodyPtr& body) {
+  return body != nullptr ? body->mesh : assets::make_rock(shape);
+}
+
 TriMesh stone_mesh(const PlacedStone& stone) {
-  TriMesh mesh = assets::make_rock(stone.shape);
+  TriMesh mesh = unit_stone(stone.shape, stone.body);
   for (Vec3& v : mesh.vertices_mm) v = stone.model_from_stone.point(stone.scale_mm * v);
   return mesh;
 }

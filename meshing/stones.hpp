@@ -6,8 +6,10 @@
 /// brought to each model scale, so that a stone of the 1:200 section is the same
 /// stone at 1:1000.
 
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -18,6 +20,7 @@
 #include "core/tri_mesh.hpp"
 #include "core/vec.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/stone_body.hpp"
 
 namespace maquette::meshing {
 
@@ -25,13 +28,31 @@ inline constexpr ErrorCode kStonesDoNotFit{"MESHING_STONES_DO_NOT_FIT"};
 inline constexpr ErrorCode kStoneLargerThanSite{"MESHING_STONE_LARGER_THAN_SITE"};
 inline constexpr ErrorCode kStonePlanFormat{"MESHING_STONE_PLAN_FORMAT"};
 
+/// A body from a file; stones of the same file share it.
+using StoneBodyPtr = std::shared_ptr<const StoneBody>;
+
 /// A stone of the site, before it is laid on a surface.
 struct SiteStone {
   int number = 0;  ///< 1, 2, ... the same at every scale
   assets::RockShape shape;
+  StoneBodyPtr body{};  ///< if there is one, the stone is that, and `shape` says nothing
   Metres diameter{0.0};
   double east_m = 0.0, north_m = 0.0;  ///< site frame
   Radians heading{0.0};                ///< of the long axis, about the vertical
+};
+
+/// Where the planner is told to lay a stone.
+struct StonePlace {
+  double east_m = 0.0, north_m = 0.0;  ///< site frame
+};
+
+/// Stones of one file.
+struct OwnStones {
+  StoneBodyPtr body;
+  Metres diameter{0.0};              ///< equivalent horizontal one, on the planet
+  int count = 0;                     ///< that are laid where there is room
+  std::vector<StonePlace> places{};  ///< and of those that lie where they are told to
+  double heading_rad = NAN;          ///< of x of the file, about the vertical; NaN: drawn
 };
 
 struct SitePlanRequest {
@@ -45,27 +66,38 @@ struct SitePlanRequest {
   /// A workshop's catalogue: that many distinct shapes, and sizes at that many steps of equal ratio
   /// from min to max, the nearest one for each stone. 0: each stone its own.
   int shapes = 0, sizes = 0;
+  std::vector<OwnStones> own{};  ///< beside the `count` drawn ones
 };
 
 /// Draws sizes, shapes and positions; numbers them by falling size. The circumscribed
 /// spheres do not overlap, and centres keep one diameter from the site's border and,
-/// on either side, from the inner square's (centred on the site).
+/// on either side, from the inner square's (centred on the site). Own stones have the numbers
+/// behind the drawn ones, in their order, those with a place first; these come into the plan
+/// before all others. Of own stones without a place the inner share lies inside, too.
 /// MESHING_STONE_LARGER_THAN_SITE: a stone cannot keep its distance from the border of
-/// its square; MESHING_STONES_DO_NOT_FIT: says how many did.
-/// @pre count, shapes, sizes >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
-///      assets::draw_rock_diameters asks
+/// its square; MESHING_STONES_DO_NOT_FIT: says how many did, or which two of those with a place
+/// overlap.
+/// @pre counts, shapes, sizes >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
+///      assets::draw_rock_diameters asks; own stones have a body and a diameter
 [[nodiscard]] Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request);
 
 /// A stone in its pose on one model surface: x_model = translation + R (scale x_rock).
 struct PlacedStone {
   int number = 0;
   assets::RockShape shape;
+  StoneBodyPtr body{};              ///< as of SiteStone
   double scale_mm = 0.0;            ///< equivalent diameter in the model
   RigidTransform model_from_stone;  ///< rotation and translation
   double embedded_depth_mm = 0.0;   ///< how deep its lowest point is under the surface there
 
-  friend bool operator==(const PlacedStone&, const PlacedStone&) = default;
+  friend bool operator==(const PlacedStone& a, const PlacedStone& b);
 };
+
+/// Whether two stones are the same but for size and pose.
+[[nodiscard]] bool same_shape(const PlacedStone& a, const PlacedStone& b);
+
+/// Closed, of equivalent horizontal diameter 1, in the stone's own frame.
+[[nodiscard]] TriMesh unit_stone(const assets::RockShape& shape, const StoneBodyPtr& body);
 
 /// Lays the stones onto the surface. The stone's origin stays on the vertical through
 /// its site position; its base is parallel to the plane that fits the nodes under the
@@ -92,14 +124,19 @@ struct PlacedStone {
 [[nodiscard]] heightmap::ModelField with_stones(const heightmap::ModelField& surface,
                                                 std::span<const PlacedStone> stones);
 
-/// stones.json, exact (round trip to the bit): the plan that other rooms read.
+/// stones.json, exact (round trip to the bit): the plan that other rooms read. Bodies of files lie
+/// beside it as stone_bodies/NAME.ply, each with its provenance in the plan.
 /// Reading: CORE_FILE_NOT_FOUND; MESHING_STONE_PLAN_FORMAT with line and column where it
 /// is not JSON, else with the path of the key (/stones/3/shape/flatness): missing,
-/// unknown, of the wrong type or out of range.
-/// @pre writing: numbers are finite
+/// unknown, of the wrong type or out of range; of a body those of read_mesh, and
+/// MESHING_STONE_PLAN_FORMAT if its content is not what the plan was written with.
+/// @pre writing: numbers are finite; bodies that differ have different names
 [[nodiscard]] Result<void> write_stone_plan(std::span<const PlacedStone> stones,
                                             const std::filesystem::path& path);
 [[nodiscard]] Result<std::vector<PlacedStone>> read_stone_plan(const std::filesystem::path& path);
+/// The bodies' files that write_stone_plan writes beside `path`.
+[[nodiscard]] std::vector<std::filesystem::path> stone_body_files(
+    std::span<const PlacedStone> stones, const std::filesystem::path& path);
 /// stones.csv for the workshop: number, position, quaternion, diameter, embedded depth,
 /// in the columns number,x_mm,y_mm,z_mm,qw,qx,qy,qz,diameter_mm,embedded_depth_mm.
 /// x_model = (x, y, z) + R(q) x_stone; lengths to 0.1 um.

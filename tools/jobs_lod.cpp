@@ -25,7 +25,10 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
   if (!stones.empty()) {
     result.outputs.push_back(folder / "stones.glb");
     result.outputs.push_back(folder / "stones.json");
-    MAQUETTE_TRY_VOID(meshing::write_stone_plan(stones, result.outputs.back()));
+    const fs::path plan = result.outputs.back();
+    MAQUETTE_TRY_VOID(meshing::write_stone_plan(stones, plan));
+    for (fs::path& file : meshing::stone_body_files(stones, plan))
+      result.outputs.push_back(std::move(file));
   }
   json figures = json::parse(exporting::to_json(*report, job.options, field));
   figures.erase("tiles");

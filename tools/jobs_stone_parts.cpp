@@ -54,7 +54,7 @@ Result<Part> make_part(const CatalogueStone& stone, const std::vector<meshing::P
   Part part;
   part.stone = stone;
   for (const std::size_t place : stone.places) part.numbers.push_back(plan[place].number);
-  TriMesh designed = assets::make_rock(stone.shape);
+  TriMesh designed = meshing::unit_stone(stone.shape, stone.body);
   for (Vec3& v : designed.vertices_mm) v = stone.scale_mm * v;
   auto shrunk = meshing::shrink_stone(designed, job.clearance);
   if (!shrunk)
@@ -222,7 +222,7 @@ class Writer {
            {"clearance_mm", {p.clearance.least_mm, p.clearance.most_mm}},
            // JSON has no infinity: nothing of it is as thick as the wall.
            {"thinner_than_wall_mm", std::isfinite(p.thin_mm) ? json(p.thin_mm) : json(nullptr)},
-           {"wall_kept", !too_thin(p, job_)}});
+           {"wall_kept", std::isnan(p.thin_mm) ? json(nullptr) : json(!too_thin(p, job_))}});
     }
     for (const std::string& name : names_) {
       std::error_code ec;

@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
+#include <array>
+#include <numbers>
+#include <set>
+#include <utility>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -48,8 +52,43 @@ std::vector<SiteSource> embedded_sources(const Site& site, const fs::path& produ
           {"dtm", products / (stem + "_dtm.img"), "auto", synthetic.fine_noise_m}};
 }
 
+namespace {
+
+/// Nothing: as the file's format says.
+std::optional<double> millimetres_per(const std::string& unit) {
+  constexpr std::array<std::pair<std::string_view, double>, 4> kUnits{
+      {{"mm", 1.0}, {"cm", 10.0}, {"m", 1000.0}, {"inch", 25.4}}};
+  for (const auto& [name, mm] : kUnits)
+    if (name == unit) return mm;
+  return std::nullopt;
+}
+
+Result<std::vector<meshing::OwnStones>> own_stones(const Site& site, const RunContext& run) {
+  constexpr double kMillimetresPerMetre = 1000.0;
+  std::vector<meshing::OwnStones> all;
+  std::set<std::string> names;
+  for (const SiteStones& own : site.own_stones) {
+    MAQUETTE_TRY(auto body, meshing::read_stone_body(own.file, millimetres_per(own.unit), run));
+    const std::string stem = body.name;
+    for (int n = 2; !names.insert(body.name).second; ++n) body.name = fmt::format("{}_{}", stem, n);
+    meshing::OwnStones stones;
+    const double scale = own.scale > 0.0 ? own.scale : site.scales.front();
+    stones.diameter = Metres{
+        own.diameter_m > 0.0 ? own.diameter_m : body.diameter_mm * scale / kMillimetresPerMetre};
+    stones.count = static_cast<int>(own.count);
+    for (std::size_t i = 0; i + 1 < own.places_m.size(); i += 2)
+      stones.places.push_back({own.places_m[i], own.places_m[i + 1]});
+    stones.heading_rad = own.heading_deg * std::numbers::pi / 180.0;
+    stones.body = std::make_shared<const meshing::StoneBody>(std::move(body));
+    all.push_back(std::move(stones));
+  }
+  return all;
+}
+
+}  // namespace
+
 Result<JobResult> stones_job(const Site& site, double scale, const fs::path& design_path,
-                             const fs::path& folder, const RunContext&) {
+                             const fs::path& folder, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
   meshing::SitePlanRequest request;
   request.count = static_cast<int>(site.stone_count);
@@ -63,6 +102,7 @@ Result<JobResult> stones_job(const Site& site, double scale, const fs::path& des
   request.shapes = static_cast<int>(site.stone_shapes);
   request.sizes = static_cast<int>(site.stone_sizes);
   request.seed = static_cast<std::uint64_t>(site.seed);
+  MAQUETTE_TRY(request.own, own_stones(site, run));
   MAQUETTE_TRY(auto plan, meshing::plan_stones(request));
   for (auto& stone : plan) stone.shape.angularity = site.stone_angularity;
 
@@ -75,6 +115,8 @@ Result<JobResult> stones_job(const Site& site, double scale, const fs::path& des
   JobResult result;
   result.outputs = {folder / "stones.json", folder / "stones.csv", folder / "surface.tif"};
   MAQUETTE_TRY_VOID(meshing::write_stone_plan(placed, result.outputs[0]));
+  for (fs::path& file : meshing::stone_body_files(placed, result.outputs[0]))
+    result.outputs.push_back(std::move(file));
   MAQUETTE_TRY_VOID(meshing::write_stone_table(placed, result.outputs[1]));
   MAQUETTE_TRY_VOID(
       heightmap::write_model_field(meshing::with_stones(design, placed), result.outputs[2]));

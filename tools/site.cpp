@@ -11,6 +11,7 @@
 #include "cnc/feeds.hpp"
 #include "cnc/machine.hpp"
 #include "core/check.hpp"
+#include "meshing/mesh_io.hpp"
 #include "tools/scanner_file.hpp"
 #include "tools/sphere_file.hpp"
 
@@ -90,6 +91,18 @@ std::vector<std::string> contradictions(const Site& s) {
   if (s.stone_min_diameter_m >= s.stone_max_diameter_m)
     found.push_back(fmt::format("stones.min_diameter_m {} must be below stones.max_diameter_m {}",
                                 s.stone_min_diameter_m, s.stone_max_diameter_m));
+  for (const SiteStones& own : s.own_stones) {
+    if (own.places_m.size() % 2 != 0)
+      found.push_back(
+          fmt::format("stone '{}': places_m has {} numbers; two a stone expected: east "
+                      "and north of the site's centre",
+                      own.file.filename().string(), own.places_m.size()));
+    if (own.diameter_m > 0.0 && own.scale > 0.0)
+      found.push_back(
+          fmt::format("stone '{}': diameter_m and scale both say how large it is; give "
+                      "one of them",
+                      own.file.filename().string()));
+  }
   if (s.stepover_mm >= s.ball_diameter_mm)
     found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
                                 s.stepover_mm, s.ball_diameter_mm));
@@ -170,6 +183,33 @@ Schema image_schema(SiteImage& image) {
   e.add({"albedo_contrast", &image.albedo_contrast, "relative standard deviation of the albedo", 0,
          2});
   e.add({"albedo_length_m", &image.albedo_length_m, "over which the albedo is alike", 1e-3, 1e6});
+  return e;
+}
+
+Schema own_stones_schema(SiteStones& stones) {
+  Schema e;
+  e.add({"file",
+         &stones.file,
+         "closed mesh: STL, PLY, OBJ or glTF, z up (of a glTF y)",
+         -INFINITY,
+         INFINITY,
+         {},
+         true});
+  e.add({"unit",
+         &stones.unit,
+         "of its coordinates; file: mm, of a glTF m",
+         -INFINITY,
+         INFINITY,
+         {"file", "mm", "cm", "m", "inch"}});
+  e.add({"scale", &stones.scale,
+         "1:N of what it shows: 1 the stone on the planet; 0: a model of it at the first scale", 0,
+         1e7});
+  e.add({"diameter_m", &stones.diameter_m, "on the planet; 0: as the file says", 0, 1e4});
+  e.add({"count", &stones.count, "that lie where there is room", 0, 100000});
+  e.add({"places_m", &stones.places_m,
+         "of further ones: east and north of the site's centre, two numbers a stone", -1e7, 1e7});
+  e.add({"heading_deg", &stones.heading_deg,
+         "of x of the file, from east towards north; drawn unless given", -360, 360});
   return e;
 }
 
@@ -419,6 +459,10 @@ SiteFile empty_site_file() {
       "above say. Remove the # to have others (docs/operations.md); keys that are not given are "
       "as those sections and the strategy have them.",
       [&s] { return operation_schema(s.operations.emplace_back(), cutting_strategies()); });
+  t.array("stone",
+          "Stones of your own, beside those that [stones] draws. Remove the # to use them "
+          "(docs/stones.md).",
+          [&s] { return own_stones_schema(s.own_stones.emplace_back()); });
   t.array(
       "source",
       "Elevation products, coarse to fine; none: the embedded site is generated. Remove the # "
@@ -489,6 +533,9 @@ Result<SiteFile> read_site(const std::filesystem::path& path,
     if (auto spheres = read_spheres(file.site->spheres); !spheres)
       return tl::unexpected(
           std::move(spheres.error()).within(path.string() + ": key 'spheres.file'"));
+  for (const SiteStones& own : file.site->own_stones)
+    if (auto there = meshing::is_gltf(own.file); !there)
+      return tl::unexpected(std::move(there.error()).within(path.string() + ": [[stone]]"));
   if (const auto found = contradictions(*file.site); !found.empty())
     return fail(kConfigInvalid,
                 fmt::format("{}: {}", path.string(),

@@ -5,6 +5,7 @@
 /// The site file: one mock-up, from its sources to its scanner. Every key, its
 /// default and its range stand once, in site.cpp.
 
+#include <cmath>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
@@ -38,6 +39,17 @@ struct SiteImage {
   double lunar_lambert = 0.55, noise = 0.01, albedo_contrast = 0.1, albedo_length_m = 500.0;
 };
 
+/// Stones that the user brings.
+struct SiteStones {
+  std::filesystem::path file;
+  std::string unit = "file";
+  double scale = 0.0;       ///< 1:N of what the file shows; 0: the first of the site's scales
+  double diameter_m = 0.0;  ///< on the planet; 0: as large as the file says
+  std::int64_t count = 1;
+  std::vector<double> places_m{};  ///< two a stone: east, north
+  double heading_deg = NAN;        ///< NaN: drawn
+};
+
 struct Site {
   std::string schema_name = "maquette.site/1";
   std::string name = "default";
@@ -68,6 +80,8 @@ struct Site {
   double stone_k = 0.1;
   double stone_angularity = 0.6;
   double stone_embedded_share = 0.25;
+
+  std::deque<SiteStones> own_stones;  ///< beside the drawn ones
 
   double base_thickness_mm = 10.0;
   double lowest_mm = 0.0;

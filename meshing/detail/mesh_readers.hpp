@@ -5,11 +5,15 @@
 /// One reader per format, each from the whole file's bytes. Messages lack the file's
 /// name: read_mesh puts it in front.
 
+#include <bit>
 #include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <optional>
 #include <string_view>
+#include <vector>
 
+#include "core/random.hpp"
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
@@ -20,12 +24,62 @@ namespace maquette::meshing::detail {
 [[nodiscard]] Result<TriMesh> read_ascii_stl(std::string_view bytes, const RunContext& run);
 [[nodiscard]] Result<TriMesh> read_binary_stl(std::string_view bytes, const RunContext& run);
 [[nodiscard]] Result<TriMesh> read_obj(std::string_view bytes, const RunContext& run);
+/// @param folder  where files lie that a .gltf names
+[[nodiscard]] Result<TriMesh> read_gltf(std::string_view bytes, const std::filesystem::path& folder,
+                                        const RunContext& run);
+/// A binary glTF, or one that is text: the only format that begins with a brace.
+[[nodiscard]] bool looks_like_gltf(std::string_view bytes);
 
 /// Indices are 32-bit.
 inline constexpr std::uint64_t kMostVertices = std::numeric_limits<std::uint32_t>::max();
 
 /// How many items are read between two looks at the stop token.
 inline constexpr std::uint64_t kItemsPerPoll = std::uint64_t{1} << 16;
+
+// ---- corners ------------------------------------------------------------------------
+
+/// Gives every distinct corner one number, in order of first appearance. Open addressing
+/// over the vertex list itself: 4 bytes a slot, filled to at most a half.
+class Welder {
+ public:
+  explicit Welder(std::vector<Vec3>& vertices) : vertices_(vertices), slots_(1024, kFree) {}
+
+  std::uint32_t number_of(Vec3 corner) {
+    corner = corner + Vec3{};  // -0 + 0 is +0: the two are equal and must hash alike
+    std::size_t slot = find(corner);
+    if (slots_[slot] == kFree) {
+      if (2 * (vertices_.size() + 1) > slots_.size()) {
+        grow();
+        slot = find(corner);
+      }
+      slots_[slot] = static_cast<std::uint32_t>(vertices_.size());
+      vertices_.push_back(corner);
+    }
+    return slots_[slot];
+  }
+
+ private:
+  static constexpr std::uint32_t kFree = 0xffffffff;
+
+  [[nodiscard]] std::size_t find(Vec3 v) const {
+    const std::uint64_t hash =
+        mix64(std::bit_cast<std::uint64_t>(v.x) ^
+              mix64(std::bit_cast<std::uint64_t>(v.y) ^ mix64(std::bit_cast<std::uint64_t>(v.z))));
+    std::size_t slot = hash & (slots_.size() - 1);
+    while (slots_[slot] != kFree && vertices_[slots_[slot]] != v)
+      slot = (slot + 1) & (slots_.size() - 1);
+    return slot;
+  }
+
+  void grow() {
+    slots_.assign(2 * slots_.size(), kFree);
+    for (std::size_t i = 0; i < vertices_.size(); ++i)
+      slots_[find(vertices_[i])] = static_cast<std::uint32_t>(i);
+  }
+
+  std::vector<Vec3>& vertices_;
+  std::vector<std::uint32_t> slots_;
+};
 
 // ---- text ---------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@
 //   frame ............................ a box of known place and size
 //   normals .......................... of a sphere, within 10 octahedral bits
 //   plain buffers .................... the floats themselves
+//   meshing's reader gets it back .... plain and Draco: closed, volume, place, within the error
 //   same bytes for any thread count .. hashes
 //   each error code
 
@@ -27,7 +28,9 @@
 #include "export/draco_piece.hpp"
 #include "export/gltf.hpp"
 #include "export/limits.hpp"
+#include "meshing/mesh_io.hpp"
 #include "support/matchers.hpp"
+#include "support/mesh_properties.hpp"
 #include "support/simple_solids.hpp"
 
 namespace maquette::exporting {
@@ -320,6 +323,28 @@ TEST(WriteGlb, WritesPlainBuffersAsTheyAre) {
   for (std::size_t i = 0; i < p.positions.size(); ++i)
     EXPECT_LE(norm(model_point(p.positions[i], {}) - ground.vertices_mm[i]),
               report->max_quantisation_error_mm);
+}
+
+TEST(WriteGlb, IsReadBackByTheMeshReader) {
+  const TriMesh ground = terrain_solid(40, 1.0, -20, Hills(3, 40, 5));  // from x = y = 0 on
+  for (const bool draco : {true, false}) {
+    const ScratchFolder folder;
+    GltfOptions options;
+    options.draco = draco;
+    const auto report = write_glb(ground, options, folder / "a.glb");
+    ASSERT_THAT(report, Succeeds());
+    const auto back = meshing::read_mesh(folder / "a.glb");
+    ASSERT_THAT(back, Succeeds());
+    EXPECT_EQ(back->vertices_mm.size(), ground.vertices_mm.size());
+    EXPECT_THAT(*back, testing_support::IsClosedAndOriented());
+    const Box3 box = ground.bounds(), found = back->bounds();
+    // Half a step of the grid, which begins and ends at whole micrometres.
+    const double error_mm = report->max_quantisation_error_mm + 1e-3;
+    EXPECT_LT(norm(found.min - box.min), error_mm);
+    EXPECT_LT(norm(found.max - box.max), error_mm);
+    // No point of the surface moves by more than the error.
+    EXPECT_NEAR(volume_mm3(*back), volume_mm3(ground), error_mm * 2 * (40 * 40 + 2 * 40 * 25));
+  }
 }
 
 TEST(WriteGlb, GivesTheSameBytesForAnyNumberOfThreads) {

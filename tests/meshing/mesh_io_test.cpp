@@ -9,6 +9,9 @@
 //   STL welded, +0 = -0, order of appearance .. closed case, binary and ascii
 //   binary STL that begins with "solid" ....... chosen by length
 //   OBJ index forms ........................... each form of the same tetrahedron
+//   glTF binary, as text with its bytes in
+//   it or beside it; poses of nodes, mirrors,
+//   strips, shares of 16 bits, corners welded . the same tetrahedron each time, by closed form
 //   format chosen by content .................. file names say nothing
 //   every error, with line or byte ............ table of broken files; huge counts; cut at
 //                                               every byte
@@ -32,6 +35,7 @@
 
 #include "core/files.hpp"
 #include "core/random.hpp"
+#include "support/gltf_text.hpp"
 #include "support/matchers.hpp"
 #include "support/mesh_properties.hpp"
 
@@ -384,9 +388,9 @@ std::vector<Broken> broken_files() {
   TriMesh not_finite = m;
   not_finite.vertices_mm[3].z = NAN;
   return {
-      {"nothing", "", "neither PLY, STL nor OBJ"},
-      {"spaces", "  \n ", "neither PLY, STL nor OBJ"},
-      {"zeros", std::string(50, '\0'), "neither PLY, STL nor OBJ"},
+      {"nothing", "", "neither PLY, STL, OBJ nor glTF"},
+      {"spaces", "  \n ", "neither PLY, STL, OBJ nor glTF"},
+      {"zeros", std::string(50, '\0'), "neither PLY, STL, OBJ nor glTF"},
       {"prose", "Dear reader,\n", "line 1: 'Dear' is no keyword"},
       {"no_triangle", "v 0 0 0\n", "no triangle", kMeshEmpty},
       {"no_triangle_stl", binary_stl({}), "no triangle", kMeshEmpty},
@@ -465,6 +469,148 @@ TEST(ReadMesh, NamesFilesThatAreNotThereOrNoFiles) {
   EXPECT_THAT(read_mesh(folder.path()), FailsWith(kFileNotReadable));
 }
 
+// ---- glTF ------------------------------------------------------------------------------------
+
+using testing_support::base64_text;
+using testing_support::glb_file;
+using testing_support::gltf_buffer;
+using testing_support::gltf_json;
+
+/// A point of the file, in metres with y up, in the model frame.
+Vec3 from_gltf(Vec3 p) {
+  return {1000.0 * p.x, -1000.0 * p.z, 1000.0 * p.y};
+}
+
+/// The tetrahedron whose vertices went through `pose`, to float's rounding of 1000 mm.
+template <class Pose>
+void expect_tetrahedron(const Result<TriMesh>& mesh, Pose&& pose) {
+  ASSERT_THAT(mesh, Succeeds());
+  const TriMesh m = tetrahedron();
+  ASSERT_EQ(mesh->vertices_mm.size(), 4U);
+  for (std::size_t i = 0; i < 4; ++i)
+    EXPECT_LT(norm(mesh->vertices_mm[i] - from_gltf(pose(m.vertices_mm[i]))), 1e-3) << i;
+  EXPECT_THAT(*mesh, testing_support::IsClosedAndOriented());
+  EXPECT_GT(testing_support::signed_volume_mm3(*mesh), 0.0);
+}
+const auto kAsItIs = [](Vec3 p) { return p; };
+
+TEST(ReadGltf, BinaryAndTextGiveTheSame) {
+  const TriMesh m = tetrahedron();
+  const std::string binary = gltf_buffer(m);
+  expect_tetrahedron(read(glb_file(gltf_json(m), binary)), kAsItIs);
+  const std::string inside = gltf_json(
+      m, "", R"(,"uri":"data:application/octet-stream;base64,)" + base64_text(binary) + '"');
+  expect_tetrahedron(read(inside), kAsItIs);
+  const ScratchFolder folder;
+  const fs::path path = put(folder, gltf_json(m, "", R"(,"uri":"its%20bytes.bin")"));
+  EXPECT_THAT(read_mesh(path), FailsWith(kFileNotFound));
+  std::ofstream(folder / "its bytes.bin", std::ios::binary) << binary;
+  expect_tetrahedron(read_mesh(path), kAsItIs);
+  EXPECT_TRUE(is_gltf(path).value());
+  EXPECT_FALSE(is_gltf(put(folder, "v 0 0 0\n")).value());
+}
+
+TEST(ReadGltf, NodesHavePoses) {
+  const TriMesh m = tetrahedron();
+  const auto posed = [&](std::string_view node) {
+    return read(glb_file(gltf_json(m, node), gltf_buffer(m)));
+  };
+  // A quarter turn about y takes z to x.
+  expect_tetrahedron(
+      posed(
+          R"(,"translation":[1,2,3],"rotation":[0,0.70710678118,0,0.70710678118],"scale":[2,3,4])"),
+      [](Vec3 p) {
+        return Vec3{4 * p.z + 1, 3 * p.y + 2, -2 * p.x + 3};
+      });
+  expect_tetrahedron(posed(R"(,"matrix":[0,0,-1,0, 0,2,0,0, 1,0,0,0, 5,6,7,1])"), [](Vec3 p) {
+    return Vec3{p.z + 5, 2 * p.y + 6, -p.x + 7};
+  });
+  // A mirror would turn it inside out.
+  expect_tetrahedron(posed(R"(,"scale":[-1,1,1])"), [](Vec3 p) { return Vec3{-p.x, p.y, p.z}; });
+  // A child goes with its parent.
+  std::string family = gltf_json(m, R"(,"translation":[1,0,0])");
+  family = changed(family, R"("nodes":[0])", R"("nodes":[1])");
+  family = changed(family, R"(],"meshes")", R"(,{"children":[0],"scale":[2,2,2]}],"meshes")");
+  expect_tetrahedron(read(glb_file(family, gltf_buffer(m))), [](Vec3 p) {
+    return 2.0 * (p + Vec3{1, 0, 0});
+  });
+}
+
+TEST(ReadGltf, CornersThatLieOnEachOtherAreOne) {
+  // Each triangle with vertices of its own, as exporters write edges with two normals, and no
+  // indices at all.
+  TriMesh apart;
+  const TriMesh m = tetrahedron();
+  for (const auto& t : m.triangles)
+    for (const std::uint32_t i : t) apart.vertices_mm.push_back(m.vertices_mm[i]);
+  std::string json = gltf_json(apart);
+  json = changed(json, R"(,"indices":1)", "");
+  const auto mesh = read(glb_file(json, gltf_buffer(apart)));
+  ASSERT_THAT(mesh, Succeeds());
+  EXPECT_EQ(mesh->vertices_mm.size(), 4U);
+  EXPECT_THAT(*mesh, testing_support::IsClosedAndOriented());
+}
+
+TEST(ReadGltf, StripsAndFans) {
+  // A strip of a square turns every other triangle; a fan does not.
+  TriMesh strip{.vertices_mm = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, .triangles = {}};
+  TriMesh fan{.vertices_mm = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, .triangles = {}};
+  for (const auto& [shape, mode] : {std::pair(strip, 5), std::pair(fan, 6)}) {
+    const std::string json =
+        changed(gltf_json(shape), R"("indices":1)", fmt::format(R"("mode":{})", mode));
+    const auto mesh = read(glb_file(json, gltf_buffer(shape)));
+    ASSERT_THAT(mesh, Succeeds());
+    ASSERT_EQ(mesh->triangles.size(), 2U);
+    for (const auto& [a, b, c] : mesh->triangles) {
+      const auto& v = mesh->vertices_mm;
+      const Vec3 n = cross(v[b] - v[a], v[c] - v[a]);
+      EXPECT_NEAR(n.y, -1e6, 1e-3) << mode;  // z of the file is -y of the model; mm^2
+    }
+  }
+}
+
+TEST(ReadGltf, SharesOfSixteenBits) {
+  std::string binary;
+  for (const std::uint16_t x : std::array<std::uint16_t, 9>{0, 0, 0, 65535, 0, 0, 0, 65535, 0})
+    binary.append(reinterpret_cast<const char*>(&x), 2);
+  const std::string json =
+      R"({"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],)"
+      R"("meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],)"
+      R"("extensionsRequired":["KHR_mesh_quantization"],)"
+      R"("accessors":[{"bufferView":0,"componentType":5123,"normalized":true,"count":3,)"
+      R"("type":"VEC3"}],"bufferViews":[{"buffer":0,"byteLength":18}],"buffers":[{"byteLength":18}]})";
+  const auto mesh = read(glb_file(json, binary));
+  ASSERT_THAT(mesh, Succeeds());
+  EXPECT_EQ(mesh->vertices_mm, (std::vector<Vec3>{{0, 0, 0}, {1000, 0, 0}, {0, 0, 1000}}));
+}
+
+TEST(ReadGltf, RefusesWithThePlace) {
+  const TriMesh m = tetrahedron();
+  const std::string json = gltf_json(m), binary = gltf_buffer(m);
+  const auto refused = [&](const std::string& text, std::string_view why) {
+    const auto mesh = read(glb_file(text, binary));
+    ASSERT_THAT(mesh, FailsWith(kMeshFormat)) << why;
+    EXPECT_THAT(mesh.error().message, AllOf(HasSubstr("/mesh: "), HasSubstr(std::string(why))));
+  };
+  refused(changed(json, "\"2.0\"", "\"1.0\""), "/asset/version: \"2.0\" expected");
+  refused(changed(json, R"("mesh":0)", R"("mesh":1)"),
+          "/nodes/0/mesh: names /meshes 1, but there are 1");
+  refused(changed(json, R"("POSITION":0)", R"("POSITION":1)"),
+          "/accessors/1/type: \"VEC3\" expected");
+  refused(changed(json, R"("count":4)", R"("count":5)"), "/accessors/0: 5 elements of 12 bytes");
+  refused(changed(json, R"("count":12)", R"("count":11)"), "11 corners are no whole triangles");
+  refused(changed(json, R"("byteOffset":48)", R"("byteOffset":44)"), "names vertex");
+  refused(changed(json, R"("byteOffset":48)", R"("byteOffset":480)"),
+          "/bufferViews/1: bytes 480 to");
+  refused(changed(json, R"("nodes":[0])", R"("nodes":[0,0])"), "/scenes/0/nodes/0: a node");
+  refused(changed(json, R"("scene":0)", R"("extensionsRequired":["EXT_meshopt_compression"])"),
+          "without the extension 'EXT_meshopt_compression'");
+  refused(changed(json, "{", "["), "no JSON of a glTF");
+  const auto cut = read(glb_file(json, binary).substr(0, 100));
+  ASSERT_THAT(cut, FailsWith(kMeshFormat));
+  EXPECT_THAT(cut.error().message, HasSubstr("byte 12: a JSON chunk"));
+}
+
 // ---- hostile bytes ---------------------------------------------------------------------------
 
 std::vector<std::string> valid_files() {
@@ -474,13 +620,18 @@ std::vector<std::string> valid_files() {
           rich_ply<double, std::int32_t, std::uint32_t>(true, "float64", "int32", "uint32"),
           binary_stl(m),
           ascii_stl(m),
-          obj(m)};
+          obj(m),
+          glb_file(gltf_json(m), gltf_buffer(m)),
+          gltf_json(m, R"(,"translation":[1,2,3])",
+                    R"(,"uri":"data:;base64,)" + base64_text(gltf_buffer(m)) + '"')};
 }
 
-/// A mesh that keeps what the header promises, or one of the two documented errors.
+/// A mesh that keeps what the header promises, or one of the documented errors; a damaged glTF may
+/// name a file that is not there.
 void expect_mesh_or_error(const Result<TriMesh>& mesh) {
   if (!mesh) {
-    ASSERT_TRUE(mesh.error().code == kMeshFormat || mesh.error().code == kMeshEmpty)
+    ASSERT_TRUE(mesh.error().code == kMeshFormat || mesh.error().code == kMeshEmpty ||
+                mesh.error().code == kFileNotFound || mesh.error().code == kFileNotReadable)
         << mesh.error().code.name;
     return;
   }
@@ -492,7 +643,7 @@ void expect_mesh_or_error(const Result<TriMesh>& mesh) {
 }
 
 class HostileBytes : public ::testing::TestWithParam<std::size_t> {};
-INSTANTIATE_TEST_SUITE_P(Files, HostileBytes, ::testing::Range<std::size_t>(0, 6));
+INSTANTIATE_TEST_SUITE_P(Files, HostileBytes, ::testing::Range<std::size_t>(0, 8));
 
 TEST_P(HostileBytes, CutAnywhereGiveAMeshOrAnError) {
   const ScratchFolder folder;

@@ -139,8 +139,10 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
              [=, &site](const RunContext& run) {
                return fuse_job(site, sources, scale, wider, here, run);
              }));
+  std::vector<fs::path> stone_inputs{design};
+  for (const SiteStones& own : site.own_stones) stone_inputs.push_back(own.file);
   stages.push_back(single(
-      "stones", {design}, {"stones.", "scales"},
+      "stones", stone_inputs, {"stones.", "stone", "scales"},
       [=, &site](const RunContext& run) { return stones_job(site, scale, design, here, run); }));
   stages.push_back(
       single("reach", {design}, {"reach.", "cutter.", "stock.base", "stock.margin"},

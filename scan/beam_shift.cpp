@@ -9,7 +9,7 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
-#include "heightmap/field_tracer.hpp"
+#include "scan/detail/scan_scene.hpp"
 #include "scan/detail/sight.hpp"
 
 namespace maquette::scan {
@@ -26,28 +26,28 @@ struct Blur {
 
 std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
                             std::span<const detail::BeamSample> samples, std::size_t point,
-                            const heightmap::FieldTracer& tracer) {
+                            const detail::ScanScene& scene) {
   // The middle goes with the others.
   std::array<detail::Ray, kMostRays> rays;
-  std::array<std::optional<heightmap::FieldHit>, kMostRays> hits;
+  std::array<std::optional<heightmap::FieldHit>, kMostRays> ground;
+  std::array<std::optional<detail::Echo>, kMostRays> hits;
   const std::size_t n = samples.size();
   detail::spread(sight, view, samples, point, rays);
   rays[n] = {sight.from_mm, sight.direction};
   double outermost = 0.0;
   for (const detail::BeamSample& s : samples)
     outermost = std::fmax(outermost, std::hypot(s.x, s.y));
-  tracer.trace_bundle(rays[n], 0.505 * outermost * view.beam_diameter_mm,
-                      std::span(rays).first(n + 1), std::span(hits).first(n + 1));
+  scene.look(rays[n], 0.505 * outermost * view.beam_diameter_mm, std::span(rays).first(n + 1),
+             std::span(ground).first(n + 1), std::span(hits).first(n + 1));
   if (!hits[n]) return std::nullopt;
-  const double middle = hits[n]->distance_mm;
+  const double middle = hits[n]->range_mm;
   double energy = 0.0, length = 0.0, sum = 0.0, square = 0.0, along_x = 0.0, along_y = 0.0;
   double xx = 0.0, yy = 0.0, met = 0.0;
   for (std::size_t i = 0; i < n; ++i) {
     if (!hits[i]) continue;
-    const double t = hits[i]->distance_mm - middle;
-    const double cosine = std::fmax(0.0, -dot(hits[i]->normal, rays[i].direction));
-    const double nearness = middle / hits[i]->distance_mm;
-    const double answer = samples[i].weight * cosine * nearness * nearness;
+    const double t = hits[i]->range_mm - middle;
+    const double nearness = middle / hits[i]->range_mm;
+    const double answer = samples[i].weight * hits[i]->cos_incidence * nearness * nearness;
     energy += answer;
     length += answer * t;
     sum += t;
@@ -67,10 +67,11 @@ std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
 
 Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
                                           std::span<const Viewpoint> views,
-                                          const heightmap::ModelField& surface, double noise_mm,
+                                          const heightmap::ModelField& surface,
+                                          std::span<const TriMesh> stones, double noise_mm,
                                           const RunContext& run) {
   std::vector<float> shifts(points.size(), 0.0F);
-  const heightmap::FieldTracer tracer(surface);
+  MAQUETTE_TRY(const detail::ScanScene scene, detail::ScanScene::build(surface, stones));
   std::size_t first = 0;
   for (const Viewpoint& view : views) {
     const std::size_t end = std::min(points.size(), first + view.points);
@@ -81,8 +82,7 @@ Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
             if (run.stopped()) return;
             const std::size_t from = first + k * kChunk;
             for (std::size_t i = from; i < std::min(end, from + kChunk); ++i) {
-              const auto blur =
-                  blur_at(detail::sight_of(view, points[i]), view, samples, i, tracer);
+              const auto blur = blur_at(detail::sight_of(view, points[i]), view, samples, i, scene);
               if (!blur) continue;
               // Where the middle itself goes by a steep side, all hangs on where that side stands.
               const double doubt = std::hypot(blur->depth_mm, kSide * blur->shift_mm);

@@ -38,6 +38,8 @@ class Cleaner {
   Result<void> judge();
   /// The points that stay; with normals where they were asked for.
   Result<void> write(const detail::StationSink& out);
+  /// The mixed ones, once judged.
+  Result<void> write_mixed(const detail::StationSink& out);
   [[nodiscard]] const CleanFigures& figures() const { return figures_; }
 
  private:
@@ -333,6 +335,21 @@ Result<void> Cleaner::write(const detail::StationSink& out) {
                           figures_.points, figures_.mixed, figures_.isolated, figures_.off_part));
 }
 
+Result<void> Cleaner::write_mixed(const detail::StationSink& out) {
+  std::vector<std::uint32_t> wanted;
+  return each_batch(0.75, 0.75,
+                    [&](const ScanStation& station, PointBatch& b, std::uint64_t first) {
+                      wanted.clear();
+                      for (std::size_t i = 0; i < b.size(); ++i)
+                        if (verdicts_[first + i] == Verdict::mixed)
+                          wanted.push_back(static_cast<std::uint32_t>(i));
+                      detail::pick(b, wanted);
+                      ScanStation kept = station;
+                      kept.points = 0;
+                      return out(kept, b);
+                    });
+}
+
 Result<void> check(const CleanOptions& o) {
   struct Limit {
     const char* what;
@@ -371,10 +388,16 @@ Result<CleanFigures> clean_cloud(const OpenCloud& from, const std::filesystem::p
   return cleaner.figures();
 }
 
-Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options, const RunContext& run) {
+Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options, const RunContext& run,
+                                 Cloud* mixed) {
   MAQUETTE_TRY_VOID(check(options));
   Cleaner cleaner([&] { return detail::reader_of(cloud); }, options, run);
   MAQUETTE_TRY_VOID(cleaner.judge());
+  if (mixed != nullptr) {
+    *mixed = {};
+    MAQUETTE_TRY_VOID(cleaner.write_mixed(detail::into(*mixed)));
+    mixed->station_mm = cloud.station_mm;
+  }
   Cloud kept;
   MAQUETTE_TRY_VOID(cleaner.write(detail::into(kept)));
   kept.station_mm = cloud.station_mm;

@@ -91,7 +91,8 @@ struct CleanFigures {
                                                const RunContext& run = {});
 
 /// The same in memory. Thinned: normals, counts and spread_mm are filled.
+/// @param mixed  takes the mixed points, in their order, with their stations; null: they are lost
 [[nodiscard]] Result<CleanFigures> clean_cloud(Cloud& cloud, const CleanOptions& options = {},
-                                               const RunContext& run = {});
+                                               const RunContext& run = {}, Cloud* mixed = nullptr);
 
 }  // namespace maquette::scan

@@ -24,6 +24,9 @@ constexpr std::size_t kFewer = 120;  // to find the heading
 constexpr int kHeadings = 16;
 constexpr std::size_t kMostRanges = 4'000;
 constexpr double kMargin = 0.25;  // of a stone's radius
+// Of that of a ball around it: how far from its middle points lie that count. Behind its edge the
+// ground is seen as far away as its shadow is long.
+constexpr double kBehind = 4.0;
 constexpr std::ptrdiff_t kCells = 256;
 constexpr double kFalseCalls = 0.01;  // plans in which a stone that stands is called moved
 
@@ -31,6 +34,7 @@ struct Shape {
   TriMesh mesh;
   Vec3 middle;
   double radius_mm = 0.0;  ///< about the vertical through the middle
+  double around_mm = 0.0;  ///< radius of a ball about the middle that holds it
   Box3 box;
 };
 
@@ -39,8 +43,10 @@ Shape shape_of(const meshing::PlacedStone& stone) {
   s.mesh = meshing::stone_mesh(stone);
   s.box = s.mesh.bounds();
   s.middle = 0.5 * (s.box.min + s.box.max);
-  for (const Vec3& v : s.mesh.vertices_mm)
+  for (const Vec3& v : s.mesh.vertices_mm) {
     s.radius_mm = std::fmax(s.radius_mm, std::hypot(v.x - s.middle.x, v.y - s.middle.y));
+    s.around_mm = std::fmax(s.around_mm, norm(v - s.middle));
+  }
   return s;
 }
 
@@ -117,57 +123,6 @@ void state_pose(StoneFinding& f, const detail::StoneFit& fit, const detail::Ston
       frame.arm_mm;
 }
 
-/// What lies about a stone, in one pass over all points.
-struct About {
-  std::vector<std::size_t> points;  // within its radius and the margin
-  std::vector<Vec3> on;             // of those, clear of the ground
-  std::size_t over = 0;             // its middle
-  double high = 0.0, planned = 0.0;
-};
-
-std::vector<About> gather(std::span<const Vec3> points, const ModelField& ground,
-                          const std::vector<Shape>& shapes, double lift, double noise_mm) {
-  const auto margin = [&](const Shape& s) {
-    return std::fmax(kMargin * s.radius_mm, 5.0 * noise_mm);
-  };
-  // Stones by the cells that they may have points in.
-  const double x0 = ground.x0.value(), y0 = ground.y0.value();
-  const double wide = ground.x_mm(ground.z_mm.cols() - 1) - x0;
-  const double deep = ground.y_mm(ground.z_mm.rows() - 1) - y0;
-  const auto cell = [](double along, double length) {
-    return std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(along / length * kCells), 0,
-                                      kCells - 1);
-  };
-  Grid<std::vector<std::uint32_t>> near(kCells, kCells);
-  for (std::size_t k = 0; k < shapes.size(); ++k) {
-    const Vec3 m = shapes[k].middle;
-    const double reach = shapes[k].radius_mm + margin(shapes[k]);
-    for (std::ptrdiff_t r = cell(m.y - reach - y0, deep); r <= cell(m.y + reach - y0, deep); ++r)
-      for (std::ptrdiff_t c = cell(m.x - reach - x0, wide); c <= cell(m.x + reach - x0, wide); ++c)
-        near(r, c).push_back(static_cast<std::uint32_t>(k));
-  }
-  std::vector<About> about(shapes.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Vec3 p = points[i];
-    for (const std::uint32_t k : near(cell(p.y - y0, deep), cell(p.x - x0, wide))) {
-      const Shape& shape = shapes[k];
-      const double out = std::hypot(p.x - shape.middle.x, p.y - shape.middle.y);
-      if (out > shape.radius_mm + margin(shape)) continue;
-      const double h = heightmap::height_at(ground, p.x, p.y);
-      if (std::isnan(h)) continue;
-      About& a = about[k];
-      a.points.push_back(i);
-      if (out < 0.3 * shape.radius_mm) {
-        ++a.over;
-        a.high += p.z - h;
-        a.planned += shape.box.max.z - h;
-      }
-      if (p.z - h > lift) a.on.push_back(p);
-    }
-  }
-  return about;
-}
-
 /// Which view a point belongs to.
 class Views {
  public:
@@ -184,6 +139,69 @@ class Views {
   std::vector<std::size_t> ends_;
   Viewpoint above_;
 };
+
+/// Distance of a line of sight from a place.
+double passing_mm(const detail::Sight& sight, Vec3 place) {
+  return norm(cross(place - sight.from_mm, sight.direction));
+}
+
+/// What lies about a stone, in one pass over all points.
+struct About {
+  std::vector<std::size_t> points;  // whose beams pass it
+  std::vector<Vec3> on;             // of those, clear of the ground
+  std::size_t over = 0;             // its middle
+  double high = 0.0, planned = 0.0;
+};
+
+/// Points belong to a stone by their lines of sight. By where they lie, those that an edge has
+/// mixed with the ground far behind would be missing, and all others there pull towards the stone.
+std::vector<About> gather(std::span<const Vec3> points, const Views& views,
+                          const ModelField& ground, const std::vector<Shape>& shapes, double lift,
+                          double noise_mm) {
+  const auto margin = [&](const Shape& s) {
+    return std::fmax(kMargin * s.radius_mm, 5.0 * noise_mm);
+  };
+  const auto farthest = [&](const Shape& s) { return kBehind * s.around_mm + margin(s); };
+  // Stones by the cells that they may have points in.
+  const double x0 = ground.x0.value(), y0 = ground.y0.value();
+  const double wide = ground.x_mm(ground.z_mm.cols() - 1) - x0;
+  const double deep = ground.y_mm(ground.z_mm.rows() - 1) - y0;
+  const auto cell = [](double along, double length) {
+    return std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(along / length * kCells), 0,
+                                      kCells - 1);
+  };
+  Grid<std::vector<std::uint32_t>> near(kCells, kCells);
+  for (std::size_t k = 0; k < shapes.size(); ++k) {
+    const Vec3 m = shapes[k].middle;
+    const double reach = farthest(shapes[k]);
+    for (std::ptrdiff_t r = cell(m.y - reach - y0, deep); r <= cell(m.y + reach - y0, deep); ++r)
+      for (std::ptrdiff_t c = cell(m.x - reach - x0, wide); c <= cell(m.x + reach - x0, wide); ++c)
+        near(r, c).push_back(static_cast<std::uint32_t>(k));
+  }
+  std::vector<About> about(shapes.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3 p = points[i];
+    for (const std::uint32_t k : near(cell(p.y - y0, deep), cell(p.x - x0, wide))) {
+      const Shape& shape = shapes[k];
+      const double out = std::hypot(p.x - shape.middle.x, p.y - shape.middle.y);
+      if (out > farthest(shape)) continue;
+      const double h = heightmap::height_at(ground, p.x, p.y);
+      if (std::isnan(h)) continue;
+      About& a = about[k];
+      if (passing_mm(detail::sight_of(views.of(i), p), shape.middle) <
+          shape.around_mm + margin(shape))
+        a.points.push_back(i);
+      if (out > shape.radius_mm + margin(shape)) continue;
+      if (out < 0.3 * shape.radius_mm) {
+        ++a.over;
+        a.high += p.z - h;
+        a.planned += shape.box.max.z - h;
+      }
+      if (p.z - h > lift) a.on.push_back(p);
+    }
+  }
+  return about;
+}
 
 detail::StoneRanges ranges_of(std::span<const Vec3> points, const std::vector<std::size_t>& about,
                               const Views& views, const heightmap::FieldTracer& ground) {
@@ -246,8 +264,8 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
   const double lift = std::fmax(5.0 * noise_mm, 0.05 * ground.spacing.value());
   const detail::StoneNoise noise{std::fmax(detail::kLeastScaleMm, noise_mm),
                                  std::fmax(2.0 * noise_mm, 0.05 * ground.spacing.value())};
-  const auto all = gather(points, ground, shapes, lift, noise_mm);
   const Views views(viewpoints);
+  const auto all = gather(points, views, ground, shapes, lift, noise_mm);
   const heightmap::FieldTracer tracer(ground);
   const double level = 1.0 - std::pow(1.0 - kFalseCalls, 1.0 / static_cast<double>(plan.size()));
   for (std::size_t k = 0; k < plan.size(); ++k) {

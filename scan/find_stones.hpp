@@ -22,8 +22,9 @@
 ///          as often as the level says; shifts and turns true to chi-squared with six degrees of
 ///          freedom, with a ray as with a beam of a third of the stone
 ///          (tests/scan/find_stones_test).
-/// Needs    a ground that is no part of the question: a coat that stones do not have moves all of
-///          them.
+/// Needs    points that edges have mixed, too, in any order: without them those are left that noise
+///          keeps near the stone, and it comes out high. A ground that is no part of the question:
+///          a coat that stones do not have moves all of them.
 
 #include <span>
 #include <string_view>

@@ -147,8 +147,9 @@ Result<void> judge(Comparison& c, const MeasuredPart& all, const NominalPart& no
   return {};
 }
 
-/// Points before their beams are taken into account: stones are compared with what a beam makes of
-/// them.
+/// Points before their beams are taken into account, mixed ones included: stones are compared with
+/// what a beam makes of them. Without what their edges have mixed, noise would decide which points
+/// count, and stones come out too large.
 struct AsMeasured {
   std::vector<Vec3> points_mm;
   std::vector<scan::Viewpoint> views;
@@ -184,17 +185,29 @@ Result<void> fit_again(Comparison& c, MeasuredPart& all, AsMeasured& before,
   return judge(c, all, nominal, input, run);
 }
 
+AsMeasured as_measured(const MeasuredPart& all) {
+  AsMeasured m{all.cloud.points_mm, all.views, scans_of_views(all)};
+  const auto add = [](auto& to, const auto& more) {
+    to.insert(to.end(), more.begin(), more.end());
+  };
+  add(m.points_mm, all.mixed.points_mm);
+  add(m.views, all.mixed.views);
+  add(m.of_view, all.mixed.scan_of_view);
+  return m;
+}
+
 Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nominal,
                      const Case& input, const RunContext& run) {
   const double noise = scan::joint_pose(all.scans).noise_mm;
   // Of stones before what the beam does to the surface as it is expected is taken out: one that has
   // moved is not where it is expected.
   AsMeasured before;
-  if (nominal.ground) before = {all.cloud.points_mm, all.views, scans_of_views(all)};
-  leave_out_overhung(all, nominal, input, noise);
+  if (nominal.ground) before = as_measured(all);
   if (!nominal.mesh) {  // of any shape: its upper side does not say what a beam meets
-    MAQUETTE_TRY(c.beam, take_out_beams(all, nominal.to_meet(), noise, run));
+    MAQUETTE_TRY(c.beam, take_out_beams(all, nominal, noise, run));
   }
+  // Only now do points lie where their beams' middles meet the part, under overhangs or not.
+  leave_out_overhung(all, nominal, input, noise);
   MAQUETTE_TRY_VOID(judge(c, all, nominal, input, run));
   MAQUETTE_TRY_VOID(fit_again(c, all, before, nominal, input, run));
   if (nominal.ground) {

@@ -116,10 +116,17 @@ std::optional<scan::SphereMatch> look_for_spheres(ScanFigures& figures, const sc
   return *match;
 }
 
-/// The cloud of one scan without what floats between two surfaces: that belongs to neither.
-Result<scan::Cloud> read_scan(const CaseScan& entry, std::uint64_t most_points,
-                              ScanFigures& figures, const RunContext& run) {
-  MAQUETTE_TRY(auto cloud, scan::read_cloud(entry.points, run, most_points));
+/// The cloud of one scan without what floats between two surfaces, for that belongs to neither; and
+/// this apart.
+struct ReadScan {
+  scan::Cloud cloud, mixed;
+};
+
+Result<ReadScan> read_scan(const CaseScan& entry, std::uint64_t most_points, ScanFigures& figures,
+                           const RunContext& run) {
+  ReadScan read;
+  scan::Cloud& cloud = read.cloud;
+  MAQUETTE_TRY(cloud, scan::read_cloud(entry.points, run, most_points));
   if (!std::isnan(entry.scanner_position_mm.x)) cloud.station_mm = entry.scanner_position_mm;
   figures.passed_over = cloud.passed_over;
   // Rays meet one surface: of their points only noise would be taken for mixed, beside steep
@@ -129,11 +136,12 @@ Result<scan::Cloud> read_scan(const CaseScan& entry, std::uint64_t most_points,
     edges.least_neighbours = 0;
     edges.beam_diameter_mm = entry.beam_diameter_mm;
     edges.beam_divergence_mrad = 0.0;  // the diameter is that at the part
-    MAQUETTE_TRY(const scan::CleanFigures cleaned, scan::clean_cloud(cloud, edges, run));
+    MAQUETTE_TRY(const scan::CleanFigures cleaned,
+                 scan::clean_cloud(cloud, edges, run, &read.mixed));
     figures.mixed = cleaned.mixed;
   }
   figures.used = cloud.points_mm.size();
-  return cloud;
+  return read;
 }
 
 /// Stations of one file have the poses that it states; nobody else would say that one is wrong.
@@ -190,6 +198,27 @@ void append(MeasuredPart& all, const scan::Cloud& cloud, const scan::Registratio
   all.scans.push_back({used, all.cloud.points_mm.size() - before});
 }
 
+/// The mixed points of the scan that is appended next.
+void append_mixed(MeasuredPart& all, const scan::Cloud& mixed, const scan::Registration& used,
+                  const std::vector<scan::Datum>& datums, const CaseScan& entry,
+                  const ModelField& design) {
+  MixedPoints& to = all.mixed;
+  std::size_t i = 0;
+  for (scan::Viewpoint view : views_of(mixed, used.model_from_scan, entry)) {
+    const std::size_t first = to.points_mm.size();
+    for (const std::size_t end = i + view.points; i < end; ++i) {
+      const Vec3 p = used.model_from_scan.point(mixed.points_mm[i]);
+      if (crosses_rim(p, design, entry.beam_diameter_mm, view.station_mm) ||
+          is_of_sphere(p, datums))
+        continue;
+      to.points_mm.push_back(p);
+    }
+    view.points = to.points_mm.size() - first;
+    to.views.push_back(view);
+    to.scan_of_view.push_back(all.scans.size());
+  }
+}
+
 /// Takes points out of all that is known of them.
 /// @return how many
 template <class Unwanted>
@@ -218,6 +247,20 @@ std::size_t leave_out(MeasuredPart& all, const Unwanted& unwanted) {
   return out;
 }
 
+/// What is expected without stones.
+const ModelField& ground_of(const NominalPart& nominal) {
+  return nominal.expected_ground ? *nominal.expected_ground : *nominal.ground;
+}
+
+/// Those of the plan, where there is a ground that they stand on.
+std::vector<TriMesh> stones_of(const NominalPart& nominal) {
+  std::vector<TriMesh> stones;
+  if (nominal.ground)
+    for (const meshing::PlacedStone& stone : nominal.stone_plan)
+      stones.push_back(meshing::stone_mesh(stone));
+  return stones;
+}
+
 }  // namespace
 
 std::vector<std::size_t> scans_of_views(const MeasuredPart& all) {
@@ -238,7 +281,8 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
   const auto within = [&](Error error) {
     return tl::unexpected(std::move(error).within(entry.points.string()));
   };
-  MAQUETTE_TRY(auto cloud, read_scan(entry, kMostPoints / input.scans.size(), figures, run));
+  MAQUETTE_TRY(auto read, read_scan(entry, kMostPoints / input.scans.size(), figures, run));
+  scan::Cloud& cloud = read.cloud;
   all.passed_over += cloud.passed_over;
   scan::RegisterOptions options;
   options.scale = input.scale;
@@ -260,7 +304,10 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
   if (!best && spheres && best.error().code != kCancelled) best = spheres->registration;
   if (!best) return within(std::move(best.error()));
   figures.best = *best;
-  if (input.scale) scale_by(best->scale, cloud);
+  if (input.scale) {
+    scale_by(best->scale, cloud);
+    scale_by(best->scale, read.mixed);
+  }
   auto viewed = nominal.mesh
                     ? scan::check_viewpoints(cloud, best->model_from_scan, *nominal.to_mesh)
                     : scan::check_viewpoints(cloud, best->model_from_scan, nominal.to_meet());
@@ -284,6 +331,7 @@ Result<void> add_scan(MeasuredPart& all, const CaseScan& entry, const Case& inpu
                         std::hypot(used.sigma_rotation_rad, best->sigma_rotation_rad),
                         static_cast<double>(cloud.points_mm.size())});
   }
+  append_mixed(all, read.mixed, used, datums, entry, nominal.design);
   append(all, cloud, used, datums, entry, nominal.design);
   all.figures.push_back(std::move(figures));
   return {};
@@ -314,23 +362,22 @@ Result<std::vector<RigidTransform>> fit_without_findings(MeasuredPart& all,
 void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,
                         double noise_mm) {
   if (!nominal.ground || nominal.stone_plan.empty()) return;
-  std::vector<TriMesh> stones;
-  for (const meshing::PlacedStone& stone : nominal.stone_plan)
-    stones.push_back(meshing::stone_mesh(stone));
   const auto beyond =
-      scan::beyond_heights(all.cloud.points_mm, nominal.to_meet(),
-                           nominal.expected_ground ? *nominal.expected_ground : *nominal.ground,
-                           stones, input.coating_thickness_mm, noise_mm);
+      scan::beyond_heights(all.cloud.points_mm, nominal.to_meet(), ground_of(nominal),
+                           stones_of(nominal), input.coating_thickness_mm, noise_mm);
   all.overhung = leave_out(all, [&](std::size_t i) { return beyond[i] != 0; });
 }
 
-Result<std::optional<BeamFigures>> take_out_beams(MeasuredPart& all, const ModelField& surface,
+Result<std::optional<BeamFigures>> take_out_beams(MeasuredPart& all, const NominalPart& nominal,
                                                   double noise_mm, const RunContext& run) {
   if (std::none_of(all.views.begin(), all.views.end(),
                    [](const scan::Viewpoint& v) { return v.beam_diameter_mm > 0.0; }))
     return std::nullopt;
   auto& points = all.cloud.points_mm;
-  MAQUETTE_TRY(const auto shifts, scan::beam_shifts_mm(points, all.views, surface, noise_mm, run));
+  const std::vector<TriMesh> stones = stones_of(nominal);
+  const ModelField& surface = stones.empty() ? nominal.to_meet() : ground_of(nominal);
+  MAQUETTE_TRY(const auto shifts,
+               scan::beam_shifts_mm(points, all.views, surface, stones, noise_mm, run));
   double square = 0.0, largest = 0.0;
   std::size_t i = 0;
   for (const scan::Viewpoint& v : all.views)

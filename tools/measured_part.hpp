@@ -44,12 +44,21 @@ struct BeamFigures {
   std::size_t at_edges = 0;  ///< points given up
 };
 
+/// Points that the edges of stones have mixed, in the model frame. They lie on no surface, so they
+/// are compared with none; of stones they say where those edges are.
+struct MixedPoints {
+  std::vector<Vec3> points_mm;
+  std::vector<scan::Viewpoint> views;
+  std::vector<std::size_t> scan_of_view;
+};
+
 /// All scans in the model frame, and what is known of each point beside its place.
 struct MeasuredPart {
   scan::Cloud cloud;
   std::vector<float> range_mm, incidence_deg, slope_deg;
   std::vector<scan::ScanPose> scans;
   std::vector<scan::Viewpoint> views;
+  MixedPoints mixed;  ///< not in the cloud
   /// Where the part really is in the frame of the datums, by each scan.
   struct Where {
     RigidTransform actual_from_planned;
@@ -90,9 +99,10 @@ void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Cas
 /// Every point as a ray in the middle of its beam would have measured it on what is expected; what
 /// lies beside an edge is left out.
 /// @return how far points were moved, nothing where all were rays; SCAN_TOO_FEW_POINTS
-[[nodiscard]] Result<std::optional<BeamFigures>> take_out_beams(
-    MeasuredPart& all, const heightmap::ModelField& surface, double noise_mm,
-    const RunContext& run);
+[[nodiscard]] Result<std::optional<BeamFigures>> take_out_beams(MeasuredPart& all,
+                                                                const NominalPart& nominal,
+                                                                double noise_mm,
+                                                                const RunContext& run);
 
 /// Where the part lies in the frame of the datums: the scans' mean by points, turned about the
 /// part's middle, for rotations are small.

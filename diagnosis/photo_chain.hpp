@@ -115,7 +115,7 @@ struct PhotoPixel {
   std::uint32_t photo = 0;
   float u = 0.0F, v = 0.0F;  ///< from the principal point, undistorted
   Vec3 place, normal;
-  SeenLamp lamp;
+  SeenLamp lamp{1.0F, 0.0F, 0.0F};
   std::array<SeenLamp, kLampSizes> lamp_of_size{};  ///< of lamps of those diameters
   float sky = 1.0F;                                 ///< of the hemisphere, by its cosine
   float bounce = 0.0F;                              ///< irradiance from the lit surface around

@@ -751,6 +751,41 @@ TEST_F(CommandLine, StoneLargerThanTheSite) {
   EXPECT_FALSE(fs::exists(out / "s1000/stones.json"));
 }
 
+TEST_F(CommandLine, StonesOfYourOwn) {
+  const std::string box =
+      "v 0 0 0\nv 4 0 0\nv 4 3 0\nv 0 3 0\nv 0 0 2\nv 4 0 2\nv 4 3 2\nv 0 3 2\n"
+      "f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\n";
+  file("whole.obj", box + "f 4 1 5 8\n");
+  file("open.obj", box);
+  const std::string d = design().string();
+  const auto lay = [&](const std::string& stone) {
+    const auto site = file("site.toml",
+                           "size_mm = 20.0\nscales = [1000.0]\n[stones]\ncount = 0\n"
+                           "[[stone]]\nunit = \"cm\"\n" +
+                               stone);
+    return run("stones " + site.string() + " --quiet --design " + d + " --scale 1000 --out " +
+               out.string());
+  };
+  expect_refused(lay("file = \"open.obj\"\n"),
+                 AllOf(HasSubstr("open.obj: is not closed: 1 hole"), HasSubstr("mesh editor")));
+  expect_refused(lay("file = \"none.obj\"\n"), HasSubstr("none.obj"));
+  expect_refused(lay("file = \"whole.obj\"\nplaces_m = [1.0]\n"), HasSubstr("places_m has 1"));
+  const auto o = lay("file = \"whole.obj\"\nscale = 100.0\ncount = 0\nplaces_m = [1.0, -2.0]\n");
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  const json plan = json::parse(slurp(out / "stones.json"));
+  EXPECT_EQ(plan["bodies"][0]["source"], "whole.obj");
+  EXPECT_EQ(plan["bodies"][0]["mm_per_unit"], 10.0);
+  EXPECT_EQ(plan["stones"][0]["shape"]["body"], "whole");
+  EXPECT_TRUE(fs::exists(out / "stone_bodies/whole.ply"));
+  const auto stones = meshing::read_stone_plan(out / "stones.json");
+  ASSERT_TRUE(stones.has_value());
+  ASSERT_EQ(stones->size(), 1U);
+  // 40 mm at 1:100 are 4 m, and 4 mm at 1:1000: a box of 4 x 3 x 2 has the area of that circle.
+  EXPECT_NEAR((*stones)[0].scale_mm, std::sqrt(4.0 * 12.0 / std::numbers::pi), 1e-9);
+  EXPECT_NEAR((*stones)[0].model_from_stone.translation_mm.x, 11.0, 1e-9);
+  EXPECT_NEAR((*stones)[0].model_from_stone.translation_mm.y, 8.0, 1e-9);
+}
+
 TEST_F(CommandLine, DamagedPointCloud) {
   design();
   file("scan.ply",

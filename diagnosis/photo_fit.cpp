@@ -18,6 +18,7 @@ constexpr double kEdge_px = 0.1;
 constexpr double kLight = 0.002;
 constexpr double kHuber = 3.0;  // of the noise as found
 constexpr float kLargest = 1e4F;
+constexpr double kLightStep = 0.005;  // relative, of its derivative
 
 /// Red, green, blue: a picture in grey is green's.
 int channel_of(std::size_t channel, std::size_t channels) {
@@ -98,14 +99,8 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
     std::vector<std::array<double, 2>> light(steps.size(), {p.light, p.light});
     for (std::size_t k = 0; k < steps.size(); ++k) {
       const Step& s = steps[k];
-      if (!s.light) continue;
-      if (s.of->of_light) {
-        // As light that is a factor on all of it; a map's own sum is close to 1.
-        const double half = 0.5 * s.span * p.light * s.of->of_light(p.place, scene);
-        light[k] = {p.light - half, p.light + half};
-      } else {
+      if (s.light && !s.of->of_light)
         light[k] = {radiance(p, s.low, state, scene), radiance(p, s.high, state, scene)};
-      }
     }
     for (std::size_t ch = 0; ch < channels; ++ch) {
       const int channel = channel_of(ch, channels);
@@ -123,13 +118,19 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
       out.residual(row) =
           std::clamp(static_cast<float>((static_cast<double>(p.measured[ch]) - y) / sigma),
                      -kLargest, kLargest);
+      // A map's waves are factors on all of the light; its own sum is close to 1.
+      const double by_light =
+          (value_of(q, channel, (1.0 + kLightStep) * p.light, state, state, scene) -
+           value_of(q, channel, (1.0 - kLightStep) * p.light, state, state, scene)) /
+          (2.0 * kLightStep * sigma);
       for (Eigen::Index k = 0; k < cols; ++k) {
         const auto at = static_cast<std::size_t>(k);
         const Step& s = steps[at];
-        const double d =
-            (value_of(q, channel, light[at][1], s.of->of_light ? state : s.high, state, scene) -
-             value_of(q, channel, light[at][0], s.of->of_light ? state : s.low, state, scene)) /
-            (s.span * sigma);
+        const double d = s.of->of_light
+                             ? by_light * s.of->of_light(p.place, scene)
+                             : (value_of(q, channel, light[at][1], s.high, state, scene) -
+                                value_of(q, channel, light[at][0], s.low, state, scene)) /
+                                   (s.span * sigma);
         out.columns(row, k) = std::isfinite(d) ? static_cast<float>(d) : 0.0F;
       }
       out.set[static_cast<std::size_t>(row)] = set;

@@ -76,6 +76,9 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
     s.light = !same_light(s.low, s.high);
     steps.push_back(std::move(s));
   }
+  const bool maps = std::any_of(each.begin(), each.end(), [](const PhotoParameter* p) {
+    return static_cast<bool>(p->of_light);
+  });
   const auto& pixels = views_.pixels();
   const std::size_t channels = views_.channels();
   const auto rows = static_cast<Eigen::Index>(pixels.size() * channels),
@@ -120,9 +123,10 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
                      -kLargest, kLargest);
       // A map's waves are factors on all of the light; its own sum is close to 1.
       const double by_light =
-          (value_of(q, channel, (1.0 + kLightStep) * p.light, state, state, scene) -
-           value_of(q, channel, (1.0 - kLightStep) * p.light, state, state, scene)) /
-          (2.0 * kLightStep * sigma);
+          !maps ? 0.0
+                : (value_of(q, channel, (1.0 + kLightStep) * p.light, state, state, scene) -
+                   value_of(q, channel, (1.0 - kLightStep) * p.light, state, state, scene)) /
+                      (2.0 * kLightStep * sigma);
       for (Eigen::Index k = 0; k < cols; ++k) {
         const auto at = static_cast<std::size_t>(k);
         const Step& s = steps[at];

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "export/detail/gltf_asset.hpp"
 #include "export/draco_piece.hpp"
 #include "export/glb_file.hpp"
 #include "export/limits.hpp"
@@ -109,13 +110,8 @@ double max_error_mm(const Geometry& g, bool draco) {
 
 Json json_frame(const GltfOptions& options, const Geometry& g) {
   Json json;
-  json["asset"] = {{"version", "2.0"},
-                   {"generator", "maquette"},
-                   {"extras",
-                    {{"unit", "m"},
-                     {"frame", "x = model x (east), y = model z (up), z = -model y (south)"},
-                     {"origin_in_model_mm", {g.corner_mm.x, g.corner_mm.y, g.corner_mm.z}},
-                     {"scale_denominator", options.scale_denominator}}}};
+  json["asset"] = gltf_asset({{"origin_in_model_mm", {g.corner_mm.x, g.corner_mm.y, g.corner_mm.z}},
+                              {"scale_denominator", options.scale_denominator}});
   json["scene"] = 0;
   json["scenes"] = {{{"nodes", {0}}}};
   json["nodes"] = {{{"name", options.name}, {"mesh", 0}}};

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "export/cad.hpp"
+#include "export/detail/gltf_asset.hpp"
 #include "export/draco_piece.hpp"
 #include "export/glb_file.hpp"
 
@@ -59,15 +60,10 @@ Json frame_of(const LodTileMesh& tile, const LodLattice& lattice, const LodTileE
               const LodAssetOptions& options, const Local& local) {
   const double step_m = kMetresPerMillimetre * lattice.step_mm;
   Json json;
-  json["asset"] = {{"version", "2.0"},
-                   {"generator", "maquette"},
-                   {"extras",
-                    {{"unit", "m"},
-                     {"frame", "x = model x (east), y = model z (up), z = -model y (south)"},
-                     {"origin", "the field's south-western node, at model z = 0"},
-                     {"scale_denominator", options.scale_denominator},
-                     {"level", tile.key.level},
-                     {"max_vertical_error_mm", error.vertical_mm}}}};
+  json["asset"] = gltf_asset({{"origin", "the field's south-western node, at model z = 0"},
+                              {"scale_denominator", options.scale_denominator},
+                              {"level", tile.key.level},
+                              {"max_vertical_error_mm", error.vertical_mm}});
   json["scene"] = 0;
   json["scenes"] = {{{"nodes", {0}}}};
   Json translation = Json::array();

@@ -6,6 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "export/detail/gltf_asset.hpp"
 #include "export/glb_file.hpp"
 
 namespace maquette::exporting {
@@ -93,12 +94,7 @@ std::size_t add_rock(Json& json, Buffer& buffer, const PlacedStone& stone) {
 GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
                          const LodAssetOptions& options) {
   Json json;
-  json["asset"] = {{"version", "2.0"},
-                   {"generator", "maquette"},
-                   {"extras",
-                    {{"unit", "m"},
-                     {"frame", "x = model x (east), y = model z (up), z = -model y (south)"},
-                     {"scale_denominator", options.scale_denominator}}}};
+  json["asset"] = gltf_asset({{"scale_denominator", options.scale_denominator}});
   json["scene"] = 0;
   json["scenes"] = {{{"nodes", Json::array()}}};
   json["nodes"] = Json::array();

@@ -15,9 +15,11 @@
 #include <vector>
 
 #include "diagnosis/observation.hpp"
-#include "diagnosis/photo_chain.hpp"
 
 namespace maquette::diagnosis {
+
+struct PhotoForm;  // photo_chain.hpp
+struct PhotoScene;
 
 struct Parameter {
   std::string name;         ///< with its unit: "width_mm"

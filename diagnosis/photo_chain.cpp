@@ -93,66 +93,6 @@ double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene) {
          std::cos(j * at(place.y, scene.box.min.y, scene.box.max.y));
 }
 
-double radiance(const PhotoPixel& p, const PhotoState& s, const PhotoState& rendered,
-                const PhotoScene& scene) {
-  const PhotoInput& photo = scene.photos[p.photo];
-  const std::size_t lamp = scene.lamp_of[p.photo];
-  const Vec3 shift = s.lamp_mm[lamp] + s.lamp_refocused_mm[lamp];
-  const Vec3 position = photo.lamp_position_mm + shift;
-  const Vec3 aim = photo.lamp_target_mm - position;
-  const Vec3 declared = photo.lamp_target_mm - photo.lamp_position_mm;
-  const Vec3 kept = declared - s.lamp_refocused_mm[lamp];
-  // Light comes from the middle of what is seen of the lamp.
-  const SeenLamp of_lamp = seen(p, s.lamp_diameter_mm, rendered.lamp_diameter_mm, scene);
-  Vec3 to = position - p.place;
-  if (of_lamp.x_mm != 0.0F || of_lamp.y_mm != 0.0F) {
-    const auto [right, up] = across(normalized(position - photo.lamp_target_mm));
-    to += (1.0 / of_lamp.share) * (of_lamp.x_mm * right + of_lamp.y_mm * up);
-  }
-  const double squared = dot(to, to), distance = std::sqrt(squared);
-  const Vec3 light = (1.0 / distance) * to;
-  const double off_axis = -dot(light, aim) / norm(aim);
-  const Vec3 view = normalized(photo.camera_position_mm + s.camera_mm[p.photo] - p.place);
-  const camera::Angles angles{dot(p.normal, light), dot(p.normal, view), dot(light, view)};
-
-  double albedo = photo.albedo * (1.0 + s.albedo);
-  double map = 1.0;
-  for (std::size_t k = 0; k < kAlbedoTerms; ++k)
-    if (s.albedo_map[k] != 0.0) map += s.albedo_map[k] * albedo_wave(k, p.place, scene);
-  albedo *= map;
-
-  double e = 0.0;  // irradiance across the light, of that at the target
-  if (off_axis >= std::cos(0.5 * photo.lamp_beam_deg * std::numbers::pi / 180.0))
-    e = dot(kept, kept) / squared *
-        (s.falloff == 0.0 ? 1.0 : std::pow(squared / dot(kept, kept), -0.5 * s.falloff)) *
-        (s.beam_power == 0.0 ? 1.0 : std::pow(std::fmax(1e-9, off_axis), s.beam_power)) *
-        static_cast<double>(of_lamp.share);
-  double out = 0.0;
-  if (angles.front() && e > 0.0) {
-    double factor = radiance_factor(photo, albedo, angles) *
-                    roughened(albedo, s.roughness_rad2, angles) *
-                    roughened_short(s.roughness_short_rad2, angles);
-    for (std::size_t k = 0; k < kSurgeWidths.size(); ++k)
-      if (s.surge[k] != 0.0) {
-        // tan(g / 2) by the half angle's formula
-        const double c = std::clamp(angles.cos_phase, -1.0, 1.0);
-        factor *= 1.0 + s.surge[k] / (1.0 + std::sqrt((1.0 - c) / std::fmax(1e-12, 1.0 + c)) /
-                                                kSurgeWidths[k]);
-      }
-    for (std::size_t k = 0; k < kLobeExponents.size(); ++k)
-      if (s.specular[k] != 0.0) {
-        const Vec3 half = light + view;
-        factor += s.specular[k] * angles.mu0 *
-                  std::pow(std::fmax(0.0, dot(p.normal, half) / norm(half)), kLobeExponents[k]);
-      }
-    out += e * factor;
-  }
-  out += albedo * (s.ambient_sky * static_cast<double>(p.sky) + s.ambient_even +
-                   s.bounce * static_cast<double>(p.bounce) +
-                   s.bounce_all * static_cast<double>(p.bounce_all));
-  return photo.exposure_scale * out;
-}
-
 double radius2(double u, double v, const PhotoInput& photo) {
   const double half = 0.5 * std::hypot(photo.width_px, photo.height_px);
   return (u * u + v * v) / (half * half);
@@ -167,18 +107,21 @@ std::array<double, 2> displacement(const PhotoPixel& p, int channel, const Photo
   const double radial = s.focal + s.radial_1 * r2 + s.radial_2 * r2 * r2 + colour;
   // The place as the moved camera sees it, in its own frame (x right, y up, looks along -z).
   const Vec3 from = p.place - photo.camera_position_mm;
-  const Vec3 moved = from - s.camera_mm[p.photo] - cross(s.camera_rad[p.photo], from);
+  const PictureState& own = s.picture[p.photo];
+  const Vec3 moved = from - own.camera_mm - cross(own.camera_rad, from);
   const Vec3 seen = rotate(photo.model_from_camera.conjugate(), moved),
              was = rotate(photo.model_from_camera.conjugate(), from);
   return {radial * u + f * (seen.x / -seen.z - was.x / -was.z),
           radial * v - f * (seen.y / -seen.z - was.y / -was.z)};
 }
 
-double exposed(double behind_lens, double mean, double r2, int channel, const PhotoState& s) {
+double exposed(double behind_lens, double mean, double r2, int channel, std::size_t photo,
+               const PhotoState& s) {
   double y = behind_lens * (1.0 + s.vignette_2 * r2 + s.vignette_4 * r2 * r2);
   y += s.veil * mean + s.veil_scattered * (mean - y);
-  const double balance = channel == 0 ? s.red : channel == 2 ? s.blue : 0.0;
-  y = y * (1.0 + s.exposure) * (1.0 + balance) + s.black;
+  const PictureState& own = s.picture[photo];
+  const double balance = channel == 0 ? own.red : channel == 2 ? own.blue : 0.0;
+  y = y * (1.0 + own.exposure) * (1.0 + balance) + own.black;
   return s.gamma == 0.0 ? y : std::copysign(std::pow(std::abs(y), 1.0 + s.gamma), y);
 }
 
@@ -189,32 +132,137 @@ bool same_light(const PhotoState& a, const PhotoState& b) {
          a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
          a.lamp_refocused_mm == b.lamp_refocused_mm && a.lamp_diameter_mm == b.lamp_diameter_mm &&
          a.falloff == b.falloff && a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
-         a.ambient_even == b.ambient_even && a.camera_mm == b.camera_mm;
+         a.ambient_even == b.ambient_even &&
+         std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(),
+                    [](const PictureState& x, const PictureState& y) {
+                      return x.camera_mm == y.camera_mm;
+                    });
+}
+
+bool same_stand(const PictureState& a, const PictureState& b) {
+  return a.camera_mm == b.camera_mm && a.camera_rad == b.camera_rad;
 }
 
 bool same_places(const PhotoState& a, const PhotoState& b) {
-  return a.camera_mm == b.camera_mm && a.camera_rad == b.camera_rad && a.focal == b.focal &&
-         a.radial_1 == b.radial_1 && a.radial_2 == b.radial_2 && a.red_scale == b.red_scale &&
-         a.blue_scale == b.blue_scale;
+  return std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(), same_stand) &&
+         a.focal == b.focal && a.radial_1 == b.radial_1 && a.radial_2 == b.radial_2 &&
+         a.red_scale == b.red_scale && a.blue_scale == b.blue_scale;
 }
 
-double value_of(const PhotoPixel& p, int channel, double light, const PhotoState& s,
-                const PhotoState& rendered, const PhotoScene& scene) {
+PhotoChain::PhotoChain(const PhotoState& state, const PhotoState& rendered, const PhotoScene& scene)
+    : state_(state), rendered_(rendered), scene_(scene), moved_(!same_places(state, rendered)) {
+  for (std::size_t k = 0; k < scene.photos.size(); ++k) {
+    const PhotoInput& photo = scene.photos[k];
+    const Vec3 &moved = state.lamp_mm[scene.lamp_of[k]],
+               &refocused = state.lamp_refocused_mm[scene.lamp_of[k]];
+    Lamp lamp;
+    lamp.position = photo.lamp_position_mm + moved + refocused;
+    lamp.aim = normalized(photo.lamp_target_mm - lamp.position);
+    const auto axes = across(-lamp.aim);
+    lamp.right = axes[0];
+    lamp.up = axes[1];
+    const Vec3 kept = photo.lamp_target_mm - photo.lamp_position_mm - refocused;
+    lamp.reference2 = dot(kept, kept);
+    lamp.least_cosine = std::cos(0.5 * photo.lamp_beam_deg * std::numbers::pi / 180.0);
+    lamps_.push_back(lamp);
+  }
+  for (std::size_t k = 0; k < kAlbedoTerms; ++k)
+    if (state.albedo_map[k] != 0.0)
+      waves_ = std::max({waves_, k % (kAlbedoWaves + 1), k / (kAlbedoWaves + 1)});
+  const auto any = [](const auto& values) {
+    return std::any_of(values.begin(), values.end(), [](double v) { return v != 0.0; });
+  };
+  surge_ = any(state.surge);
+  specular_ = any(state.specular);
+}
+
+double PhotoChain::albedo_map(Vec3 place) const {
+  if (waves_ == 0) return 1.0;
+  // cos((i + 1) a) = 2 cos(a) cos(i a) - cos((i - 1) a)
+  std::array<double, kAlbedoWaves + 1> x{}, y{};
+  x[0] = y[0] = 1.0;
+  x[1] = albedo_wave(1, place, scene_);
+  y[1] = albedo_wave(kAlbedoWaves + 1, place, scene_);
+  for (std::size_t i = 2; i <= waves_; ++i) {
+    x[i] = 2.0 * x[1] * x[i - 1] - x[i - 2];
+    y[i] = 2.0 * y[1] * y[i - 1] - y[i - 2];
+  }
+  double map = 1.0;
+  for (std::size_t j = 0; j <= waves_; ++j) {
+    double row = 0.0;
+    for (std::size_t i = 0; i <= waves_; ++i)
+      row += state_.albedo_map[j * (kAlbedoWaves + 1) + i] * x[i];
+    map += row * y[j];
+  }
+  return map;
+}
+
+double PhotoChain::radiance(const PhotoPixel& p) const {
+  const PhotoState& s = state_;
+  const PhotoInput& photo = scene_.photos[p.photo];
+  const Lamp& lamp = lamps_[p.photo];
+  // Light comes from the middle of what is seen of the lamp.
+  const SeenLamp of_lamp = seen(p, s.lamp_diameter_mm, rendered_.lamp_diameter_mm, scene_);
+  Vec3 to = lamp.position - p.place;
+  if (of_lamp.x_mm != 0.0F || of_lamp.y_mm != 0.0F)
+    to += (1.0 / of_lamp.share) * (of_lamp.x_mm * lamp.right + of_lamp.y_mm * lamp.up);
+  const double squared = dot(to, to);
+  const Vec3 light = (1.0 / std::sqrt(squared)) * to;
+  const double off_axis = -dot(light, lamp.aim);
+  const Vec3 view = normalized(photo.camera_position_mm + s.picture[p.photo].camera_mm - p.place);
+  const camera::Angles angles{dot(p.normal, light), dot(p.normal, view), dot(light, view)};
+
+  const double albedo = photo.albedo * (1.0 + s.albedo) * albedo_map(p.place);
+  double e = 0.0;  // irradiance across the light, of that at the target
+  if (off_axis >= lamp.least_cosine)
+    e = lamp.reference2 / squared *
+        (s.falloff == 0.0 ? 1.0 : std::pow(squared / lamp.reference2, -0.5 * s.falloff)) *
+        (s.beam_power == 0.0 ? 1.0 : std::pow(std::fmax(1e-9, off_axis), s.beam_power)) *
+        static_cast<double>(of_lamp.share);
+  double out = 0.0;
+  if (angles.front() && e > 0.0) {
+    double factor = radiance_factor(photo, albedo, angles) *
+                    roughened(albedo, s.roughness_rad2, angles) *
+                    roughened_short(s.roughness_short_rad2, angles);
+    for (std::size_t k = 0; surge_ && k < kSurgeWidths.size(); ++k)
+      if (s.surge[k] != 0.0) {
+        // tan(g / 2) by the half angle's formula
+        const double c = std::clamp(angles.cos_phase, -1.0, 1.0);
+        factor *= 1.0 + s.surge[k] / (1.0 + std::sqrt((1.0 - c) / std::fmax(1e-12, 1.0 + c)) /
+                                                kSurgeWidths[k]);
+      }
+    for (std::size_t k = 0; specular_ && k < kLobeExponents.size(); ++k)
+      if (s.specular[k] != 0.0) {
+        const Vec3 half = light + view;
+        factor += s.specular[k] * angles.mu0 *
+                  std::pow(std::fmax(0.0, dot(p.normal, half) / norm(half)), kLobeExponents[k]);
+      }
+    out += e * factor;
+  }
+  out += albedo * (s.ambient_sky * static_cast<double>(p.sky) + s.ambient_even +
+                   s.bounce * static_cast<double>(p.bounce) +
+                   s.bounce_all * static_cast<double>(p.bounce_all));
+  return photo.exposure_scale * out;
+}
+
+double PhotoChain::value(const PhotoPixel& p, int channel, double light) const {
+  const PhotoState& s = state_;
   double y = static_cast<double>(p.value[static_cast<std::size_t>(channel)]) + light - p.light;
   const double uu = p.duu, uv = p.duv, vv = p.dvv;
-  if (!same_places(s, rendered)) {
-    const auto to = displacement(p, channel, s, scene),
-               was = displacement(p, channel, rendered, scene);
+  if (moved_) {
+    const auto to = displacement(p, channel, s, scene_),
+               was = displacement(p, channel, rendered_, scene_);
     const double du = to[0] - was[0], dv = to[1] - was[1];
     y -= static_cast<double>(p.du) * du + static_cast<double>(p.dv) * dv;
     y += 0.5 * (uu * du * du + 2.0 * uv * du * dv + vv * dv * dv);
   }
-  y += 0.5 * (s.blur_px2 - rendered.blur_px2) * (uu + vv);
-  y += 0.5 * (uu * (s.smear_px2[0] - rendered.smear_px2[0]) +
-              2.0 * uv * (s.smear_px2[1] - rendered.smear_px2[1]) +
-              vv * (s.smear_px2[2] - rendered.smear_px2[2]));
+  const PictureState &own = s.picture[p.photo], &was = rendered_.picture[p.photo];
+  y += 0.5 * (own.blur_px2 - was.blur_px2) * (uu + vv);
+  y += 0.5 * (uu * (own.smear_px2[0] - was.smear_px2[0]) +
+              2.0 * uv * (own.smear_px2[1] - was.smear_px2[1]) +
+              vv * (own.smear_px2[2] - was.smear_px2[2]));
   return exposed(y, static_cast<double>(p.mean[static_cast<std::size_t>(channel)]),
-                 radius2(p.u, p.v, scene.photos[p.photo]), channel, s);
+                 radius2(p.u, p.v, scene_.photos[p.photo]), channel, p.photo, s);
 }
 
 }  // namespace maquette::diagnosis

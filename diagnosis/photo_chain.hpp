@@ -15,6 +15,7 @@
 #include <array>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -53,6 +54,17 @@ inline constexpr std::array<double, 11> kLobeExponents{4.0,  6.0,   10.0,  16.0,
 /// Diameters of the lamp for which pixels know how much of it they see.
 inline constexpr std::size_t kLampSizes = 6;
 
+/// Differences of one photograph from what is declared; all 0: nothing.
+struct PictureState {
+  // lens
+  Vec3 camera_mm, camera_rad;         ///< shift; turn about its place
+  double blur_px2 = 0.0;              ///< variance of the point spread function
+  std::array<double, 3> smear_px2{};  ///< uu, uv, vv of a straight motion
+  double exposure = 0.0;              ///< relative
+  double red = 0.0, blue = 0.0;       ///< relative
+  double black = 0.0;
+};
+
 /// Differences from what is declared; all 0: nothing.
 struct PhotoState {
   // surface
@@ -75,18 +87,14 @@ struct PhotoState {
   double ambient_sky = 0.0;   ///< irradiance of an even sky, of a white surface's value
   double ambient_even = 0.0;  ///< the same without regard to what hides the sky
   // lens
-  std::vector<Vec3> camera_mm, camera_rad;  ///< by photograph: shift; turn about its place
-  double focal = 0.0;                       ///< relative
-  double radial_1 = 0.0, radial_2 = 0.0;    ///< Brown-Conrady, of u / focal length in pixels
+  std::vector<PictureState> picture;      ///< by photograph; lens and sensor
+  double focal = 0.0;                     ///< relative
+  double radial_1 = 0.0, radial_2 = 0.0;  ///< Brown-Conrady, of u / focal length in pixels
   double red_scale = 0.0, blue_scale = 0.0;
-  double blur_px2 = 0.0;                      ///< variance of the point spread function
-  std::array<double, 3> smear_px2{};          ///< uu, uv, vv of a straight motion
   double vignette_2 = 0.0, vignette_4 = 0.0;  ///< of the radius over half the diagonal
   double veil = 0.0;                          ///< of the picture's mean, added
   double veil_scattered = 0.0;                ///< the same, taken off the picture
   // sensor
-  double exposure = 0.0, red = 0.0, blue = 0.0;  ///< relative
-  double black = 0.0;
   double gamma = 0.0;  ///< exponent less 1
 };
 
@@ -129,27 +137,48 @@ struct PhotoPixel {
 
 /// A wave of an albedo map, -1 .. 1.
 [[nodiscard]] double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene);
-/// Radiance of a place towards the camera, of a white Lambert surface's value at the lamp's target.
-/// @param rendered  the state whose lamp `pixel.lamp` was seen from
-[[nodiscard]] double radiance(const PhotoPixel& pixel, const PhotoState& state,
-                              const PhotoState& rendered, const PhotoScene& scene);
 /// How far a feature of the scene moves in the picture, pixels.
 [[nodiscard]] std::array<double, 2> displacement(const PhotoPixel& pixel, int channel,
                                                  const PhotoState& state, const PhotoScene& scene);
 /// What the sensor makes of it.
 [[nodiscard]] double exposed(double behind_lens, double mean, double radius2, int channel,
-                             const PhotoState& state);
+                             std::size_t photo, const PhotoState& state);
 /// Square of a pixel's radius over half the diagonal.
 [[nodiscard]] double radius2(double u, double v, const PhotoInput& photo);
-/// A pixel's value in a state close to the one that was rendered, to first order in what moves or
-/// blurs the picture.
-/// @param light  radiance() of the pixel in that state
-[[nodiscard]] double value_of(const PhotoPixel& pixel, int channel, double light,
-                              const PhotoState& state, const PhotoState& rendered,
-                              const PhotoScene& scene);
 /// The same light comes to the lens; the same places to the same pixels.
 [[nodiscard]] bool same_light(const PhotoState& a, const PhotoState& b);
+[[nodiscard]] bool same_stand(const PictureState& a, const PictureState& b);
 [[nodiscard]] bool same_places(const PhotoState& a, const PhotoState& b);
+
+/// The chain in a state, made ready for many pixels. Keeps references.
+class PhotoChain {
+ public:
+  /// @param rendered  the state that pixels were rendered in
+  PhotoChain(const PhotoState& state, const PhotoState& rendered, const PhotoScene& scene);
+  /// Radiance of a place towards the camera, of a white Lambert surface's value at the lamp's
+  /// target.
+  [[nodiscard]] double radiance(const PhotoPixel& pixel) const;
+  /// A pixel's value in a state close to the one that was rendered, to first order in what moves or
+  /// blurs the picture.
+  /// @param light  radiance() of the pixel in that state
+  [[nodiscard]] double value(const PhotoPixel& pixel, int channel, double light) const;
+
+ private:
+  struct Lamp {
+    Vec3 position, right, up;
+    Vec3 aim;             ///< from the lamp to its target, of length 1
+    double reference2;    ///< square of the distance at which its irradiance is known
+    double least_cosine;  ///< of the angle off its axis
+  };
+  [[nodiscard]] double albedo_map(Vec3 place) const;
+
+  const PhotoState& state_;
+  const PhotoState& rendered_;
+  const PhotoScene& scene_;
+  std::vector<Lamp> lamps_;  ///< by photograph
+  std::size_t waves_ = 0;    ///< of the albedo map, each way; 0: none
+  bool moved_ = false, surge_ = false, specular_ = false;
+};
 
 /// One number that a cause changes.
 struct PhotoParameter {
@@ -162,6 +191,8 @@ struct PhotoParameter {
   std::function<double(double)> shown{};
   /// Of a factor on the surface's light: its derivative at a place; empty: others.
   std::function<double(Vec3 place, const PhotoScene&)> of_light{};
+  /// It acts on this photograph alone; empty: it may act on all.
+  std::optional<std::size_t> photo{};
 };
 struct PhotoForm {
   std::string law;

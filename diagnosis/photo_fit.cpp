@@ -32,8 +32,7 @@ PhotoState PhotoFit::state_of(const PhotoMembers& members) const {
   PhotoState s;
   s.lamp_mm.resize(scene.lamps);
   s.lamp_refocused_mm.resize(scene.lamps);
-  s.camera_mm.resize(scene.photos.size());
-  s.camera_rad.resize(scene.photos.size());
+  s.picture.resize(scene.photos.size());
   for (const PhotoMembers* all : {&known, &members})
     for (const PhotoMember& m : *all)
       for (std::size_t k = 0; k < m.values.size(); ++k) m.form.parameters[k].add(s, m.values[k]);
@@ -68,6 +67,9 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
     const PhotoParameter* of;
   };
   std::vector<Step> steps;
+  steps.reserve(each.size());  // chains keep references
+  std::vector<std::array<PhotoChain, 2>> chains;
+  const PhotoChain chain(state, state, scene);
   for (const PhotoParameter* p : each) {
     const auto [low, high] = p->between(state, scene);
     Step s{state, state, high - low, true, p};
@@ -75,6 +77,8 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
     p->add(s.high, high);
     s.light = !same_light(s.low, s.high);
     steps.push_back(std::move(s));
+    chains.push_back(
+        {PhotoChain(steps.back().low, state, scene), PhotoChain(steps.back().high, state, scene)});
   }
   const bool maps = std::any_of(each.begin(), each.end(), [](const PhotoParameter* p) {
     return static_cast<bool>(p->of_light);
@@ -100,18 +104,22 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
             static_cast<std::ptrdiff_t>((p.place.x - layout_.x0) / layout_.cell_mm), 0,
             layout_.cols - 1));
     std::vector<std::array<double, 2>> light(steps.size(), {p.light, p.light});
+    std::vector<double> by_map(maps ? steps.size() : 0, 0.0);
     for (std::size_t k = 0; k < steps.size(); ++k) {
       const Step& s = steps[k];
-      if (s.light && !s.of->of_light)
-        light[k] = {radiance(p, s.low, state, scene), radiance(p, s.high, state, scene)};
+      if (s.of->photo && *s.of->photo != p.photo) continue;
+      if (s.of->of_light)
+        by_map[k] = s.of->of_light(p.place, scene);
+      else if (s.light)
+        light[k] = {chains[k][0].radiance(p), chains[k][1].radiance(p)};
     }
+    PhotoPixel q = p;
     for (std::size_t ch = 0; ch < channels; ++ch) {
       const int channel = channel_of(ch, channels);
-      PhotoPixel q = p;
       q.value[static_cast<std::size_t>(channel)] = p.value[ch];
       q.mean[static_cast<std::size_t>(channel)] = p.mean[ch];
       const auto row = static_cast<Eigen::Index>(i * channels + ch);
-      const double y = value_of(q, channel, p.light, state, state, scene);
+      const double y = chain.value(q, channel, p.light);
       const double slope =
           std::hypot(static_cast<double>(p.du), static_cast<double>(p.dv)) +
           0.3 * (std::abs(static_cast<double>(p.duu)) + std::abs(static_cast<double>(p.dvv)));
@@ -122,19 +130,21 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
           std::clamp(static_cast<float>((static_cast<double>(p.measured[ch]) - y) / sigma),
                      -kLargest, kLargest);
       // A map's waves are factors on all of the light; its own sum is close to 1.
-      const double by_light =
-          !maps ? 0.0
-                : (value_of(q, channel, (1.0 + kLightStep) * p.light, state, state, scene) -
-                   value_of(q, channel, (1.0 - kLightStep) * p.light, state, state, scene)) /
-                      (2.0 * kLightStep * sigma);
+      const double by_light = !maps ? 0.0
+                                    : (chain.value(q, channel, (1.0 + kLightStep) * p.light) -
+                                       chain.value(q, channel, (1.0 - kLightStep) * p.light)) /
+                                          (2.0 * kLightStep * sigma);
       for (Eigen::Index k = 0; k < cols; ++k) {
         const auto at = static_cast<std::size_t>(k);
         const Step& s = steps[at];
-        const double d = s.of->of_light
-                             ? by_light * s.of->of_light(p.place, scene)
-                             : (value_of(q, channel, light[at][1], s.high, state, scene) -
-                                value_of(q, channel, light[at][0], s.low, state, scene)) /
-                                   (s.span * sigma);
+        if (s.of->photo && *s.of->photo != p.photo) {
+          out.columns(row, k) = 0.0F;
+          continue;
+        }
+        const double d = s.of->of_light ? by_light * by_map[at]
+                                        : (chains[at][1].value(q, channel, light[at][1]) -
+                                           chains[at][0].value(q, channel, light[at][0])) /
+                                              (s.span * sigma);
         out.columns(row, k) = std::isfinite(d) ? static_cast<float>(d) : 0.0F;
       }
       out.set[static_cast<std::size_t>(row)] = set;
@@ -148,34 +158,62 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
   const double spread = std::fmax(std::sqrt(noise.factor),
                                   size.empty() ? 1.0 : kMadToSigma * median(std::move(size)));
   for (auto& g : out.gram) g = Eigen::MatrixXd::Zero(cols + 1, cols + 1);
-  constexpr Eigen::Index kBlock = 4096;
-  for (int set = 0; set < kSets; ++set) {
-    std::vector<Eigen::Index> mine;
-    for (Eigen::Index i = 0; i < rows; ++i)
-      if (out.set[static_cast<std::size_t>(i)] == set) mine.push_back(i);
-    const auto n = static_cast<Eigen::Index>(mine.size());
-    const Eigen::Index blocks = (n + kBlock - 1) / kBlock;
-    std::vector<Eigen::MatrixXd> part(static_cast<std::size_t>(std::min<Eigen::Index>(8, blocks)));
-    oneapi::tbb::parallel_for(std::size_t{0}, part.size(), [&](std::size_t s) {
-      Eigen::MatrixXd& sum = part[s];
-      sum = Eigen::MatrixXd::Zero(cols + 1, cols + 1);
-      for (Eigen::Index b = static_cast<Eigen::Index>(s); b < blocks;
-           b += static_cast<Eigen::Index>(part.size())) {
-        const Eigen::Index first = b * kBlock, count = std::min(kBlock, n - first);
-        Eigen::MatrixXf x(count, cols + 1);
-        for (Eigen::Index i = 0; i < count; ++i) {
-          const Eigen::Index row = mine[static_cast<std::size_t>(first + i)];
-          const float r = out.residual(row);
-          const double large = std::abs(static_cast<double>(r)) / (kHuber * spread);
-          const auto w = static_cast<float>(large > 1.0 ? std::sqrt(1.0 / large) : 1.0);
-          x.row(i).head(cols) = w * out.columns.row(row);
-          x(i, cols) = w * r;
-        }
-        sum += (x.transpose() * x).cast<double>();
-      }
-    });
-    for (const auto& p : part) out.gram[static_cast<std::size_t>(set)] += p;
+  // Rows of one picture have nothing in columns of another.
+  struct Block {
+    std::size_t photo;
+    int set;
+    std::vector<Eigen::Index> rows;
+  };
+  constexpr std::size_t kBlock = 4096;
+  std::vector<Block> blocks;
+  std::map<std::pair<std::size_t, int>, std::size_t> open;
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const int set = out.set[static_cast<std::size_t>(i)];
+    if (set < 0) continue;
+    const std::size_t photo = pixels[static_cast<std::size_t>(i) / channels].photo;
+    const auto [at, fresh] = open.try_emplace({photo, set}, blocks.size());
+    if (!fresh && blocks[at->second].rows.size() == kBlock) at->second = blocks.size();
+    if (at->second == blocks.size()) blocks.push_back({photo, set, {}});
+    blocks[at->second].rows.push_back(i);
   }
+  std::vector<std::vector<Eigen::Index>> active(scene.photos.size());
+  for (std::size_t photo = 0; photo < active.size(); ++photo)
+    for (Eigen::Index k = 0; k < cols; ++k)
+      if (const auto& of = each[static_cast<std::size_t>(k)]->photo; !of || *of == photo)
+        active[photo].push_back(k);
+  // Sums in an order that threads do not change.
+  std::vector<Eigen::MatrixXf> sums(blocks.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
+    const Block& block = blocks[b];
+    const auto& mine = active[block.photo];
+    const auto count = static_cast<Eigen::Index>(block.rows.size()),
+               n = static_cast<Eigen::Index>(mine.size());
+    Eigen::MatrixXf x(count, n + 1);
+    Eigen::VectorXf w(count);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const float r = out.residual(block.rows[static_cast<std::size_t>(i)]);
+      const double large = std::abs(static_cast<double>(r)) / (kHuber * spread);
+      w(i) = static_cast<float>(large > 1.0 ? std::sqrt(1.0 / large) : 1.0);
+      x(i, n) = w(i) * r;
+    }
+    for (Eigen::Index k = 0; k < n; ++k)
+      for (Eigen::Index i = 0; i < count; ++i)
+        x(i, k) = w(i) * out.columns(block.rows[static_cast<std::size_t>(i)],
+                                     mine[static_cast<std::size_t>(k)]);
+    sums[b].setZero(n + 1, n + 1);
+    sums[b].selfadjointView<Eigen::Lower>().rankUpdate(x.transpose());
+  });
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    Eigen::MatrixXd& sum = out.gram[static_cast<std::size_t>(blocks[b].set)];
+    std::vector<Eigen::Index> to = active[blocks[b].photo];
+    to.push_back(cols);
+    const auto n = static_cast<Eigen::Index>(to.size());
+    for (Eigen::Index k = 0; k < n; ++k)
+      for (Eigen::Index i = k; i < n; ++i)
+        sum(to[static_cast<std::size_t>(i)], to[static_cast<std::size_t>(k)]) +=
+            static_cast<double>(sums[b](i, k));
+  }
+  for (auto& g : out.gram) g.triangularView<Eigen::StrictlyUpper>() = g.transpose();
   return out;
 }
 
@@ -315,7 +353,8 @@ PhotoScatter scatter_of(const PhotoViews& views) {
       const int channel = channel_of(ch, channels);
       const auto at = [&](float value) {
         return exposed(static_cast<double>(value), static_cast<double>(p.mean[ch]),
-                       radius2(p.u, p.v, views.scene().photos[p.photo]), channel, views.state());
+                       radius2(p.u, p.v, views.scene().photos[p.photo]), channel, p.photo,
+                       views.state());
       };
       const double difference = (static_cast<double>(p.next[ch]) - at(p.value_next[ch])) -
                                 (static_cast<double>(p.measured[ch]) - at(p.value[ch]));

@@ -236,7 +236,7 @@ PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photogra
   const std::size_t most = kMostPixels / std::max<std::size_t>(1, scene_.photos.size());
   for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
     const PhotoInput& photo = scene_.photos[k];
-    View view{Grid<Sample>(kAcross * photo.height_px, kAcross * photo.width_px), 1, {}};
+    View view{Grid<Sample>(kAcross * photo.height_px, kAcross * photo.width_px), 1, {}, {}};
     // A lattice that is finer than its share, thinned by what lies on the surface later.
     const double pixels = static_cast<double>(photo.width_px) * photo.height_px;
     const auto step = std::max(
@@ -252,7 +252,9 @@ PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photogra
 /// How far around a pixel of the lattice a picture is needed: for derivatives and for what the lens
 /// spreads.
 std::ptrdiff_t PhotoViews::reach() const {
-  const double spread = std::fmax(state_.blur_px2, 0.0) + state_.smear_px2[0] + state_.smear_px2[2];
+  double spread = 0.0;
+  for (const PictureState& p : state_.picture)
+    spread = std::fmax(spread, std::fmax(p.blur_px2, 0.0) + p.smear_px2[0] + p.smear_px2[2]);
   return 2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, spread)))) +
          (state_.red_scale != 0.0 || state_.blue_scale != 0.0 ? 4 : 0);
 }
@@ -291,8 +293,8 @@ void PhotoViews::trace(std::size_t k) {
   View& view = views_[k];
   const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
   const double f = photo.focal_length_mm * 1000.0 / photo.pixel_pitch_um;
-  const Vec3 origin = photo.camera_position_mm + state_.camera_mm[k];
-  const Vec3 turn = state_.camera_rad[k];
+  const Vec3 origin = photo.camera_position_mm + state_.picture[k].camera_mm;
+  const Vec3 turn = state_.picture[k].camera_rad;
   const double turned = norm(turn);
   const Quaternion model_from_camera =
       turned > 0.0 ? rotation_about((1.0 / turned) * turn, turned) * photo.model_from_camera
@@ -521,6 +523,7 @@ Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
   Grid<float> image(photo.height_px, photo.width_px, 0.0F);
   hits = Grid<float>(photo.height_px, photo.width_px, 0.0F);
   const std::ptrdiff_t far = reach();
+  const PhotoChain chain(state_, state_, scene_);
   oneapi::tbb::parallel_for(0, photo.height_px, [&](int r) {
     PhotoPixel p;
     p.photo = static_cast<std::uint32_t>(k);
@@ -534,7 +537,7 @@ Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
           if (std::isnan(s.x)) continue;
           ++hit;
           show(k, s, p);
-          sum += radiance(p, state_, state_, scene_);
+          sum += chain.radiance(p);
         }
       image(r, c) = static_cast<float>(sum / (kAcross * kAcross));
       hits(r, c) = static_cast<float>(hit) / (kAcross * kAcross);
@@ -564,18 +567,20 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
   });
 }
 
-void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
+void PhotoViews::take_pixels(std::size_t k, bool other_sight, std::vector<MeasuredPixel>& out) {
   const PhotoInput& photo = scene_.photos[k];
-  const View& view = views_[k];
+  View& view = views_[k];
   const Photograph& taken = photographs_[k];
+  const PictureState& own = state_.picture[k];
   Grid<float> hits;
   Grid<float> image = picture(k, hits);
   if (!selected_) select(k, hits);
+  if (other_sight) view.lamp_of_size.assign(view.lattice.size(), {});
   const auto beyond =
-      2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, state_.blur_px2))));
-  smear(image, state_.smear_px2,
+      2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, own.blur_px2))));
+  smear(image, own.smear_px2,
         [&](std::ptrdiff_t r, std::ptrdiff_t c) { return view.wanted(r, c, beyond); });
-  blur(image, kPixelRest + state_.blur_px2);
+  blur(image, kPixelRest + own.blur_px2);
   const auto half_u = photo.principal_u_px, half_v = photo.principal_v_px;
   const auto coloured = [&](int channel, double r, double c) {
     const double scale = channel == 0 ? state_.red_scale : channel == 2 ? state_.blue_scale : 0.0;
@@ -593,6 +598,7 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
       count += 1.0;
     }
   mean /= std::fmax(1.0, count);
+  const PhotoChain chain(state_, state_, scene_);
   std::vector<MeasuredPixel> made(view.lattice.size());
   std::vector<std::uint8_t> good(view.lattice.size(), 0);
   oneapi::tbb::parallel_for(std::size_t{0}, view.lattice.size(), [&](std::size_t n) {
@@ -617,11 +623,12 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
     p.place = (1.0 / rays) * p.place;
     p.normal = normalized(p.normal);
     p.lamp = mean_of(seen, rays);
-    p.lamp_of_size = lamp_of_sizes(k, static_cast<std::uint32_t>(at));
+    if (other_sight) view.lamp_of_size[n] = lamp_of_sizes(k, static_cast<std::uint32_t>(at));
+    p.lamp_of_size = view.lamp_of_size[n];
     p.at = static_cast<std::uint32_t>(at);
-    p.of_rays = light_of(k, p.at, false).light;
+    p.of_rays = light_of(k, p.at, false, chain).light;
     look_around_from(k, p);
-    p.light = radiance(p, state_, state_, scene_);
+    p.light = chain.radiance(p);
     const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) { return image(r + i, c + j); };
     p.du = 0.5F * (z(0, 1) - z(0, -1));
     p.dv = 0.5F * (z(1, 0) - z(-1, 0));
@@ -637,12 +644,12 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
       p.measured[ch] = static_cast<float>(y);
       p.next[ch] = taken.value[ch](r, c + 1);
       const double model = exposed(static_cast<double>(p.value[ch]), mean, radius2(p.u, p.v, photo),
-                                   channel, state_);
-      // Electrons scatter; a tone curve stretches that: by what it makes of the scatter as a whole,
-      // for in the dark it bends within it.
+                                   channel, k, state_);
+      // Electrons scatter, not the offset that is added to them; a tone curve stretches that: by
+      // what it makes of the scatter as a whole, for in the dark it bends within it.
       const double power = 1.0 + state_.gamma,
                    linear = std::copysign(std::pow(std::abs(model), 1.0 / power), model),
-                   sigma = std::sqrt(std::fmax(0.0, linear) * photo.full_well_e +
+                   sigma = std::sqrt(std::fmax(0.0, linear - own.black) * photo.full_well_e +
                                      photo.read_noise_e * photo.read_noise_e) /
                            photo.full_well_e;
       double variance = sigma * sigma;
@@ -665,7 +672,8 @@ void PhotoViews::take_pixels(std::size_t k, std::vector<MeasuredPixel>& out) {
 }
 
 /// Means over a pixel's rays.
-PhotoViews::RayLight PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved) const {
+PhotoViews::RayLight PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved,
+                                          const PhotoChain& chain) const {
   const PhotoInput& photo = scene_.photos[k];
   const View& view = views_[k];
   const Lamp lamp(scene_, state_, k);
@@ -690,7 +698,7 @@ PhotoViews::RayLight PhotoViews::light_of(std::size_t k, std::uint32_t at, bool 
         p.lamp = seen_of(tracers_[tracer_of_[k]], p.place + Vec3{0.0, 0.0, kOff_mm}, lamp,
                          lamp.diameter_mm, disc);
       }
-      sum += radiance(p, state_, state_, scene_);
+      sum += chain.radiance(p);
       seen += p.lamp;
     }
   return {sum / (kAcross * kAcross), mean_of(seen, kAcross * kAcross)};
@@ -698,18 +706,19 @@ PhotoViews::RayLight PhotoViews::light_of(std::size_t k, std::uint32_t at, bool 
 
 /// Light anew at the pixels, the pictures around them as they were.
 void PhotoViews::light_pixels() {
+  const PhotoChain chain(state_, state_, scene_);
   if (!same_light(pictured_, state_))
     oneapi::tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
       MeasuredPixel& p = pixels_[i];
       const double was = p.of_rays;
       const RayLight now =
-          light_of(p.photo, p.at, !same_lamp(pictured_, state_, scene_.lamp_of[p.photo]));
+          light_of(p.photo, p.at, !same_lamp(pictured_, state_, scene_.lamp_of[p.photo]), chain);
       p.of_rays = now.light;
       p.lamp = now.lamp;
       const auto by = static_cast<float>(p.of_rays - was);
       for (float& v : p.value) v += by;
       for (float& v : p.value_next) v += by;
-      p.light = radiance(p, state_, state_, scene_);
+      p.light = chain.radiance(p);
     });
   // A picture's mean follows that of its pixels.
   const std::vector<double> now = light_by_photo();
@@ -747,7 +756,10 @@ double PhotoViews::roughness() const {
 
 void PhotoViews::render(const PhotoState& state, Normals normals, bool derivatives) {
   if (!derivatives && rendered_ && normals == normals_ && same_places(pictured_, state) &&
-      pictured_.blur_px2 == state.blur_px2 && pictured_.smear_px2 == state.smear_px2) {
+      std::equal(state.picture.begin(), state.picture.end(), pictured_.picture.begin(),
+                 [](const PictureState& a, const PictureState& b) {
+                   return a.blur_px2 == b.blur_px2 && a.smear_px2 == b.smear_px2;
+                 })) {
     // What was shown before is the start again: steps do not add up.
     state_ = state;
     pixels_ = pictured_pixels_;
@@ -768,13 +780,14 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
         (base > 5.0 ? base * kAbout[k] : kFromPoint[k]) - scene_.photos[0].lamp_diameter_mm;
   pixels_.clear();
   for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
-    const bool lens =
-        first || traced_reach_ < reach() || !(before.camera_mm[k] == state_.camera_mm[k]) ||
-        !(before.camera_rad[k] == state_.camera_rad[k]) || before.focal != state_.focal ||
-        before.radial_1 != state_.radial_1 || before.radial_2 != state_.radial_2;
+    const bool lens = first || traced_reach_ < reach() ||
+                      !same_stand(before.picture[k], state_.picture[k]) ||
+                      before.focal != state_.focal || before.radial_1 != state_.radial_1 ||
+                      before.radial_2 != state_.radial_2;
     if (lens) trace(k);
-    if (lens || !same_lamp(before, state_, scene_.lamp_of[k])) see_lamp(k);
-    take_pixels(k, pixels_);
+    const bool other_sight = lens || !same_lamp(before, state_, scene_.lamp_of[k]);
+    if (other_sight) see_lamp(k);
+    take_pixels(k, other_sight, pixels_);
   }
   traced_ = state_;
   traced_reach_ = std::max(traced_reach_, reach());

@@ -22,6 +22,50 @@ namespace maquette::diagnosis::detail {
           },
           [member](PhotoState& s, double v) { s.*member += v; }};
 }
+/// Photographs that a cause of lens or sensor acts on.
+struct Scope {
+  std::string says;  ///< beside the law
+  std::string key;
+  std::vector<std::size_t> photos;
+};
+/// All; each alone; those under each lamp, where lamps are several and light more than one.
+[[nodiscard]] inline std::vector<Scope> scopes_of(const PhotoScene& scene) {
+  const std::size_t n = scene.photos.size();
+  Scope all{"", "", {}};
+  std::vector<Scope> scopes;
+  for (std::size_t k = 0; k < n; ++k) {
+    all.photos.push_back(k);
+    if (n > 1)
+      scopes.push_back(
+          {", of " + scene.photos[k].image.filename().string(), fmt::format("_{}", k), {k}});
+  }
+  scopes.insert(scopes.begin(), std::move(all));
+  for (std::size_t lamp = 0; scene.lamps > 1 && lamp < scene.lamps; ++lamp) {
+    Scope under{"", fmt::format("_lamp{}", lamp), {}};
+    for (std::size_t k = 0; k < n; ++k)
+      if (scene.lamp_of[k] == lamp) {
+        under.says += (under.photos.empty() ? ", under the lamp of " : ", ") +
+                      scene.photos[k].image.filename().string();
+        under.photos.push_back(k);
+      }
+    if (under.photos.size() > 1) scopes.push_back(std::move(under));
+  }
+  return scopes;
+}
+/// A plain number of those pictures' states.
+[[nodiscard]] inline PhotoParameter number_in(const Scope& scope, const std::string& key,
+                                              std::string name, double step,
+                                              double PictureState::*member) {
+  PhotoParameter p{key + scope.key, std::move(name),
+                   [step](const PhotoState&, const PhotoScene&) {
+                     return std::pair{-step, step};
+                   },
+                   [member, photos = scope.photos](PhotoState& s, double v) {
+                     for (const std::size_t k : photos) s.picture[k].*member += v;
+                   }};
+  if (scope.photos.size() == 1) p.photo = scope.photos.front();
+  return p;
+}
 [[nodiscard]] inline double root(double variance) {
   return std::sqrt(std::fmax(0.0, variance));
 }

@@ -68,6 +68,7 @@ class PhotoViews {
     Grid<Sample> samples;     ///< kAcross x kAcross a pixel
     std::ptrdiff_t step = 1;  ///< of the lattice
     std::vector<std::uint32_t> lattice;
+    std::vector<std::array<SeenLamp, kLampSizes>> lamp_of_size{};  ///< by pixel of the lattice
     /// Is the pixel near enough to one of the lattice to matter?
     [[nodiscard]] bool wanted(std::ptrdiff_t row, std::ptrdiff_t col, std::ptrdiff_t reach) const {
       const auto off = [&](std::ptrdiff_t i) {
@@ -86,7 +87,8 @@ class PhotoViews {
     double light = 0.0;
     SeenLamp lamp;
   };
-  [[nodiscard]] RayLight light_of(std::size_t photo, std::uint32_t at, bool moved) const;
+  [[nodiscard]] RayLight light_of(std::size_t photo, std::uint32_t at, bool moved,
+                                  const PhotoChain& chain) const;
   void look_around();
   void look_around_from(std::size_t photo, PhotoPixel& pixel) const;
   void show(std::size_t photo, const Sample& ray, PhotoPixel& pixel) const;
@@ -95,7 +97,8 @@ class PhotoViews {
   [[nodiscard]] Vec3 normal_at(std::size_t photo, double x, double y) const;
   [[nodiscard]] Grid<float> picture(std::size_t photo, Grid<float>& hits) const;
   void select(std::size_t photo, const Grid<float>& hits);
-  void take_pixels(std::size_t photo, std::vector<MeasuredPixel>& out);
+  /// @param other_sight  the rays' places, or the lamp, are others than before
+  void take_pixels(std::size_t photo, bool other_sight, std::vector<MeasuredPixel>& out);
   [[nodiscard]] std::array<SeenLamp, kLampSizes> lamp_of_sizes(std::size_t photo,
                                                                std::uint32_t at) const;
 

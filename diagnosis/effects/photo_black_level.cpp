@@ -14,8 +14,12 @@ void add_photo_black_level(std::vector<Effect>& all) {
   e.separate_by = "a picture with the cap on the lens";
   e.correction = "subtract the dark picture";
   e.needs = Needs::photograph;
-  e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
-    return {{"added", {number("black", "of_full_scale", 0.002, &PhotoState::black)}}};
+  e.photo_forms = [](const PhotoScene& scene) -> std::vector<PhotoForm> {
+    std::vector<PhotoForm> forms;
+    for (const Scope& scope : scopes_of(scene))
+      forms.push_back({"added" + scope.says,
+                       {number_in(scope, "black", "of_full_scale", 0.002, &PictureState::black)}});
+    return forms;
   };
   all.push_back(std::move(e));
 }

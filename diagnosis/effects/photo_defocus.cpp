@@ -14,10 +14,14 @@ void add_photo_defocus(std::vector<Effect>& all) {
   e.separate_by = "pictures at several focus settings";
   e.correction = "focus; stop down";
   e.needs = Needs::photograph;
-  e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
-    PhotoParameter p = number("blur", "sigma_px", 0.05, &PhotoState::blur_px2);
-    p.shown = root;
-    return {{"the same everywhere", {std::move(p)}, {}, 1}};
+  e.photo_forms = [](const PhotoScene& scene) -> std::vector<PhotoForm> {
+    std::vector<PhotoForm> forms;
+    for (const Scope& scope : scopes_of(scene)) {
+      PhotoParameter p = number_in(scope, "blur", "sigma_px", 0.05, &PictureState::blur_px2);
+      p.shown = root;
+      forms.push_back({"the same everywhere" + scope.says, {std::move(p)}, {}, 1});
+    }
+    return forms;
   };
   all.push_back(std::move(e));
 }

@@ -34,8 +34,10 @@ void add_photo_pose(std::vector<Effect>& all) {
                  return std::pair{-step, step};
                },
                [=](PhotoState& state, double v) {
-                 (turn ? state.camera_rad : state.camera_mm)[k] += along_axis(axis, v);
+                 PictureState& own = state.picture[k];
+                 (turn ? own.camera_rad : own.camera_mm) += along_axis(axis, v);
                }});
+          one.parameters.back().photo = k;
         }
       together.parameters.insert(together.parameters.end(), one.parameters.begin(),
                                  one.parameters.end());

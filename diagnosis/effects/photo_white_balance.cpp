@@ -16,9 +16,12 @@ void add_photo_white_balance(std::vector<Effect>& all) {
   e.needs = Needs::photograph;
   e.photo_forms = [](const PhotoScene& scene) -> std::vector<PhotoForm> {
     if (!scene.colour) return {};
-    return {{"red and blue against green",
-             {number("red", "red_relative", 0.01, &PhotoState::red),
-              number("blue", "blue_relative", 0.01, &PhotoState::blue)}}};
+    std::vector<PhotoForm> forms;
+    for (const Scope& scope : scopes_of(scene))
+      forms.push_back({"red and blue against green" + scope.says,
+                       {number_in(scope, "red", "red_relative", 0.01, &PictureState::red),
+                        number_in(scope, "blue", "blue_relative", 0.01, &PictureState::blue)}});
+    return forms;
   };
   all.push_back(std::move(e));
 }

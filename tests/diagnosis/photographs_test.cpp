@@ -213,8 +213,7 @@ PhotoState nothing() {
   PhotoState s;
   s.lamp_mm.resize(1);
   s.lamp_refocused_mm.resize(1);
-  s.camera_mm.resize(1);
-  s.camera_rad.resize(1);
+  s.picture.resize(1);
   return s;
 }
 
@@ -226,11 +225,11 @@ TEST(PhotoChain, ALambertPlaneFollowsTheInverseSquareOfTheDistance) {
   for (const double x : {-40.0, 0.0, 40.0}) {
     p.place = {x, 0.0, 0.0};
     const double squared = (300.0 - x) * (300.0 - x) + 400.0 * 400.0;
-    EXPECT_NEAR(radiance(p, s, s, scene),
+    EXPECT_NEAR(PhotoChain(s, s, scene).radiance(p),
                 0.3 * 400.0 / std::sqrt(squared) * 500.0 * 500.0 / squared, 1e-12);
   }
   p.place = {-100.0, 300.0, 0.0};  // 45 degrees off a lamp of 56
-  EXPECT_EQ(radiance(p, s, s, scene), 0.0);
+  EXPECT_EQ(PhotoChain(s, s, scene).radiance(p), 0.0);
 }
 
 TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {
@@ -241,7 +240,7 @@ TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {
   p.u = static_cast<float>(f * 30.0 / 495.0);
   p.v = static_cast<float>(f * 20.0 / 495.0);
   PhotoState s = nothing();
-  s.camera_mm[0] = {0.4, 0.0, 0.3};
+  s.picture[0].camera_mm = {0.4, 0.0, 0.3};
   const auto moved = displacement(p, 1, s, scene);
   EXPECT_NEAR(moved[0], f * (29.6 / 495.3 - 30.0 / 495.0), 1e-6);
   EXPECT_NEAR(moved[1], f * (20.0 / 495.3 - 20.0 / 495.0), 1e-6);
@@ -257,13 +256,13 @@ TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {
 
 TEST(PhotoChain, TheSensorsStepsComeInTheirOrder) {
   PhotoState s = nothing();
-  s.exposure = 0.1;
-  s.red = 0.2;
-  s.black = 0.05;
+  s.picture[0].exposure = 0.1;
+  s.picture[0].red = 0.2;
+  s.picture[0].black = 0.05;
   s.gamma = -0.5;
   s.vignette_2 = -0.3;
   s.veil = 0.02;
-  EXPECT_NEAR(exposed(0.4, 0.3, 0.5, 0, s),
+  EXPECT_NEAR(exposed(0.4, 0.3, 0.5, 0, 0, s),
               std::sqrt((0.4 * (1.0 - 0.15) + 0.02 * 0.3) * 1.1 * 1.2 + 0.05), 1e-15);
 }
 

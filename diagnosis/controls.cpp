@@ -128,6 +128,35 @@ std::vector<double> simulated_noise(const std::vector<Observation>& places, std:
   return residual;
 }
 
+void recover(const std::vector<Cause>& injected, const std::vector<Cause>& found, Controls& c) {
+  std::set<std::size_t> used;
+  const auto match = [&](const Cause& wanted, const auto& is) {
+    Controls::Recovery* r = &c.recoveries[static_cast<std::size_t>(&wanted - injected.data())];
+    for (std::size_t k = 0; k < found.size() && r->named_as.empty(); ++k)
+      if (!used.contains(k) && is(found[k])) {
+        const Cause& f = found[k];
+        used.insert(k);
+        r->named_as = f.effect;
+        if (f.effect != wanted.effect) continue;
+        for (const Estimate& e : wanted.parameters)
+          for (const Estimate& back : f.parameters)
+            if (e.name == back.name) r->sizes.push_back({e.name, e.value, back.value, back.sigma});
+      }
+  };
+  for (const Cause& cause : injected) c.recoveries.push_back({cause.effect, "", {}});
+  const auto holds = [](const std::vector<std::string>& names, const std::string& name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  for (const Cause& cause : injected)
+    match(cause, [&](const Cause& f) { return f.effect == cause.effect; });
+  for (const Cause& cause : injected)
+    match(cause, [&](const Cause& f) {
+      return holds(f.equivalent, cause.effect) || holds(cause.equivalent, f.effect);
+    });
+  for (std::size_t k = 0; k < found.size(); ++k)
+    if (!used.contains(k)) c.false_claims.push_back(found[k].effect);
+}
+
 Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64_t seed,
                           const RunContext& run) {
   Controls c;
@@ -190,32 +219,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   for (const Cause& cause : null.causes) c.null_claims.push_back(cause.effect);
   if (d.causes.empty()) return c;
   MAQUETTE_TRY(const Diagnosis back, again(in_residuals, 1.0));
-  std::set<std::size_t> used;
-  const auto match = [&](const Cause& wanted, const auto& is) {
-    Controls::Recovery* r = &c.recoveries[static_cast<std::size_t>(&wanted - d.causes.data())];
-    for (std::size_t k = 0; k < back.causes.size() && r->named_as.empty(); ++k)
-      if (!used.contains(k) && is(back.causes[k])) {
-        const Cause& found = back.causes[k];
-        used.insert(k);
-        r->named_as = found.effect;
-        if (found.effect != wanted.effect) continue;
-        for (const Estimate& e : wanted.parameters)
-          for (const Estimate& f : found.parameters)
-            if (e.name == f.name) r->sizes.push_back({e.name, e.value, f.value, f.sigma});
-      }
-  };
-  for (const Cause& cause : d.causes) c.recoveries.push_back({cause.effect, "", {}});
-  const auto holds = [](const std::vector<std::string>& names, const std::string& name) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  for (const Cause& cause : d.causes)
-    match(cause, [&](const Cause& f) { return f.effect == cause.effect; });
-  for (const Cause& cause : d.causes)
-    match(cause, [&](const Cause& f) {
-      return holds(f.equivalent, cause.effect) || holds(cause.equivalent, f.effect);
-    });
-  for (std::size_t k = 0; k < back.causes.size(); ++k)
-    if (!used.contains(k)) c.false_claims.push_back(back.causes[k].effect);
+  recover(d.causes, back.causes, c);
   return c;
 }
 

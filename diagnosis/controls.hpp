@@ -31,6 +31,10 @@ inline constexpr std::size_t kControlPoints = 40'000;
                                                   const FittedNoise& noise, double every,
                                                   std::uint64_t seed);
 
+/// Which of the injected causes were found, and what else: recoveries and false claims.
+void recover(const std::vector<Cause>& injected, const std::vector<Cause>& found,
+             Controls& controls);
+
 /// @return DIAGNOSIS_UNKNOWN_CAUSE, CORE_CANCELLED
 [[nodiscard]] Result<Controls> controls(const Measurements& measurements,
                                         const Diagnosis& diagnosis, std::uint64_t seed,

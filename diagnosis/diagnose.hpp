@@ -148,6 +148,14 @@ struct Diagnosis {
   Remainder remainder;
   double rms_before = 0.0, rms_after = 0.0, rms_noise = 0.0;
   std::size_t n_report = 0;
+  /// Photographs that had no part in the choice: mean absolute difference of the part's pixels from
+  /// what the simulation expected, /255 of the numbers in the file.
+  struct HeldOut {
+    std::string image;
+    double before = 0.0, after = 0.0;
+    double noise = 0.0;  ///< what noise alone would give
+  };
+  std::vector<HeldOut> held_out;
   Map map;
   std::vector<Dependence> dependences;
   std::vector<std::string> notes;

@@ -41,6 +41,7 @@ struct PhotoInput {
   enum class Law { lambert, lommel_seeliger, lunar_lambert } reflectance = Law::lambert;
   double full_well_e = 50000.0, read_noise_e = 20.0;
   bool as_milled = true;
+  bool held_out = false;  ///< has no part in the choice: it is compared with what was chosen
 };
 
 /// Waves of an albedo map along each side.

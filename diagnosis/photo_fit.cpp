@@ -53,7 +53,14 @@ Eigen::MatrixXd PhotoLinear::sum(const std::vector<int>& sets) const {
 
 PhotoLinear PhotoFit::about(const PhotoMembers& model,
                             const std::vector<const PhotoParameter*>& parameters, bool whole) {
-  views_.render(state_of(model), normals, !parameters.empty() && whole);
+  const PhotoState wanted = state_of(model);
+  const bool sizes =
+      std::any_of(parameters.begin(), parameters.end(), [&](const PhotoParameter* p) {
+        PhotoState changed = wanted;
+        p->add(changed, 1.0);
+        return changed.lamp_diameter_mm != wanted.lamp_diameter_mm;
+      });
+  views_.render(wanted, normals, !parameters.empty() && whole, sizes);
   const PhotoScene& scene = views_.scene();
   const PhotoState& state = views_.state();
   PhotoLinear out;
@@ -251,9 +258,10 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
 void PhotoFit::settle_normals(const PhotoMembers& model) {
   double least = INFINITY;
   Normals better = normals;
-  for (const Normals each : {Normals::smooth, Normals::patches, Normals::facets}) {
+  for (const Normals each :
+       {Normals::smooth, Normals::smoother, Normals::patches, Normals::facets}) {
     normals = each;
-    views_.render(state_of(model), normals);
+    views_.render(state_of(model), normals, true, false);
     if (const double rough = views_.roughness(); rough < least) {
       least = rough;
       better = each;

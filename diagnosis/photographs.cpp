@@ -3,13 +3,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <numbers>
 
 #include <fmt/format.h>
 
+#include "camera/srgb.hpp"
 #include "core/chi_squared.hpp"
 #include "core/median.hpp"
+#include "core/random.hpp"
+#include "diagnosis/controls.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
 #include "diagnosis/detail/photo_remainder.hpp"
@@ -41,8 +45,9 @@ constexpr double kNear = 0.5;
 /// What moves the picture less, rms of full scale over its mean, is not told from what the
 /// rendering itself may be wrong by.
 constexpr double kFloor = 1e-3;
-/// And as a share of what all causes together move.
-constexpr double kFloorShare = 0.12;
+/// And as a share of what the other causes move: by that their own chain may be wrong. What the
+/// sensor does to numbers is simple.
+constexpr double kFloorShare = 0.12, kFloorShareOfSensor = 0.01;
 /// What is smooth over the part and larger than that, of the pictures' mean, is no noise.
 constexpr double kSmooth = 3e-3;
 /// Penumbras narrower than that are not told from shadows' steps between rays, pixels.
@@ -113,6 +118,17 @@ double moved_by(const PhotoLinear& linear, const PhotoMember& member) {
     sum += std::pow(d * static_cast<double>(linear.sigma(i)), 2);
   }
   return std::sqrt(sum / std::fmax(1.0, static_cast<double>(linear.residual.size())));
+}
+
+/// Share of what a member moves (its rms) that the others could not move in its place.
+double own_share(const PhotoLinear& linear, const PhotoMembers& members, std::size_t k) {
+  const Eigen::MatrixXd g = linear.sum(kAll);
+  const auto mine = linear.of(members[k].form);
+  const Eigen::VectorXd v = values_of(members[k]);
+  const double all = v.dot(g(mine, mine) * v);
+  if (!(all > 0.0)) return 1.0;
+  const double own = v.dot(detail::Reduced(g, mine, columns_of(linear, members, k)).a * v);
+  return std::sqrt(std::clamp(own / all, 0.0, 1.0));
 }
 
 /// Search over the library for one case.
@@ -463,11 +479,13 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
                        std::vector<double>& p_values, std::vector<Rejected>& rejected) {
   while (!members.empty()) {
     const PhotoLinear linear = fit.about(members, Search::parameters_of(members));
-    std::vector<double> moved;
-    double together = 0.0;
+    std::vector<double> moved, wrong;
+    double together2 = 0.0;
     for (const PhotoMember& m : members) {
       moved.push_back(moved_by(linear, m));
-      together = std::hypot(together, moved.back());
+      wrong.push_back((m.effect->acts_on == "sensor" ? kFloorShareOfSensor : kFloorShare) *
+                      moved.back());
+      together2 += wrong.back() * wrong.back();
     }
     p_values.clear();
     std::size_t worst = members.size();
@@ -483,8 +501,10 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
       double p = chi_squared_tail(gain, static_cast<int>(members[k].form.parameters.size()));
       if (!(predicted > 0.5 * gain)) p = std::fmax(p, 0.5);
       p_values.push_back(std::fmax(p, 1e-300));
-      const double floor = std::fmax(kFloor * level_of_light, kFloorShare * together);
-      const bool small = !(moved[k] > floor) ||
+      const double floor = std::fmax(kFloor * level_of_light,
+                                     std::sqrt(std::fmax(0.0, together2 - wrong[k] * wrong[k])));
+      const double own = moved[k] * own_share(linear, members, k);
+      const bool small = !(own > floor) ||
                          (members[k].effect->name == "lamp.size" &&
                           fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
                                                   members[k].values[0]) < kPenumbra_px);
@@ -494,9 +514,9 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
       worst = k;
       why = small
                 ? fmt::format(
-                      "moves the picture by {:.4f} / 255 rms, less than the rendering may "
-                      "be wrong by",
-                      255.0 * moved[k])
+                      "moves the picture by {:.4f} / 255 rms that no other does, less than the "
+                      "rendering may be wrong by",
+                      255.0 * own)
                 : fmt::format(
                       "{} gains {:.1f} with {} parameters, {:.1f} as it was fitted on the first",
                       is_map(members[k].form) ? "chosen under one lamp; under the next it"
@@ -554,6 +574,47 @@ double noise_rms(const detail::PhotoViews& views, double factor) {
       n += 1.0;
     }
   return 255.0 * factor * std::sqrt(sum / std::fmax(1.0, n));
+}
+
+/// Held-out photographs beside what two models expect.
+std::vector<Diagnosis::HeldOut> held_out_of(PhotoFit& fit, const PhotoMembers& members,
+                                            double noise_factor) {
+  const PhotoScene& scene = fit.views().scene();
+  std::vector<Diagnosis::HeldOut> all(scene.photos.size());
+  std::vector<double> count(scene.photos.size(), 0.0);
+  const std::size_t channels = fit.views().channels();
+  for (const bool after : {false, true}) {
+    static_cast<void>(fit.about(after ? members : PhotoMembers{}, {}));
+    for (const auto& p : fit.views().pixels()) {
+      const PhotoInput& photo = scene.photos[p.photo];
+      const auto number = [&](double v) {
+        return 255.0 * (photo.srgb ? static_cast<double>(camera::srgb_of_linear(
+                                         static_cast<float>(std::clamp(v, 0.0, 1.0))))
+                                   : v);
+      };
+      for (std::size_t ch = 0; ch < channels; ++ch) {
+        const double expected =
+            exposed(static_cast<double>(p.value[ch]), static_cast<double>(p.mean[ch]),
+                    radius2(p.u, p.v, photo), channels == 1 ? 1 : static_cast<int>(ch), p.photo,
+                    fit.views().state());
+        const double measured = static_cast<double>(p.measured[ch]);
+        Diagnosis::HeldOut& h = all[p.photo];
+        (after ? h.after : h.before) += std::abs(number(measured) - number(expected));
+        if (!after) continue;
+        const double sigma = noise_factor * std::sqrt(static_cast<double>(p.variance[ch]));
+        // Mean absolute value of a normal distribution.
+        h.noise += std::sqrt(2.0 / std::numbers::pi) *
+                   (number(expected + 0.5 * sigma) - number(expected - 0.5 * sigma));
+        count[p.photo] += 1.0;
+      }
+    }
+  }
+  std::vector<Diagnosis::HeldOut> out;
+  for (std::size_t k = 0; k < all.size(); ++k)
+    if (count[k] > 0.0)
+      out.push_back({scene.photos[k].image.filename().string(), all[k].before / count[k],
+                     all[k].after / count[k], all[k].noise / count[k]});
+  return out;
 }
 
 Result<PhotoScene> scene_of(const std::vector<PhotoInput>& photos) {
@@ -622,13 +683,141 @@ Result<PhotoMembers> known_members(const std::vector<KnownCause>& known,
   return members;
 }
 
+/// A search and what it found.
+struct Named {
+  PhotoMembers members;
+  Diagnosis d;
+  double scatter = 1.0;  ///< of neighbouring pixels, over the declared noise
+};
+
+bool knows(const std::vector<KnownCause>& known, const std::string& effect) {
+  return std::any_of(known.begin(), known.end(),
+                     [&](const KnownCause& k) { return k.effect == effect; });
+}
+
+/// @param whole  with maps, dependences and equivalents; else causes and verdict alone
+Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
+                    const detail::Layout& layout, bool noise_known, bool whole,
+                    const RunContext& run) {
+  Named out;
+  Diagnosis& d = out.d;
+  d.unit = "/ 255";
+  const detail::PhotoViews& views = fit.views();
+  const PhotoLinear before = fit.about({}, {});
+  d.rms_before = rms_of(before, kReport, &d.n_report);
+  double light = 0.0;
+  for (const auto& p : views.pixels()) light += static_cast<double>(p.measured[0]);
+  light /= static_cast<double>(views.pixels().size());
+  const auto first_pixels = views.pixels();
+  Search search(fit, candidates, light);
+
+  PhotoMembers& members = out.members;
+  members = search.choose(d.ranking, run);
+  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  run.progress(0.6);
+  std::vector<double> p_values;
+  members = confirmed(std::move(members), search, fit, light, p_values, d.rejected);
+  run.progress(0.7);
+
+  const PhotoLinear after = fit.about(members, Search::parameters_of(members));
+  d.rms_after = rms_of(after, kReport, nullptr);
+  const auto scatter = detail::scatter_of(views);
+  out.scatter = scatter.factor;
+  d.rms_noise = noise_rms(views, scatter.factor);
+  if (whole) detail::show_photographs(before, first_pixels, after, views, layout, d);
+  d.remainder =
+      detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
+  std::vector<double> gains(members.size(), 0.0);
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    Cause c;
+    const PhotoMember& m = members[k];
+    c.effect = m.effect->name;
+    c.law = m.form.law;
+    c.parameters = sizes_of(after, fit, members, k);
+    c.fixed = m.form.fixed;
+    for (std::size_t i = 0; i < m.values.size(); ++i)
+      c.raw.emplace_back(m.form.parameters[i].key, m.values[i]);
+    c.separate_by = m.effect->separate_by;
+    c.p_value = p_values[k];
+    d.causes.push_back(std::move(c));
+  }
+  for (std::size_t k = 0; whole && k < members.size(); ++k) {
+    d.causes[k].equivalent = search.equivalents(members, k, gains[k], d.rejected);
+    run.progress(0.7 + 0.3 * static_cast<double>(k + 1) / static_cast<double>(members.size()));
+  }
+  double all = 1e-300;
+  for (const double g : gains) all += std::fmax(0.0, g);
+  for (std::size_t k = 0; k < members.size(); ++k)
+    d.causes[k].share = std::clamp(gains[k] / all, 0.0, 1.0);
+
+  // Structure without a name scatters neighbours, too.
+  if (!noise_known && !d.remainder.found &&
+      std::abs(scatter.factor - 1.0) > kScatterOff + 4.0 * scatter.sigma) {
+    Cause c;
+    const Effect* effect = find_effect("photo.noise");
+    c.effect = effect->name;
+    c.law = "scatter of neighbouring pixels";
+    c.parameters = {{"factor", scatter.factor, scatter.sigma}};
+    c.raw = {{"factor", scatter.factor}};
+    c.separate_by = effect->separate_by;
+    c.p_value = std::fmax(
+        1e-300, std::erfc((std::abs(scatter.factor - 1.0) - kScatterOff) / scatter.sigma));
+    d.causes.push_back(std::move(c));
+  }
+  d.verdict = d.causes.empty()    ? (d.remainder.found ? "unexplained" : "consistent")
+              : d.remainder.found ? "partly_explained"
+                                  : "explained";
+  return out;
+}
+
+/// The same search on pictures simulated from what was found. @post `views` show these
+Result<Controls> controls_of(detail::PhotoViews& views, const PhotoFit& fit, const Named& found,
+                             const std::vector<Candidate>& candidates, const detail::Layout& layout,
+                             bool noise_known, std::uint64_t seed, const RunContext& run) {
+  Controls c;
+  RunContext part_of_it = run;
+  views.simulate(fit.state_of(found.members), fit.normals, found.scatter, mix64(seed));
+  c.points = views.pixels().size();
+  noise_known |= std::any_of(found.d.causes.begin(), found.d.causes.end(),
+                             [](const Cause& cause) { return cause.effect == "photo.noise"; });
+  for (const bool recovery : {false, true}) {
+    if (recovery && found.members.empty()) break;
+    PhotoFit again(views, layout);
+    again.normals = fit.normals;
+    again.known = fit.known;
+    std::vector<Candidate> rest = candidates;
+    if (!recovery) {
+      again.known.insert(again.known.end(), found.members.begin(), found.members.end());
+      for (const PhotoMember& m : found.members)
+        std::erase_if(rest, [&](const Candidate& k) { return k.effect == m.effect; });
+    }
+    part_of_it.progress = [&](double done) {
+      run.progress(recovery ? 0.7 + 0.3 * done : 0.6 + 0.1 * done);
+    };
+    MAQUETTE_TRY(const Named back, named(again, rest, layout, noise_known, false, part_of_it));
+    if (recovery) {
+      std::vector<Cause> injected = found.d.causes;
+      injected.resize(found.members.size());  // without the scatter's
+      recover(injected, back.d.causes, c);
+    } else {
+      c.null_verdict = back.d.verdict;
+      for (const Cause& cause : back.d.causes) c.null_claims.push_back(cause.effect);
+    }
+  }
+  return c;
+}
+
 }  // namespace
 
 Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<PhotoInput>& photos,
-                                       const RunContext& run) {
-  Diagnosis d;
-  d.unit = "/ 255";
+                                       bool with_controls, const RunContext& run) {
   MAQUETTE_TRY(PhotoScene scene, scene_of(photos));
+  const auto held =
+      std::count_if(photos.begin(), photos.end(), [](const PhotoInput& p) { return p.held_out; });
+  if (held == std::ssize(photos))
+    return fail(kPhotograph, fmt::format("{}: all photographs have held_out = true; leave at least "
+                                         "one to choose by",
+                                         photos.front().image.string()));
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(part.design));
   std::vector<detail::Photograph> taken;
   bool milled = false;
@@ -655,6 +844,8 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
   run.progress(0.05);
 
   const auto layout = detail::lay_out(scene.box, part.seed);
+  std::vector<detail::Photograph> shown_later;
+  if (held > 0) shown_later = taken;
   detail::PhotoViews views(scene, std::move(taken), surfaces);
   PhotoFit fit(views, layout);
   auto candidates = candidates_of(scene);
@@ -672,76 +863,34 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
                             views.pixels().size(), kLeastPixels));
   run.progress(0.2);
 
-  const PhotoLinear before = fit.about({}, {});
-  d.rms_before = rms_of(before, kReport, &d.n_report);
-  double light = 0.0;
-  for (const auto& p : views.pixels()) light += static_cast<double>(p.measured[0]);
-  light /= static_cast<double>(views.pixels().size());
-  const auto first_pixels = views.pixels();
-  Search search(fit, std::move(candidates), light);
-
-  PhotoMembers members = search.choose(d.ranking, run);
-  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
-  run.progress(0.7);
-  std::vector<double> p_values;
-  members = confirmed(std::move(members), search, fit, light, p_values, d.rejected);
-  run.progress(0.8);
-
-  const PhotoLinear after = fit.about(members, Search::parameters_of(members));
-  d.rms_after = rms_of(after, kReport, nullptr);
-  const auto scatter = detail::scatter_of(views);
-  d.rms_noise = noise_rms(views, scatter.factor);
-  detail::show_photographs(before, first_pixels, after, views, layout, d);
-  d.remainder =
-      detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
-  std::vector<double> gains(members.size(), 0.0);
-  std::vector<std::vector<Estimate>> sizes;
-  for (std::size_t k = 0; k < members.size(); ++k)
-    sizes.push_back(sizes_of(after, fit, members, k));
-  for (std::size_t k = 0; k < members.size(); ++k) {
-    Cause c;
-    const PhotoMember& m = members[k];
-    c.effect = m.effect->name;
-    c.law = m.form.law;
-    c.parameters = sizes[k];
-    c.fixed = m.form.fixed;
-    for (std::size_t i = 0; i < m.values.size(); ++i)
-      c.raw.emplace_back(m.form.parameters[i].key, m.values[i]);
-    c.separate_by = m.effect->separate_by;
-    c.p_value = p_values[k];
-    c.equivalent = search.equivalents(members, k, gains[k], d.rejected);
-    d.causes.push_back(std::move(c));
-    run.progress(0.8 + 0.18 * static_cast<double>(k + 1) / static_cast<double>(members.size()));
+  RunContext part_of_it = run;
+  part_of_it.progress = [&](double done) {
+    run.progress(0.2 + (with_controls ? 0.4 : 0.75) * done);
+  };
+  const bool noise_known = knows(part.known, "photo.noise");
+  MAQUETTE_TRY(Named found, named(fit, candidates, layout, noise_known, true, part_of_it));
+  Diagnosis& d = found.d;
+  if (held > 0) {
+    detail::PhotoViews others(scene, std::move(shown_later), surfaces, true);
+    PhotoFit expected(others, layout);
+    expected.known = fit.known;
+    expected.normals = fit.normals;
+    d.held_out = held_out_of(expected, found.members, found.scatter);
   }
-  double all = 1e-300;
-  for (const double g : gains) all += std::fmax(0.0, g);
-  for (std::size_t k = 0; k < members.size(); ++k)
-    d.causes[k].share = std::clamp(gains[k] / all, 0.0, 1.0);
-
-  if (std::abs(scatter.factor - 1.0) > kScatterOff + 4.0 * scatter.sigma) {
-    Cause c;
-    const Effect* effect = find_effect("photo.noise");
-    c.effect = effect->name;
-    c.law = "scatter of neighbouring pixels";
-    c.parameters = {{"factor", scatter.factor, scatter.sigma}};
-    c.raw = {{"factor", scatter.factor}};
-    c.separate_by = effect->separate_by;
-    c.p_value = std::fmax(
-        1e-300, std::erfc((std::abs(scatter.factor - 1.0) - kScatterOff) / scatter.sigma));
-    if (std::none_of(part.known.begin(), part.known.end(),
-                     [&](const KnownCause& k) { return k.effect == c.effect; }))
-      d.causes.push_back(std::move(c));
+  const std::map<detail::Normals, const char*> kinds{
+      {detail::Normals::smooth, "smooth between nodes"},
+      {detail::Normals::smoother, "smooth between nodes, of fourth order"},
+      {detail::Normals::patches, "those of bilinear patches"},
+      {detail::Normals::facets, "those of facets"}};
+  d.notes.push_back(
+      fmt::format("photographs: slopes of the surface are {}", kinds.at(fit.normals)));
+  if (with_controls) {
+    MAQUETTE_TRY(d.controls,
+                 controls_of(views, fit, found, candidates, layout, noise_known, part.seed, run));
+    if (!d.controls->passed()) d.notes.push_back("a control did not pass: see the report");
   }
-  d.verdict = d.causes.empty()    ? (d.remainder.found ? "unexplained" : "consistent")
-              : d.remainder.found ? "partly_explained"
-                                  : "explained";
-  d.notes.push_back(fmt::format("photographs: slopes of the surface are {}",
-                                fit.normals == detail::Normals::smooth ? "smooth between nodes"
-                                : fit.normals == detail::Normals::patches
-                                    ? "those of bilinear patches"
-                                    : "those of facets"));
   run.progress(1.0);
-  return d;
+  return std::move(d);
 }
 
 }  // namespace maquette::diagnosis

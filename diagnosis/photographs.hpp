@@ -37,10 +37,13 @@ namespace maquette::diagnosis {
 inline constexpr ErrorCode kPhotograph{"DIAGNOSIS_PHOTO"};
 
 /// @param part  design and programs, as for scans
+/// @param with_controls  the same on pictures simulated from what was found: with it in the model
+///   (nothing may be named), and without (it must come back); twice the time
 /// @return DIAGNOSIS_PHOTO: a picture that is not as stated, or shows too little of the surface;
 ///   errors of the readers; CORE_CANCELLED
 [[nodiscard]] Result<Diagnosis> diagnose_photographs(const CaseInput& part,
                                                      const std::vector<PhotoInput>& photos,
+                                                     bool with_controls,
                                                      const RunContext& run = {});
 
 }  // namespace maquette::diagnosis

@@ -279,7 +279,18 @@ std::string to_html(const Diagnosis& d) {
       "before, {:.4f} after; noise alone gives {:.4f}.</p>",
       d.n_report, d.unit == "mm" ? "points" : "pixels", d.rms_before, d.unit, d.rms_after,
       d.rms_noise);
-  s += bars(d) + "<h2>Where</h2>" + maps(d.map, !d.causes.empty(), d.unit);
+  s += bars(d);
+  if (!d.held_out.empty()) {
+    s += "<h2>Photographs held out</h2><p>They had no part in the choice. Mean absolute difference "
+         "of "
+         "the part's pixels from what was expected, / 255.</p><table><tr><th>photograph</th>"
+         "<th>before</th><th>after</th><th>of noise</th></tr>";
+    for (const Diagnosis::HeldOut& h : d.held_out)
+      s += fmt::format("<tr><td>{}</td><td>{:.2f}</td><td>{:.2f}</td><td>{:.2f}</td></tr>",
+                       markup_escaped(h.image), h.before, h.after, h.noise);
+    s += "</table>";
+  }
+  s += "<h2>Where</h2>" + maps(d.map, !d.causes.empty(), d.unit);
   s += "<h2>What the residual depends on</h2><p>Red before, blue after; bars: two standard errors "
        "of white noise.</p><div class=\"plots\">";
   for (const Dependence& p : d.dependences) s += plot_svg(p, d.unit);

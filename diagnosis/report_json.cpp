@@ -34,6 +34,11 @@ std::string to_json(const Diagnosis& d) {
                {"rms_expected_from_noise", d.rms_noise},
                {"n_confirm", d.n_report},
                {"data", "blocks never used for the choice"}};
+  for (const Diagnosis::HeldOut& h : d.held_out)
+    j["held_out"].push_back({{"image", h.image},
+                             {"mean_absolute_difference_before_255", h.before},
+                             {"mean_absolute_difference_after_255", h.after},
+                             {"from_noise_255", h.noise}});
   j["residual_after"] = {{"morans_i", d.remainder.morans_i},
                          {"p_white", d.remainder.p_white},
                          {"unexplained_share", d.remainder.found ? d.remainder.share : 0.0},

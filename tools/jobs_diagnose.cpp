@@ -65,6 +65,7 @@ std::vector<diagnosis::PhotoInput> photographs_of(const Case& c) {
     o.full_well_e = p.full_well_e;
     o.read_noise_e = p.read_noise_e;
     o.as_milled = p.surface == "as_milled";
+    o.held_out = p.held_out;
   }
   return all;
 }
@@ -109,9 +110,8 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
   }
   const bool with_photographs = !c->photos.empty();
   if (with_photographs) {
-    MAQUETTE_TRY(pictures, diagnosis::diagnose_photographs(input, photographs_of(*c), run));
-    if (with_controls)
-      pictures.notes.push_back("controls are those of scans and probes: photographs have none");
+    MAQUETTE_TRY(pictures,
+                 diagnosis::diagnose_photographs(input, photographs_of(*c), with_controls, run));
   }
   std::error_code ec;
   fs::create_directories(folder, ec);

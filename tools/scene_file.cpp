@@ -190,6 +190,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"full_well_e", &p.full_well_e, "", 1, 1e9});
     e.add({"read_noise_e", &p.read_noise_e, "", 0, 1e6});
     e.add({"surface", &p.surface, "", -kInf, kInf, {"design", "as_milled"}});
+    e.add({"held_out", &p.held_out, "has no part in the diagnosis: compared with what was found"});
     return e;
   });
   MAQUETTE_TRY_VOID(t.read(path));

@@ -91,6 +91,7 @@ struct CasePhoto {
   Quaternion camera_quaternion_wxyz;
   double lamp_diameter_mm = 0.0, lamp_beam_deg = 56.0, exposure_scale = 1.0, albedo = 0.3,
          full_well_e = 50000.0, read_noise_e = 20.0;
+  bool held_out = false;
 };
 /// One case file serves every verb: what a verb has no use for (deviate none for
 /// probes and photographs) is still checked, so that a typing error never waits.

@@ -68,10 +68,10 @@ class PhotoFit {
   [[nodiscard]] double over_of(const PhotoLinear& linear, const Eigen::VectorXf& residual,
                                Eigen::Index column) const;
   [[nodiscard]] const PhotoViews& views() const { return views_; }
-
- private:
+  /// What is declared with the known and these causes.
   [[nodiscard]] PhotoState state_of(const PhotoMembers& members) const;
 
+ private:
   PhotoViews& views_;
   const Layout& layout_;
 };

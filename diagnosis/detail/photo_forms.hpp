@@ -35,20 +35,22 @@ struct Scope {
   std::vector<Scope> scopes;
   for (std::size_t k = 0; k < n; ++k) {
     all.photos.push_back(k);
-    if (n > 1)
+    if (n > 1 && !scene.photos[k].held_out)
       scopes.push_back(
           {", of " + scene.photos[k].image.filename().string(), fmt::format("_{}", k), {k}});
   }
   scopes.insert(scopes.begin(), std::move(all));
   for (std::size_t lamp = 0; scene.lamps > 1 && lamp < scene.lamps; ++lamp) {
     Scope under{"", fmt::format("_lamp{}", lamp), {}};
+    std::size_t seen = 0;
     for (std::size_t k = 0; k < n; ++k)
       if (scene.lamp_of[k] == lamp) {
         under.says += (under.photos.empty() ? ", under the lamp of " : ", ") +
                       scene.photos[k].image.filename().string();
         under.photos.push_back(k);
+        seen += scene.photos[k].held_out ? 0U : 1U;
       }
-    if (under.photos.size() > 1) scopes.push_back(std::move(under));
+    if (seen > 1) scopes.push_back(std::move(under));
   }
   return scopes;
 }

@@ -26,8 +26,8 @@ struct Photograph {
 [[nodiscard]] Result<Photograph> read_photograph(const PhotoInput& photo);
 
 /// Slope of the surface between its nodes: of the two triangles of a cell, of a bilinear patch, or
-/// linear between slopes at the nodes.
-enum class Normals { facets, patches, smooth };
+/// linear between slopes at the nodes: central differences, or of fourth order.
+enum class Normals { facets, patches, smooth, smoother };
 
 /// A pixel with what was measured there.
 struct MeasuredPixel : PhotoPixel {
@@ -41,13 +41,19 @@ struct MeasuredPixel : PhotoPixel {
 class PhotoViews {
  public:
   /// `surfaces` by photograph; keeps references.
+  /// @param held_out  shows those that are held out, else the others
   PhotoViews(const PhotoScene& scene, std::vector<Photograph> photographs,
-             std::vector<const heightmap::ModelField*> surfaces);
+             std::vector<const heightmap::ModelField*> surfaces, bool held_out = false);
 
   /// Renders all photographs in a state. @post pixels() and scene().lamp_sizes_mm are of it
   /// @param derivatives  false: where only light and sensor differ from what was rendered last,
   ///   pixels alone are, their derivatives and what they see of lamps of other sizes stay
-  void render(const PhotoState& state, Normals normals, bool derivatives = true);
+  /// @param lamp_sizes  with what pixels see of lamps of other sizes
+  void render(const PhotoState& state, Normals normals, bool derivatives = true,
+              bool lamp_sizes = true);
+  /// Puts what a state gives, with noise as declared times a factor, in the place of what was
+  /// measured at the pixels. @post rendered in that state
+  void simulate(const PhotoState& state, Normals normals, double noise_factor, std::uint64_t seed);
   /// Robust spread of differences between neighbouring pixels, measured less rendered: of noise,
   /// and of what the surface between its nodes is taken for.
   [[nodiscard]] double roughness() const;
@@ -68,7 +74,8 @@ class PhotoViews {
     Grid<Sample> samples;     ///< kAcross x kAcross a pixel
     std::ptrdiff_t step = 1;  ///< of the lattice
     std::vector<std::uint32_t> lattice;
-    std::vector<std::array<SeenLamp, kLampSizes>> lamp_of_size{};  ///< by pixel of the lattice
+    std::vector<std::array<SeenLamp, kLampSizes>>
+        lamp_of_size{};  ///< by pixel of the lattice; empty: not known
     /// Is the pixel near enough to one of the lattice to matter?
     [[nodiscard]] bool wanted(std::ptrdiff_t row, std::ptrdiff_t col, std::ptrdiff_t reach) const {
       const auto off = [&](std::ptrdiff_t i) {
@@ -80,6 +87,7 @@ class PhotoViews {
     }
   };
 
+  void take_slopes();
   void trace(std::size_t photo);
   void see_lamp(std::size_t photo);
   void light_pixels();
@@ -97,20 +105,25 @@ class PhotoViews {
   [[nodiscard]] Vec3 normal_at(std::size_t photo, double x, double y) const;
   [[nodiscard]] Grid<float> picture(std::size_t photo, Grid<float>& hits) const;
   void select(std::size_t photo, const Grid<float>& hits);
-  /// @param other_sight  the rays' places, or the lamp, are others than before
-  void take_pixels(std::size_t photo, bool other_sight, std::vector<MeasuredPixel>& out);
+  void take_pixels(std::size_t photo, bool lamp_sizes, std::vector<MeasuredPixel>& out);
   [[nodiscard]] std::array<SeenLamp, kLampSizes> lamp_of_sizes(std::size_t photo,
                                                                std::uint32_t at) const;
 
+  [[nodiscard]] bool shows(std::size_t photo) const {
+    return scene_.photos[photo].held_out == held_out_;
+  }
+
   PhotoScene scene_;
+  bool held_out_;
   std::vector<Photograph> photographs_;
   std::vector<const heightmap::ModelField*> surfaces_;
   std::vector<std::size_t> tracer_of_;
   std::vector<heightmap::FieldTracer> tracers_;
   struct Slopes {
-    Grid<float> x, y;  ///< central differences at nodes
+    Grid<float> x, y;  ///< at nodes
   };
-  std::vector<Slopes> slopes_;
+  std::vector<Slopes> slopes_;  ///< by tracer
+  std::optional<Normals> slopes_of_;
   Grid<float> sky_;
   std::vector<Grid<float>> bounce_, bounce_all_;  ///< by lamp
   double around_step_mm_ = 1.0;

@@ -18,6 +18,7 @@ void add_photo_pose(std::vector<Effect>& all) {
     std::vector<PhotoForm> forms;
     PhotoForm together{"of every picture", {}, {}, 0};
     for (std::size_t k = 0; k < scene.photos.size(); ++k) {
+      if (scene.photos[k].held_out) continue;
       PhotoForm one{"of " + scene.photos[k].image.filename().string(), {}, {}, 0};
       // A step that moves the picture by a fifth of a pixel.
       const PhotoInput& photo = scene.photos[k];

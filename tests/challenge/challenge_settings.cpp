@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <random>
+#include <sstream>
 #include <thread>
 #include <utility>
 
@@ -68,10 +69,13 @@ std::vector<std::string> effects_of(const CommonSettings& s, const std::string& 
   std::mt19937_64 draw(seed_of(s, kind, i));
   const std::size_t hide = kind == "null" ? 0 : kind == "double" ? 2 : kind == "triple" ? 3 : 1;
   std::vector<std::string> effects;
+  std::istringstream list(s.effect);  // a + b
   while (effects.size() < hide) {
     std::string name =
         names[in_turn ? static_cast<std::size_t>(i) % names.size() : draw() % names.size()];
-    if (!s.effect.empty() && effects.empty()) name = s.effect;
+    std::string given;
+    std::getline(list, given, '+');
+    if (!given.empty()) name = given;
     if (std::find(effects.begin(), effects.end(), name) == effects.end())
       effects.push_back(std::move(name));
   }

@@ -113,7 +113,7 @@ void write_design(const Field& design, const std::filesystem::path& file) {
     throw std::runtime_error(done.error().message);
 }
 
-std::string case_text(const PhotoWorld& w) {
+std::string case_text(const PhotoWorld& w, int held_out) {
   std::string toml = "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\n";
   for (int k = 0; k < kPhotos; ++k) {
     const Photo& p = w.photos[static_cast<std::size_t>(k)];
@@ -133,6 +133,7 @@ std::string case_text(const PhotoWorld& w) {
         "surface = \"design\"\n",
         2 * p.lamp.beam_half * 180 / kPi, p.lamp.scale, w.paint.albedo, p.sensor.full_well_e,
         p.sensor.read_noise_e);
+    if (k >= kPhotos - held_out) toml += "held_out = true\n";
   }
   return toml;
 }
@@ -221,7 +222,7 @@ std::vector<PhotoHidden> make_photo_case(const PhotoOptions& options,
     expose(world.photos[static_cast<std::size_t>(k)].sensor, picture, options.seed * 31 + 7, k);
     write_picture(picture, folder / fmt::format("photo_{}.exr", k + 1));
   }
-  std::ofstream(folder / "case.toml") << case_text(declared);
+  std::ofstream(folder / "case.toml") << case_text(declared, options.held_out);
   nlohmann::ordered_json truth{{"schema", "maquette.photo_truth/1"}, {"seed", options.seed}};
   truth["effects"] = nlohmann::ordered_json::array();
   for (const PhotoHidden& h : hidden) {

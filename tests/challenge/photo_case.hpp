@@ -32,6 +32,7 @@ struct PhotoOptions {
   std::vector<double> sizes;  ///< of each effect, besides; empty: 1
   Relief::Between between = Relief::Between::bilinear;
   int width = 1024, height = 768;
+  int held_out = 0;   ///< the last ones
   bool weigh = true;  ///< PhotoHidden's weights: a tenth more time
 };
 

@@ -11,6 +11,7 @@
 #include <ctime>
 #include <fstream>
 #include <mutex>
+#include <sstream>
 
 #include <fmt/format.h>
 
@@ -21,11 +22,13 @@
 namespace challenge {
 namespace {
 
-constexpr double kOver = 5.0;  // limits that a cause has to be found at
+constexpr double kHeldOut_255 = 3.0;  // mean absolute difference that a photograph may keep
+constexpr double kOver = 5.0;         // limits that a cause has to be found at
 
 struct Settings : CommonSettings {
   bool write_only = false;
-  int width = 1024;
+  int width = 1024, held_out = 0;
+  std::vector<double> sizes;
   double size = 1.0;
   Relief::Between between = Relief::Between::bilinear;
 };
@@ -42,6 +45,8 @@ PhotoOptions options_of(const Settings& settings, const std::string& kind, int i
   PhotoOptions o;
   o.seed = seed_of(settings, kind, i);
   o.size = settings.size;
+  o.held_out = settings.held_out;
+  o.sizes = settings.sizes;
   o.between = settings.between;
   o.width = settings.width;
   o.height = settings.width * 3 / 4;
@@ -114,7 +119,7 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     return;
   }
   const Ran ran =
-      run(fmt::format("'{}' diagnose '{}' --out '{}' --json --quiet{} > '{}' 2> '{}'",
+      run(fmt::format("'{}' diagnose '{}' --out '{}' --json --quiet --no-controls{} > '{}' 2> '{}'",
                       settings.program, (folder / "case.toml").string(), (folder / "out").string(),
                       settings.jobs > 1 ? " --threads 1" : "", (folder / "said.json").string(),
                       (folder / "log").string()));
@@ -131,8 +136,15 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     ++tally.result[row].cases;
     return;
   }
-  const Verdict v = judge(kind, names, j, tally.confusion);
+  Verdict v = judge(kind, names, j, tally.confusion);
   std::string sizes;
+  if (j.contains("held_out"))
+    for (const auto& h : j["held_out"]) {
+      const double after = h.at("mean_absolute_difference_after_255");
+      sizes += fmt::format(" {}: {:.2f} -> {:.2f}/255", h.at("image").get<std::string>(),
+                           h.at("mean_absolute_difference_before_255").get<double>(), after);
+      v.right &= after <= kHeldOut_255;
+    }
   for (const PhotoHidden& h : hidden)
     for (const auto& [name, value] : h.parameters)
       sizes += compare_size(j, h.effect, name, value, tally.sizes);
@@ -153,6 +165,11 @@ bool read(const std::vector<std::string>& words, Settings& s) {
       s.size = std::stod(v);
     else if (a == "--width")
       s.width = std::max(64, std::stoi(v));
+    else if (a == "--sizes") {  // of each effect: 3+1
+      std::istringstream list(v);
+      for (std::string size; std::getline(list, size, '+');) s.sizes.push_back(std::stod(size));
+    } else if (a == "--held-out")
+      s.held_out = std::clamp(std::stoi(v), 0, kPhotos - 1);
     else if (a == "--between" && v == "bilinear")
       s.between = Relief::Between::bilinear;
     else if (a == "--between" && v == "triangles")
@@ -178,7 +195,9 @@ int run_photos(int argc, char** argv) {
     std::puts(
         "usage: challenge --photo MAQUETTE [--null N] [--single N] [--double N] [--triple N] "
         "[--outside N] [--full] [--seed S] [--from N] [--only I] [--effect NAME] [--size-factor X] "
-        "[--between bilinear|triangles|smooth] [--width PX] [--jobs N] [--keep FOLDER] "
+        "[--sizes X+X] "
+        "[--between bilinear|triangles|smooth] [--width PX] [--held-out N] [--jobs N] [--keep "
+        "FOLDER] "
         "[--write-only] [--picture FILE] [--strict] [--all-right]");
     return 2;
   }

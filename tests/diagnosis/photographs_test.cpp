@@ -134,7 +134,7 @@ double as_it_is(double v, int) {
 TEST(Photographs, NothingIsClaimedWhereNothingIs) {
   Pictures p;
   take(p, light, as_it_is);
-  const auto d = diagnose_photographs(p.part, p.photos);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(d, Succeeds());
   EXPECT_EQ(d->verdict, "consistent") << ::testing::PrintToString(names_of(*d));
   // What is left is noise: mean of the pixels' declared variances, and a fifth of it for slopes
@@ -145,7 +145,7 @@ TEST(Photographs, NothingIsClaimedWhereNothingIs) {
 TEST(Photographs, WhiteBalanceIsNamedWithItsSize) {
   Pictures p;
   take(p, light, [](double v, int ch) { return v * (ch == 0 ? 1.05 : ch == 2 ? 0.96 : 1.0); });
-  const auto d = diagnose_photographs(p.part, p.photos);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(d, Succeeds());
   ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.white_balance"});
   // 26 000 pixels of 1 % noise: 6e-5; a thousandth for what slopes between nodes change.
@@ -154,12 +154,55 @@ TEST(Photographs, WhiteBalanceIsNamedWithItsSize) {
   EXPECT_LT(d->rms_after, 1.2 * d->rms_noise);
 }
 
+TEST(Photographs, WhatWasFoundHoldsForAPictureThatHadNoPart) {
+  Pictures p;
+  take(p, light, [](double v, int ch) { return v * (ch == 0 ? 1.05 : ch == 2 ? 0.96 : 1.0); });
+  p.photos[1].held_out = true;
+  const auto d = diagnose_photographs(p.part, p.photos, true);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.white_balance"});
+  ASSERT_EQ(d->held_out.size(), 1U);
+  EXPECT_EQ(d->held_out[0].image, "photo_1.exr");
+  // 5 % and 4 % of two of three channels, of a level of 0.3 to 0.45.
+  EXPECT_GT(d->held_out[0].before, 2.0);
+  // Slopes between nodes add a fifth to the noise, as above.
+  EXPECT_LT(d->held_out[0].after, 1.2 * d->held_out[0].noise);
+  ASSERT_TRUE(d->controls.has_value());
+  EXPECT_TRUE(d->controls->passed());
+  ASSERT_EQ(d->controls->recoveries.size(), 1U);
+  ASSERT_EQ(d->controls->recoveries[0].sizes.size(), 2U);
+  for (const auto& size : d->controls->recoveries[0].sizes)
+    EXPECT_NEAR(size.found, size.injected, 4.0 * size.sigma) << size.parameter;
+}
+
+TEST(Photographs, AnExposureOfOnePictureIsItsOwn) {
+  Pictures p;
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, u, v) * (of.image.filename() == "photo_2.exr" ? 0.93 : 1.0);
+      },
+      as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.exposure"});
+  EXPECT_EQ(d->causes[0].law, "factor, of photo_2.exr");
+  EXPECT_NEAR(d->causes[0].parameters[0].value, -0.07, 1e-3);
+}
+
+TEST(Photographs, AllHeldOutIsRefused) {
+  Pictures p;
+  take(p, light, as_it_is);
+  for (PhotoInput& of : p.photos) of.held_out = true;
+  EXPECT_THAT(diagnose_photographs(p.part, p.photos, false), FailsWith(kPhotograph));
+}
+
 TEST(Photographs, AFocalLengthIsNoPose) {
   Pictures p;
   take(
       p, [](const PhotoInput& of, double u, double v) { return light(of, u / 1.01, v / 1.01); },
       as_it_is);
-  const auto d = diagnose_photographs(p.part, p.photos);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(d, Succeeds());
   ASSERT_EQ(d->causes.size(), 1U) << ::testing::PrintToString(names_of(*d));
   // From above a shorter way is hardly another focal length: one of the two, the other beside it.
@@ -172,7 +215,7 @@ TEST(Photographs, AFocalLengthIsNoPose) {
 TEST(Photographs, NoiseThatIsNotAsStatedIsNamed) {
   Pictures p;
   take(p, light, as_it_is, 1.5);
-  const auto d = diagnose_photographs(p.part, p.photos);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(d, Succeeds());
   ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.noise"});
   EXPECT_NEAR(d->causes[0].parameters[0].value, 1.5, 0.05);
@@ -182,7 +225,7 @@ TEST(Photographs, APictureOfAnotherSizeIsRefused) {
   Pictures p;
   take(p, light, as_it_is);
   p.photos[1].width_px = 128;
-  const auto d = diagnose_photographs(p.part, p.photos);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(d, FailsWith(kPhotograph));
   EXPECT_NE(d.error().message.find("photo_1.exr"), std::string::npos) << d.error().message;
 }
@@ -192,7 +235,7 @@ TEST(Photographs, ACameraThatLooksElsewhereIsRefused) {
   take(p, light, as_it_is);
   for (PhotoInput& of : p.photos)
     of.model_from_camera = rotation_about({1.0, 0.0, 0.0}, std::numbers::pi);  // upwards
-  const auto d = diagnose_photographs(p.part, p.photos);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
   EXPECT_THAT(d, FailsWith(kPhotograph));
 }
 

@@ -63,6 +63,14 @@ class Eye {
       }
       s.value /= 4;
       s.edge = lit > 0 && lit < 4;
+      // A place that sees nearly all of the lamp, or nearly none, is to be looked at again like the
+      // rest of the penumbra: else its first points' luck would stand, and penumbras end too soon.
+      for (int k = 0; k < 6 && !s.edge; ++k) {
+        const double radius = 0.5 * lamp_.diameter, angle = kPi * k / 3;
+        const Vec3 rim =
+            lamp_.place + radius * std::cos(angle) * disc_[0] + radius * std::sin(angle) * disc_[1];
+        s.edge = (dot(rim - place, n) > 0 && relief.sees(above, rim)) != (lit > 0);
+      }
     } else {
       point(lamp_.place);
     }

@@ -289,8 +289,9 @@ TEST(PhotoRender, PenumbraIsAsWideAsTheLampSays) {
   }
   EXPECT_NEAR(0.5 * m0, 1, 0.02);
   EXPECT_NEAR(m1 / m0, mean, 0.03);
-  // Sixty rows of sixteen to sixty-four points of the lamp: 2 %, and 3 of these.
-  EXPECT_NEAR(std::sqrt(m2 / m0 - m1 * m1 / (m0 * m0)), sigma, 0.06 * sigma);
+  // Sixty rows of sixty-four points of the lamp: 1 %, and 3 of these. Where pixels that happen to
+  // see all of the lamp are not looked at again it is 4 % too narrow.
+  EXPECT_NEAR(std::sqrt(m2 / m0 - m1 * m1 / (m0 * m0)), sigma, 0.03 * sigma);
   EXPECT_GT(sigma, 0.5);
 }
 

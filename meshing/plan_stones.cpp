@@ -22,17 +22,11 @@ enum Stream : std::uint64_t {
   kInner = 3,
   kPositions = 4,
   kCatalogue = 5,
-  kOwn = 6
+  kOwn = 6,
+  kOtherPlaces = 7,
+  kThinning = 8
 };
 constexpr std::uint64_t kTriesPerStone = 20000;
-
-/// Distance of the farthest vertex from the origin, for diameter 1.
-double circumscribed_radius(const SiteStone& stone) {
-  double reach = 0.0;
-  for (const Vec3& v : unit_stone(stone.shape, stone.body).vertices_mm)
-    reach = std::fmax(reach, norm(v));
-  return reach;
-}
 
 assets::RockShape draw_shape(std::uint64_t seed, std::uint64_t i) {
   const std::uint64_t stream = random_bits(seed, kShapes);
@@ -68,26 +62,48 @@ std::vector<bool> choose_inner(std::size_t count, std::size_t inner, std::uint64
   return is_inner;
 }
 
-/// A square around the site's centre, with or without a square hole.
+/// A square around the site's centre, with or without a square hole, and how dense stones lie in
+/// it.
 struct Region {
   double outer_m = 0.0;
-  double hole_m = 0.0;  ///< 0: none
+  double hole_m = 0.0;                                             ///< 0: none
+  const std::function<double(double, double)>* density = nullptr;  ///< none: 1
 };
 
-struct Disc {
-  double east_m, north_m, radius_m;
-};
+/// Where the centre of a drawn stone may lie.
+Region region_of(const SitePlanRequest& request, const SiteStone& stone) {
+  const double half_m = request.half_width.value();
+  const double inner_half_m = request.inner_half_width.value();
+  const double d = stone.diameter.value();
+  return {.outer_m = (stone.is_inner ? std::fmin(inner_half_m, half_m) : half_m) - d,
+          .hole_m = stone.is_inner || inner_half_m <= 0.0 ? 0.0 : inner_half_m + d,
+          .density = request.density ? &request.density : nullptr};
+}
 
-std::optional<Disc> find_place(const Region& region, double radius_m,
-                               const std::vector<Disc>& taken, std::uint64_t stream) {
+bool contains(const Region& region, double east_m, double north_m) {
+  const double from_centre = std::fmax(std::abs(east_m), std::abs(north_m));
+  return from_centre <= region.outer_m && from_centre >= region.hole_m;
+}
+
+/// One try; nothing if the place is not within the region, or is thinned out.
+std::optional<StonePlace> draw_place(const Region& region, std::uint64_t stream, std::uint64_t i) {
+  const StonePlace p{region.outer_m * (2.0 * random_uniform(stream, 2 * i) - 1.0),
+                     region.outer_m * (2.0 * random_uniform(stream, 2 * i + 1) - 1.0)};
+  if (!contains(region, p.east_m, p.north_m)) return std::nullopt;
+  if (region.density != nullptr &&
+      random_uniform(random_bits(stream, kThinning), i) >= (*region.density)(p.east_m, p.north_m))
+    return std::nullopt;
+  return p;
+}
+
+std::optional<StoneDisc> find_place(const Region& region, double radius_m,
+                                    const std::vector<StoneDisc>& taken, std::uint64_t stream) {
   for (std::uint64_t i = 0; i < kTriesPerStone; ++i) {
-    const Disc d{region.outer_m * (2.0 * random_uniform(stream, 2 * i) - 1.0),
-                 region.outer_m * (2.0 * random_uniform(stream, 2 * i + 1) - 1.0), radius_m};
-    if (std::fmax(std::abs(d.east_m), std::abs(d.north_m)) < region.hole_m) continue;
-    const bool overlaps = std::any_of(taken.begin(), taken.end(), [&](const Disc& t) {
-      return std::hypot(t.east_m - d.east_m, t.north_m - d.north_m) <= t.radius_m + d.radius_m;
-    });
-    if (!overlaps) return d;
+    const auto place = draw_place(region, stream, i);
+    if (!place) continue;
+    const StoneDisc d{place->east_m, place->north_m, radius_m};
+    if (std::none_of(taken.begin(), taken.end(), [&](const StoneDisc& t) { return overlap(t, d); }))
+      return d;
   }
   return std::nullopt;
 }
@@ -125,9 +141,8 @@ std::vector<SiteStone> draw_stones(const SitePlanRequest& request) {
   return stones;
 }
 
-/// Appends the stones of files; `is_placed` says of each stone whether it has a place already.
-void add_own_stones(const SitePlanRequest& request, std::vector<SiteStone>& stones,
-                    std::vector<bool>& is_placed) {
+/// Appends the stones of files.
+void add_own_stones(const SitePlanRequest& request, std::vector<SiteStone>& stones) {
   const std::uint64_t stream = random_bits(request.seed, kOwn);
   std::uint64_t draw = 0;
   for (const OwnStones& own : request.own) {
@@ -142,10 +157,10 @@ void add_own_stones(const SitePlanRequest& request, std::vector<SiteStone>& ston
       stone.heading = Radians{std::isnan(own.heading_rad)
                                   ? 2.0 * std::numbers::pi * random_uniform(stream, draw)
                                   : own.heading_rad};
-      const bool told = i < own.places.size();
-      if (told) stone.east_m = own.places[i].east_m, stone.north_m = own.places[i].north_m;
+      stone.has_place = i < own.places.size();
+      if (stone.has_place)
+        stone.east_m = own.places[i].east_m, stone.north_m = own.places[i].north_m;
       stones.push_back(std::move(stone));
-      is_placed.push_back(told);
     }
   }
 }
@@ -157,22 +172,20 @@ std::string name_of(const SiteStone& stone) {
 
 /// Stones that lie where the user says: on the site, and apart.
 Result<void> check_told_places(const std::vector<SiteStone>& stones,
-                               const std::vector<bool>& is_placed,
                                const std::vector<double>& radius_m, double half_m,
-                               std::vector<Disc>& taken) {
+                               std::vector<StoneDisc>& taken) {
   std::vector<const SiteStone*> before;
   for (std::size_t i = 0; i < stones.size(); ++i) {
-    if (!is_placed[i]) continue;
     const SiteStone& s = stones[i];
-    const Disc d{s.east_m, s.north_m, radius_m[i]};
+    if (!s.has_place) continue;
+    const StoneDisc d{s.east_m, s.north_m, radius_m[i]};
     if (!(std::fmax(std::abs(d.east_m), std::abs(d.north_m)) + d.radius_m <= half_m))
       return fail(kStoneLargerThanSite,
                   fmt::format("{} with a radius of {:.3f} m at east {} m north {} m reaches beyond "
                               "the site of half width {} m; choose a smaller one or another place",
                               name_of(s), d.radius_m, d.east_m, d.north_m, half_m));
     for (std::size_t k = 0; k < taken.size(); ++k)
-      if (std::hypot(taken[k].east_m - d.east_m, taken[k].north_m - d.north_m) <=
-          taken[k].radius_m + d.radius_m)
+      if (overlap(taken[k], d))
         return fail(kStonesDoNotFit,
                     fmt::format("{} at east {} m north {} m and {} at east {} m north {} m overlap "
                                 "(radii {:.3f} and {:.3f} m); move one of them",
@@ -186,47 +199,67 @@ Result<void> check_told_places(const std::vector<SiteStone>& stones,
 
 }  // namespace
 
+double circumscribed_radius(const SiteStone& stone) {
+  double reach = 0.0;
+  for (const Vec3& v : unit_stone(stone.shape, stone.body).vertices_mm)
+    reach = std::fmax(reach, norm(v));
+  return reach;
+}
+
+bool keeps_to_its_square(const SitePlanRequest& request, const SiteStone& stone, double east_m,
+                         double north_m) {
+  if (!stone.has_place) return contains(region_of(request, stone), east_m, north_m);
+  return contains({.outer_m = request.half_width.value(), .hole_m = 0.0}, east_m, north_m);
+}
+
+std::optional<StonePlace> draw_other_place(const SitePlanRequest& request, const SiteStone& stone,
+                                           std::uint64_t attempt) {
+  const std::uint64_t stream = random_bits(random_bits(request.seed, kOtherPlaces),
+                                           static_cast<std::uint64_t>(stone.number));
+  return draw_place(region_of(request, stone), stream, attempt);
+}
+
 Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request) {
   MAQUETTE_CHECK(request.count >= 0, "{}", request.count);
   MAQUETTE_CHECK(request.inner_share >= 0.0 && request.inner_share <= 1.0, "{}",
                  request.inner_share);
   const double half_m = request.half_width.value();
-  const double inner_half_m = request.inner_half_width.value();
-  MAQUETTE_CHECK(half_m >= 0.0 && inner_half_m >= 0.0, "{}, {}", half_m, inner_half_m);
+  MAQUETTE_CHECK(half_m >= 0.0 && request.inner_half_width.value() >= 0.0, "{}, {}", half_m,
+                 request.inner_half_width.value());
   MAQUETTE_CHECK(request.shapes >= 0 && request.sizes >= 0, "{}, {}", request.shapes,
                  request.sizes);
 
   std::vector<SiteStone> stones = draw_stones(request);
   const std::size_t drawn = stones.size();
-  std::vector<bool> is_inner = choose_inner(drawn, inner_count(request, drawn), request.seed);
-  std::vector<bool> is_placed(drawn, false);
-  add_own_stones(request, stones, is_placed);
-  const std::size_t own_free = static_cast<std::size_t>(
-      std::count(is_placed.begin() + static_cast<std::ptrdiff_t>(drawn), is_placed.end(), false));
+  const std::vector<bool> drawn_inner =
+      choose_inner(drawn, inner_count(request, drawn), request.seed);
+  for (std::size_t i = 0; i < drawn; ++i) stones[i].is_inner = drawn_inner[i];
+  add_own_stones(request, stones);
+  const auto own_free = static_cast<std::size_t>(
+      std::count_if(stones.begin() + static_cast<std::ptrdiff_t>(drawn), stones.end(),
+                    [](const SiteStone& s) { return !s.has_place; }));
   const std::vector<bool> own_inner =
       choose_inner(own_free, inner_count(request, own_free), random_bits(request.seed, kOwn));
   for (std::size_t i = drawn, k = 0; i < stones.size(); ++i)
-    is_inner.push_back(!is_placed[i] && own_inner[k++]);
+    if (!stones[i].has_place) stones[i].is_inner = own_inner[k++];
 
   std::vector<double> radius_m(stones.size());
   tbb::parallel_for(std::size_t{0}, stones.size(), [&](std::size_t i) {
     radius_m[i] = stones[i].diameter.value() * circumscribed_radius(stones[i]);
   });
 
-  std::vector<Disc> taken;
-  MAQUETTE_TRY_VOID(check_told_places(stones, is_placed, radius_m, half_m, taken));
+  std::vector<StoneDisc> taken;
+  MAQUETTE_TRY_VOID(check_told_places(stones, radius_m, half_m, taken));
   for (std::size_t i = 0; i < stones.size(); ++i) {
-    if (is_placed[i]) continue;
+    if (stones[i].has_place) continue;
     const double d = stones[i].diameter.value();
-    const double square_m = is_inner[i] ? std::fmin(inner_half_m, half_m) : half_m;
-    if (!(square_m - d > 0.0))
-      return fail(
-          kStoneLargerThanSite,
-          fmt::format("{} has a diameter of {:.3f} m and must keep it from the "
-                      "border of the {} of half width {} m; choose smaller stones",
-                      name_of(stones[i]), d, is_inner[i] ? "inner square" : "site", square_m));
-    const Region region{.outer_m = square_m - d,
-                        .hole_m = is_inner[i] || inner_half_m <= 0.0 ? 0.0 : inner_half_m + d};
+    const Region region = region_of(request, stones[i]);
+    if (!(region.outer_m > 0.0))
+      return fail(kStoneLargerThanSite,
+                  fmt::format("{} has a diameter of {:.3f} m and must keep it from the "
+                              "border of the {} of half width {} m; choose smaller stones",
+                              name_of(stones[i]), d, stones[i].is_inner ? "inner square" : "site",
+                              region.outer_m + d));
     const std::uint64_t stream = random_bits(random_bits(request.seed, kPositions), i);
     const auto place = find_place(region, radius_m[i], taken, stream);
     if (!place)

@@ -10,35 +10,13 @@
 #include "assets/rocks.hpp"
 #include "core/check.hpp"
 #include "core/files.hpp"
+#include "meshing/detail/solid_mass.hpp"
 #include "meshing/mesh_io.hpp"
 
 namespace maquette::meshing {
 namespace {
 
 constexpr double kMillimetresPerMetre = 1000.0;
-
-struct Mass {
-  double volume = 0.0;
-  Vec3 centre{};
-};
-
-/// Of the solid: tetrahedra between its triangles and the middle of its box, so that a body far
-/// from the origin loses no digits.
-Mass mass_of(const TriMesh& mesh) {
-  const Box3 box = mesh.bounds();
-  const Vec3 middle = 0.5 * (box.min + box.max);
-  Mass mass;
-  Vec3 moment{};
-  for (const auto& [i, j, k] : mesh.triangles) {
-    const Vec3 a = mesh.vertices_mm[i] - middle, b = mesh.vertices_mm[j] - middle,
-               c = mesh.vertices_mm[k] - middle;
-    const double six = dot(a, cross(b, c));
-    mass.volume += six / 6.0;
-    moment += six / 24.0 * (a + b + c);
-  }
-  mass.centre = middle + (1.0 / mass.volume) * moment;
-  return mass;
-}
 
 }  // namespace
 
@@ -80,7 +58,7 @@ Result<StoneBody> read_stone_body(const std::filesystem::path& path,
   // read_mesh gives a glTF's metres in millimetres already.
   const double scale = body.mm_per_unit / (gltf ? kMillimetresPerMetre : 1.0);
   body.mesh = std::move(*repaired);
-  const Mass mass = mass_of(body.mesh);
+  const detail::SolidMass mass = detail::solid_mass(body.mesh);
   for (Vec3& v : body.mesh.vertices_mm) v = v - mass.centre;
   const double diameter = assets::equivalent_diameter(body.mesh.vertices_mm);
   for (Vec3& v : body.mesh.vertices_mm) v = (1.0 / diameter) * v;

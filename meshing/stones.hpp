@@ -9,7 +9,9 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -34,11 +36,13 @@ using StoneBodyPtr = std::shared_ptr<const StoneBody>;
 /// A stone of the site, before it is laid on a surface.
 struct SiteStone {
   int number = 0;  ///< 1, 2, ... the same at every scale
-  assets::RockShape shape;
+  assets::RockShape shape{};
   StoneBodyPtr body{};  ///< if there is one, the stone is that, and `shape` says nothing
   Metres diameter{0.0};
   double east_m = 0.0, north_m = 0.0;  ///< site frame
   Radians heading{0.0};                ///< of the long axis, about the vertical
+  bool is_inner = false;               ///< keeps to the inner square
+  bool has_place = false;              ///< the user says where; else it was drawn
 };
 
 /// Where the planner is told to lay a stone.
@@ -67,19 +71,36 @@ struct SitePlanRequest {
   /// from min to max, the nearest one for each stone. 0: each stone its own.
   int shapes = 0, sizes = 0;
   std::vector<OwnStones> own{};  ///< beside the `count` drawn ones
+  /// How dense drawn places are there (site frame, metres), 0 to 1; none: the same everywhere.
+  std::function<double(double east_m, double north_m)> density{};
 };
 
 /// Draws sizes, shapes and positions; numbers them by falling size. The circumscribed
 /// spheres do not overlap, and centres keep one diameter from the site's border and,
 /// on either side, from the inner square's (centred on the site). Own stones have the numbers
 /// behind the drawn ones, in their order, those with a place first; these come into the plan
-/// before all others. Of own stones without a place the inner share lies inside, too.
+/// before all others. Of own stones without a place the inner share lies inside, too. Where a
+/// density is given, the drawn places are a sample of it, within each square by itself, as far as
+/// stones leave each other room.
 /// MESHING_STONE_LARGER_THAN_SITE: a stone cannot keep its distance from the border of
 /// its square; MESHING_STONES_DO_NOT_FIT: says how many did, or which two of those with a place
 /// overlap.
 /// @pre counts, shapes, sizes >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
 ///      assets::draw_rock_diameters asks; own stones have a body and a diameter
 [[nodiscard]] Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request);
+
+/// Whether the plan would have a stone there: the site's border and the inner square's are kept
+/// away from as plan_stones says; other stones are not looked at.
+[[nodiscard]] bool keeps_to_its_square(const SitePlanRequest& request, const SiteStone& stone,
+                                       double east_m, double north_m);
+/// Another place for a drawn stone, by the law of the first: a function of the request's seed, the
+/// stone's number and `attempt`. Nothing: this attempt was drawn where it may not lie.
+[[nodiscard]] std::optional<StonePlace> draw_other_place(const SitePlanRequest& request,
+                                                         const SiteStone& stone,
+                                                         std::uint64_t attempt);
+
+/// Distance of the farthest vertex from the origin, for diameter 1.
+[[nodiscard]] double circumscribed_radius(const SiteStone& stone);
 
 /// A stone in its pose on one model surface: x_model = translation + R (scale x_rock).
 struct PlacedStone {
@@ -92,6 +113,22 @@ struct PlacedStone {
 
   friend bool operator==(const PlacedStone& a, const PlacedStone& b);
 };
+
+/// A model surface and where it lies on the site.
+struct StoneGround {
+  const heightmap::ModelField& surface;
+  ModelScale scale;
+  double east_of_x0_m = 0.0, north_of_y0_m = 0.0;  ///< site coordinates of model point (0, 0)
+  double height_of_z0_m = 0.0;                     ///< site height of model z = 0
+};
+
+/// Of a stone seen from above: its circumscribed sphere.
+struct StoneDisc {
+  double east_m = 0.0, north_m = 0.0, radius_m = 0.0;
+};
+[[nodiscard]] inline bool overlap(const StoneDisc& a, const StoneDisc& b) {
+  return std::hypot(a.east_m - b.east_m, a.north_m - b.north_m) <= a.radius_m + b.radius_m;
+}
 
 /// Whether two stones are the same but for size and pose.
 [[nodiscard]] bool same_shape(const PlacedStone& a, const PlacedStone& b);

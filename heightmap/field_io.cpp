@@ -16,6 +16,7 @@
 
 #include "core/files.hpp"
 #include "heightmap/detail/gdal_support.hpp"
+#include "heightmap/grid_frame.hpp"
 
 namespace maquette::heightmap {
 namespace {
@@ -164,6 +165,14 @@ Result<ModelField> read_model_field(const std::filesystem::path& path) {
 Result<ModelField> read_model_grid(const std::filesystem::path& path) {
   MAQUETTE_TRY(const detail::DatasetPtr dataset, detail::open_raster(path));
   return read_whole(*dataset, path.string());
+}
+
+Result<GridFrame> read_grid_frame(const std::filesystem::path& path) {
+  MAQUETTE_TRY(const detail::DatasetPtr dataset, detail::open_raster(path));
+  MAQUETTE_TRY(const Frame frame, read_frame(*dataset, path.string()));
+  return GridFrame{dataset->GetRasterYSize(),     dataset->GetRasterXSize(),
+                   Millimetres{frame.spacing_mm}, Millimetres{frame.x0_mm},
+                   Millimetres{frame.y0_mm},      dataset->GetRasterBand(1)->GetUnitType()};
 }
 
 Result<std::vector<double>> heights_at(const std::filesystem::path& path,

@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// node view.mjs MAQUETTE LOD RUN [FOLDER]: the page of `maquette view` in a real browser, over a
+// folder of `maquette lod` and one of `maquette run` of the same design; pictures go to FOLDER
+//   loads; nothing on the console, nothing asked of another host
+//   a click gives the place and the height       the file's height there, within the stated error
+//   sun and exaggeration change the picture; dark and light; each control has a name
+//   stones, profile, link, screenshot, keyboard
+//   a run's folder: deviation colours, brush, toolpath, both surfaces, camera frame
+//   a damaged and a missing tile are said and the rest works; no WebGL 2 is said
+
+import { spawn } from 'node:child_process';
+import { cpSync, mkdirSync, readFileSync, rmSync, truncateSync } from 'node:fs';
+import { join } from 'node:path';
+import { browser, expect, finish, load, skip } from './packages.mjs';
+
+load('playwright-core');
+const [maquette, lodFolder, runFolder, pictures] = process.argv.slice(2);
+if (pictures) mkdirSync(pictures, { recursive: true });
+const kSoon = 60_000; // software rendering on a busy machine
+
+/** The program's address; ended with the test. */
+const servers = [];
+function serve(folder) {
+  return new Promise((resolve) => {
+    const child = spawn(maquette, ['view', folder, '--port', '0']);
+    servers.push(child);
+    let out = '', err = '';
+    child.stdout.on('data', (d) => { out += d; if (out.includes('\n')) resolve(out.trim()); });
+    child.stderr.on('data', (d) => { err += d; });
+    child.on('exit', (code) => {
+      if (code === 3 && err.includes('tools/setup --web')) skip('maquette was built without its page');
+      expect(code === 0, `maquette view ${folder} ended with ${code}: ${err}`);
+    });
+  });
+}
+
+const chromium = await browser();
+async function tab(url, { expected = [], scheme = 'light', before } = {}) {
+  const context = await chromium.newContext({ viewport: { width: 1100, height: 700 }, colorScheme: scheme, acceptDownloads: true });
+  const page = await context.newPage();
+  page.said = [];
+  page.setDefaultTimeout(kSoon);
+  page.on('console', (m) => {
+    // Of 3D Tiles 1.1 the renderer always warns; the test reads pictures back.
+    const known = ['tiles versions at 1.1', 'ReadPixels', ...expected].some((text) => m.text().includes(text));
+    if (['error', 'warning'].includes(m.type()) && !known) page.said.push(m.text());
+  });
+  page.on('pageerror', (e) => page.said.push(String(e)));
+  page.on('request', (q) => {
+    if (!/^(http:\/\/127\.0\.0\.1:|blob:|data:)/.test(q.url())) page.said.push(`asked for ${q.url()}`);
+  });
+  if (before) await page.addInitScript(before);
+  await page.goto(url);
+  return page;
+}
+const still = async (page) => {
+  await page.waitForTimeout(150);
+  await page.waitForFunction(() => document.documentElement.dataset.state === 'still');
+  await page.waitForTimeout(150);
+};
+const readout = (page) => page.locator('#readout').textContent();
+/** Clicks and reads what is said of the place. */
+async function ask(page, x, y) {
+  const before = await readout(page);
+  await page.locator('#canvas').click({ position: { x, y } });
+  await page.waitForFunction((old) => document.querySelector('#readout').textContent !== old, before);
+  const text = await readout(page), numbers = /x (-?[\d.]+), y (-?[\d.]+), z (-?[\d.]+) mm/.exec(text);
+  expect(numbers, `a click says "${text}"`);
+  return { text, place: numbers ? numbers.slice(1).map(Number) : [NaN, NaN, NaN] };
+}
+/** Share of the pixels in which two pictures of the canvas differ, and their mean lightness. */
+async function differ(page, a, b) {
+  return page.evaluate(async (urls) => {
+    const read = async (url) => {
+      const image = new Image();
+      image.src = url;
+      await image.decode();
+      const c = new OffscreenCanvas(image.width, image.height), pen = c.getContext('2d');
+      pen.drawImage(image, 0, 0);
+      return pen.getImageData(0, 0, c.width, c.height).data;
+    };
+    const [p, q] = [await read(urls[0]), await read(urls[1])];
+    let n = 0;
+    for (let i = 0; i < p.length; i += 4) if (Math.abs(p[i] - q[i]) + Math.abs(p[i + 1] - q[i + 1]) + Math.abs(p[i + 2] - q[i + 2]) > 24) n += 1;
+    return n / (p.length / 4);
+  }, [a, b].map((png) => `data:image/png;base64,${png.toString('base64')}`));
+}
+const shot = async (page, name) => {
+  await still(page);
+  return page.locator('#canvas').screenshot(pictures ? { path: join(pictures, `${name}.png`) } : {});
+};
+const whole = async (page, name) => { if (pictures) await page.screenshot({ path: join(pictures, `${name}.png`) }); };
+const slide = async (page, id, value) => { await page.locator(id).fill(String(value)); await still(page); };
+
+const lodUrl = await serve(lodFolder), runUrl = await serve(runFolder);
+/** The design itself, by GDAL; view_server_test holds this against a closed form. */
+const design = async (from, to, count) =>
+  (await (await fetch(`${runUrl}profile?file=s1000/design.tif&from=${from}&to=${to}&count=${count}`)).json()).values;
+const lod = JSON.parse(readFileSync(join(lodFolder, 'lod.json')));
+const stones = JSON.parse(readFileSync(join(lodFolder, 'stones.json'))).stones;
+const size = lod.spacing_mm * (lod.nodes[0] - 1);
+// The tile's own error, what three decimals of z leave, and of x and y on a slope of one.
+const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
+
+// Levels of detail.
+{
+  const page = await tab(lodUrl);
+  await still(page);
+  console.log(`first picture after ${await page.evaluate(() => document.documentElement.dataset.firstPicture)} ms`);
+  await whole(page, 'lod');
+  await page.click('#above');
+  const light = await shot(page, 'above');
+  const box = await page.locator('#canvas').boundingBox();
+  const [cx, cy] = [Math.round(box.width / 2), Math.round(box.height / 2)];
+  const middle = (await ask(page, cx, cy)).place;
+  // The middle of the site is in the middle of the picture; a pixel is a tenth of a mm here.
+  expect(Math.abs(middle[0] - size / 2) < 0.2 && Math.abs(middle[1] - size / 2) < 0.2, `the middle is at ${middle}`);
+  for (const [dx, dy] of [[0, 0], [120, 40], [-90, 110], [60, -150], [-140, -60]]) {
+    const { text, place } = await ask(page, cx + dx + 1, cy + dy + 1);
+    if (text.includes('on a stone')) continue;
+    const [z] = await design(place.slice(0, 2), place.slice(0, 2), 1);
+    expect(Math.abs(place[2] - z) < kHeight, `${text}: the design is ${z} there`);
+    expect(Math.sign(place[0] - middle[0]) === Math.sign(dx + 1) && Math.sign(place[1] - middle[1]) === -Math.sign(dy + 1),
+      `${dx}, ${dy} pixels from the middle is ${place}`);
+  }
+  await slide(page, '#azimuth', 135);
+  const turned = await shot(page, 'sun');
+  expect(await differ(page, light, turned) > 0.1, 'the sun from the other side changes nothing');
+  await slide(page, '#azimuth', 315);
+  const back = await shot(page, 'sun_back');
+  expect(await differ(page, light, back) < 0.01, 'the same sun is another picture');
+  await page.click('#oblique');
+  const flat = await shot(page, 'oblique');
+  await slide(page, '#exaggeration', 3);
+  expect(await differ(page, flat, await shot(page, 'exaggerated')) > 0.05, 'exaggeration changes nothing');
+  const high = (await ask(page, cx, cy)).place, [zHigh] = await design(high.slice(0, 2), high.slice(0, 2), 1);
+  expect(Math.abs(high[2] - zHigh) < kHeight, `exaggerated: ${high}, the design is ${zHigh}`);
+  await slide(page, '#exaggeration', 1);
+
+  const s = stones[2];
+  await page.selectOption('#stone', String(s.number));
+  const data = await page.locator('#stone-data').innerText();
+  expect(data.includes(`${s.scale_mm.toFixed(3)} mm`), `stone ${s.number}: ${data}`);
+  await still(page);
+  const onStone = await ask(page, cx, cy);
+  expect(onStone.text.includes(`on a stone; stone ${s.number}`), `a click on stone ${s.number} says ${onStone.text}`);
+  await whole(page, 'stone');
+
+  await page.click('#above');
+  await still(page);
+  await page.click('#profile-mode');
+  const from = await ask(page, cx - 100, cy - 50), to = await ask(page, cx + 120, cy + 70);
+  await page.waitForFunction(() => document.querySelector('#profile-text').textContent.startsWith('From'));
+  const told = /heights (-?[\d.]+) to (-?[\d.]+) mm/.exec(await page.locator('#profile-text').textContent());
+  const line = await design(from.place.slice(0, 2), to.place.slice(0, 2), 500);
+  // Five digits of heights of up to 100 mm.
+  expect(told && Math.abs(told[1] - Math.min(...line)) < kHeight + 0.0005 && Math.abs(told[2] - Math.max(...line)) < kHeight + 0.0005,
+    `the profile says ${told}, the design ${Math.min(...line)} to ${Math.max(...line)}`);
+  await whole(page, 'profile');
+
+  await page.waitForTimeout(600);
+  const link = await page.evaluate(() => location.href);
+  const other = await tab(link);
+  await still(other);
+  await other.waitForTimeout(600);
+  expect(await other.evaluate(() => location.href) === link, `${link} became ${await other.evaluate(() => location.href)}`);
+  expect(other.said.length === 0, `the console says ${other.said}`);
+  await other.context().close();
+
+  const [download] = await Promise.all([page.waitForEvent('download'), page.click('#screenshot')]);
+  expect(readFileSync(await download.path()).subarray(1, 4).toString() === 'PNG', 'the screenshot is no PNG');
+  await page.locator('#canvas').focus();
+  const before = await page.evaluate(() => location.hash);
+  for (const key of ['ArrowLeft', 'ArrowUp', 'Shift+ArrowRight', '+']) await page.keyboard.press(key);
+  await still(page);
+  await page.waitForTimeout(600);
+  expect(await page.evaluate(() => location.hash) !== before, 'arrows do not turn the view');
+  await page.click('#profile-mode');
+  await page.locator('#canvas').focus();
+  await page.keyboard.press('Enter');
+  await page.waitForFunction(() => /^x /.test(document.querySelector('#readout').textContent));
+  const nameless = await page.evaluate(() => [...document.querySelectorAll('input, select, button, canvas, a, svg')]
+    .filter((e) => !e.closest('[aria-hidden=true]') && !e.labels?.length && !e.getAttribute('aria-label') && !e.textContent.trim()).map((e) => e.id));
+  expect(nameless.length === 0, `controls without a name: ${nameless}`);
+  expect((await fetch(`${lodUrl}licences.txt`)).status === 200, 'the licences are not there');
+  expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);
+  await page.context().close();
+
+  const dark = await tab(lodUrl, { scheme: 'dark' });
+  await still(dark);
+  const ground = (p) => p.evaluate(() => getComputedStyle(document.querySelector('#stage')).backgroundColor);
+  expect(/^rgb\((\d|[1-5]\d),/.test(await ground(dark)), `dark is ${await ground(dark)}`);
+  await whole(dark, 'dark');
+  expect(dark.said.length === 0, `the console says ${dark.said}`);
+  await dark.context().close();
+}
+
+// A run.
+{
+  const page = await tab(runUrl);
+  await still(page);
+  const plain = await shot(page, 'run');
+  await page.selectOption('#field', 's1000/deviation.tif');
+  await page.waitForFunction(() => !document.querySelector('#colour-scale').hidden);
+  const coloured = await shot(page, 'deviation');
+  expect(await differ(page, plain, coloured) > 0.1, 'deviations have no colour');
+  await page.fill('#brush-low', '0.05');
+  await page.locator('#brush-low').press('Tab');
+  expect(await differ(page, coloured, await shot(page, 'brush')) > 0.1, 'the brush changes nothing');
+  await whole(page, 'brush_page');
+  const { text, place } = await ask(page, 380, 350);
+  const [z] = await (await fetch(`${runUrl}profile?file=s1000/surface.tif&from=${place[0]},${place[1]}&to=0,0&count=1`)).json().then((j) => j.values);
+  // Three decimals, and the slope of a stone's side between 0.5 um of x and y.
+  expect(Math.abs(place[2] - z) < 0.003, `${text}: surface.tif is ${z} there`);
+  await page.selectOption('#field', '');
+  const programs = await page.locator('#program option').evaluateAll((list) => list.map((o) => [o.value, o.text]));
+  const raster = programs.find((p) => p[1].includes('raster'));
+  expect(raster, `programs: ${programs}`);
+  await page.selectOption('#program', raster[0]);
+  await page.waitForFunction(() => !document.querySelector('#path-controls').hidden);
+  const path = await shot(page, 'toolpath');
+  expect(await differ(page, plain, path) > 0.05, 'the toolpath is not to be seen');
+  await slide(page, '#time', 0.4);
+  expect(await differ(page, path, await shot(page, 'toolpath_40')) > 0.03, 'the time changes nothing');
+  await page.selectOption('#path-colour', 'engagement');
+  await page.selectOption('#speed', '300');
+  await page.click('#play');
+  await page.waitForFunction(() => +document.querySelector('#time').value > 0.42);
+  await page.click('#play');
+  await still(page);
+  await whole(page, 'engagement');
+  await page.selectOption('#program', '');
+  await page.selectOption('#beside', 's1000/as_milled.tif');
+  await page.waitForFunction(() => !document.querySelector('#right-name').hidden);
+  await still(page);
+  const right = await ask(page, 0.75 * (await page.locator('#canvas').boundingBox()).width, 380);
+  const [milled] = await (await fetch(`${runUrl}profile?file=s1000/as_milled.tif&from=${right.place[0]},${right.place[1]}&to=0,0&count=1`)).json().then((j) => j.values);
+  expect(Math.abs(right.place[2] - milled) < 0.003, `${right.text}: as_milled.tif is ${milled} there`);
+  await whole(page, 'beside');
+  await page.selectOption('#beside', '');
+  await page.selectOption('#frame', 's1000/scene.toml');
+  await page.waitForFunction(() => !document.querySelector('#shot').hidden && document.querySelector('#shot').complete);
+  await still(page);
+  await whole(page, 'camera');
+  expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);
+  await page.context().close();
+}
+
+// Damage.
+{
+  const broken = `${lodFolder}_broken`;
+  cpSync(lodFolder, broken, { recursive: true });
+  const depth = lod.levels[0].depth;
+  truncateSync(join(broken, `tiles/${depth}/0/0.glb`), 200);
+  rmSync(join(broken, `tiles/${depth}/1/1.glb`));
+  const page = await tab(await serve(broken), { expected: ['Failed to load', 'DRACOLoader', 'RangeError', '404'] });
+  await still(page);
+  // Near enough for the finest tiles of the south-western corner.
+  await page.evaluate(() => {
+    location.hash = location.hash.replace(/from=[^&]*/, 'from=8,4,16').replace(/to=[^&]*/, 'to=8,8,8');
+  });
+  await page.waitForFunction(() => document.querySelectorAll('#problems li').length >= 2);
+  const problems = await page.locator('#problems').innerText();
+  for (const name of [`tiles/${depth}/0/0.glb`, `tiles/${depth}/1/1.glb`])
+    expect(problems.includes(name) && problems.includes('coarser ground stands for it'), `of ${name} is said: ${problems}`);
+  await still(page);
+  await whole(page, 'damaged');
+  await page.click('#above');
+  await still(page);
+  const box = await page.locator('#canvas').boundingBox();
+  const { text, place } = await ask(page, Math.round(box.width / 2) + 90, Math.round(box.height / 2) - 90);
+  const [z] = await design(place.slice(0, 2), place.slice(0, 2), 1);
+  expect(text.includes('stone') || Math.abs(place[2] - z) < kHeight, `beside damaged tiles: ${text}, the design is ${z}`);
+  await page.context().close();
+
+  const blind = await tab(lodUrl, { before: () => {
+    const get = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) { return kind === 'webgl2' ? null : get.call(this, kind, ...rest); };
+  } });
+  await blind.waitForFunction(() => document.querySelector('#problems').textContent.includes('WebGL 2'));
+  expect(blind.said.length === 0, `without WebGL 2 the console says ${blind.said}`);
+  await blind.context().close();
+}
+
+await chromium.close();
+await Promise.all(servers.map((child) => new Promise((resolve) => { child.on('exit', resolve); child.kill('SIGINT'); })));
+finish('the page of maquette view');

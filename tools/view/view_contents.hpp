@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+/// @file view_contents.hpp
+/// What a folder holds that `maquette view` can show, so that its page needs no guess.
+///
+/// JSON, schema maquette.view/1; paths are relative to the folder, with slashes:
+///   name       of the folder
+///   tilesets   [{path, lod, stones}]: what `maquette lod` has written; stones is null or a plan
+///   fields     [{path, kind, unit, nodes, spacing_mm, origin_mm}]: rasters in the model frame.
+///              kind: "height", "signed" (deviations; zero is the middle), "positive"
+///   plans      stones.json outside of tilesets
+///   paths      backplot/paths.json: thinned programs (tools/path_view.hpp)
+///   frames     [{scene, picture, position_mm, target_mm, up, across_mm, down_mm, focal_mm}]: a
+///              camera of a scene file and what was rendered from it, null where it is not there
+///   reports    pages
+///   manifest   of `maquette run`, or null
+
+#include <filesystem>
+#include <string>
+
+#include "core/result.hpp"
+
+namespace maquette::tools {
+
+inline constexpr ErrorCode kViewNothing{"TOOLS_VIEW_NOTHING"};
+
+/// Looks four folders deep, neither into tiles nor through symbolic links to folders. Files that
+/// cannot be read are left out.
+/// @return CORE_FILE_NOT_FOUND   no such folder, or not one
+///         TOOLS_VIEW_NOTHING    neither tileset nor field in it
+[[nodiscard]] Result<std::string> view_contents_json(const std::filesystem::path& folder);
+
+}  // namespace maquette::tools

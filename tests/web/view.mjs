@@ -256,9 +256,10 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   rmSync(join(broken, `tiles/${depth}/1/1.glb`));
   const page = await tab(await serve(broken), { expected: ['Failed to load', 'DRACOLoader', 'RangeError', '404'] });
   await still(page);
+  await page.waitForTimeout(600);
   // Near enough for the finest tiles of the south-western corner.
   await page.evaluate(() => {
-    location.hash = location.hash.replace(/from=[^&]*/, 'from=8,4,16').replace(/to=[^&]*/, 'to=8,8,8');
+    location.hash = location.hash.replace(/from=[^&]*/, 'from=16,-6,24').replace(/to=[^&]*/, 'to=18,14,2');
   });
   await page.waitForFunction(() => document.querySelectorAll('#problems li').length >= 2);
   const problems = await page.locator('#problems').innerText();
@@ -269,7 +270,11 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await page.click('#above');
   await still(page);
   const box = await page.locator('#canvas').boundingBox();
-  const { text, place } = await ask(page, Math.round(box.width / 2) + 90, Math.round(box.height / 2) - 90);
+  const [cx, cy] = [Math.round(box.width / 2), Math.round(box.height / 2)];
+  const coarse = await ask(page, cx + 20, cy - 20);
+  expect(coarse.text.includes('as drawn; the full resolution cannot be read'), `on a missing tile: ${coarse.text}`);
+  // The corner of another tile.
+  const { text, place } = await ask(page, cx + 190, cy - 190);
   const [z] = await design(place.slice(0, 2), place.slice(0, 2), 1);
   expect(text.includes('stone') || Math.abs(place[2] - z) < kHeight, `beside damaged tiles: ${text}, the design is ${z}`);
   await page.context().close();

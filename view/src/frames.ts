@@ -44,6 +44,7 @@ export class Frames {
     this.current = f?.scene ?? '';
     byId<HTMLSelectElement>('frame').value = this.current;
     this.pyramids.visible = !f;
+    this.stage.framed = Boolean(f);
     byId('frame-note').textContent = '';
     if (f && !keepView) {
       const { camera, controls } = this.stage;

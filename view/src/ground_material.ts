@@ -37,7 +37,7 @@ export class GroundMaterial {
         .replace('#include <color_fragment>', `#include <color_fragment>
           if (coloured) {
             float v = texture2D(field, (modelPlace - fieldLow) / fieldSize).r;
-            bool there = v > -1e29 && v < 1e29;
+            bool there = abs(v) < 1e20; // voids are 3e30, and so is what lies between them and values
             if (there && v >= brush.x && v <= brush.y) {
               float share = clamp((v - scale.x) / (scale.y - scale.x), 0.0, 1.0);
               if (signedField) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The page of `maquette view`: what the folder holds, looked at and asked.
 
-import { fileUrl, getJson, type Contents, type Stone, type Triple } from './contents';
+import { fileUrl, getJson, getProfile, type Contents, type Stone, type Triple } from './contents';
 import { addOption, byId } from './elements';
 import { FieldColours } from './field_colours';
 import { Frames } from './frames';
@@ -121,7 +121,7 @@ class Page {
     for (const s of surfaces) s.group.visible = true;
     const first = !this.stage.panes.some((p) => p);
     this.stage.panes = surfaces.length ? surfaces : [null];
-    byId('surface-note').textContent = surfaces.map((s) => s.note).join(' ');
+    byId('surface-note').textContent = [...new Set(surfaces.map((s) => s.note))].join(' ');
     const names = [byId('left-name'), byId('right-name')];
     names.forEach((name, i) => { name.hidden = surfaces.length < 2; name.textContent = surfaces[i]?.name ?? ''; });
     if (first && surfaces[0] && !this.viewGiven) this.stage.look(surfaces[0].box, 'oblique');
@@ -198,13 +198,20 @@ class Page {
     const { surface, hit } = met, [px, py, pz] = hit.place;
     const profile = byId('profile-mode').getAttribute('aria-pressed') === 'true';
     const stone = hit.stone ?? this.stoneAt(px, py);
-    const exact = hit.stone === null ? (await surface.heights([px, py], [px, py], 1)).values[0] ?? null : null;
+    let exact: number | null = null, why = 'the full resolution has a void here';
+    if (hit.stone === null)
+      try {
+        exact = (await surface.heights([px, py], [px, py], 1)).values[0] ?? null;
+      } catch (error) {
+        why = 'the full resolution cannot be read';
+        tell(`${(error as Error).message}; make it again`);
+      }
     const z = exact ?? pz, place: Triple = [px, py, z];
     let text = `x ${px.toFixed(3)}, y ${py.toFixed(3)}, z ${z.toFixed(3)} mm`;
     if (hit.stone !== null) text += ' on a stone';
-    else if (exact === null) text += ' as drawn; the full resolution has a void here';
+    else if (exact === null) text += ` as drawn; ${why}`;
     const field = this.colours.entry;
-    if (field) text += `; ${await this.fieldAt(field.path, px, py)} ${field.unit}`;
+    if (field) text += `; ${await this.fieldAt(field.path, px, py, field.unit)}`;
     this.showStone(stone, false);
     if (stone !== null) text += `; stone ${stone}`;
     if (profile && !this.profileFrom) {
@@ -223,11 +230,9 @@ class Page {
     say(text);
   }
 
-  private async fieldAt(path: string, x: number, y: number): Promise<string> {
-    const { values } = await getJson<{ values: (number | null)[] }>(
-      `profile?file=${encodeURIComponent(path)}&from=${x},${y}&to=${x},${y}&count=1`);
-    const v = values[0] ?? null;
-    return v === null ? `${path} has no value here, in` : `${path} ${v > 0 ? '+' : ''}${v.toFixed(4)}`;
+  private async fieldAt(path: string, x: number, y: number, unit: string): Promise<string> {
+    const v = (await getProfile(path, [x, y], [x, y], 1))[0] ?? null;
+    return v === null ? `${path}: no value` : `${path} ${v > 0 ? '+' : ''}${v.toFixed(4)} ${unit}`;
   }
 
   private async drawProfile(): Promise<void> {

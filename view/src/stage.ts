@@ -17,6 +17,8 @@ export class Stage {
   readonly relief = new THREE.Group();
   /** The left pane's surface and, where there are two panes, the right one's. */
   panes: (Surface | null)[] = [null];
+  /** A camera frame is looked through. */
+  framed = false;
   before: () => void = () => {};
   still: () => void = () => {};
   shown: () => void = () => {};
@@ -136,6 +138,8 @@ export class Stage {
   private place(): void {
     const [width, height] = this.paneSize();
     this.camera.aspect = width / height;
+    // Two panes see as much as one, but not where a lens says how much that is.
+    this.camera.zoom = this.framed ? 1 : 1 / this.panes.length;
     const far = this.camera.position.distanceTo(this.controls.target), box = this.panes.find((p) => p)?.box;
     const size = box ? Math.hypot(...box.high.map((h, i) => (h - box.low[i]!) * (i === 2 ? this.exaggeration : 1))) : far;
     this.camera.near = Math.max(far / 200, 0.02);

@@ -24,12 +24,7 @@ function tell(problem: string): void {
 }
 const say = (text: string) => { byId('readout').textContent = text; };
 
-function webGl2(): boolean {
-  return Boolean(document.createElement('canvas').getContext('webgl2'));
-}
-
 class Page {
-  private readonly stage = new Stage(byId<HTMLCanvasElement>('canvas'));
   private readonly material = new GroundMaterial();
   private readonly offered: SurfaceChoice[];
   private readonly opened = new Map<string, Promise<Surface>>();
@@ -48,9 +43,9 @@ class Page {
     elevation: byId<HTMLInputElement>('elevation'),
   };
 
-  constructor(private readonly contents: Contents) {
+  constructor(private readonly contents: Contents, private readonly stage: Stage) {
     const changed = () => this.stage.later();
-    this.offered = choices(contents, this.material, tell, changed);
+    this.offered = choices(contents, this.material, tell, () => this.stage.arrived());
     this.colours = new FieldColours(this.material, this.stage.renderer, () => { changed(); this.remember(); });
     this.path = new Toolpath(contents.paths, () => { changed(); this.remember(); }, tell);
     this.stage.relief.add(this.path.group);
@@ -361,13 +356,17 @@ class Page {
 }
 
 async function begin(): Promise<void> {
-  if (!webGl2()) {
+  const asked = getJson<Contents>('maquette.json'); // while the browser makes a context
+  asked.catch(() => {});
+  const canvas = byId<HTMLCanvasElement>('canvas');
+  const gl = canvas.getContext('webgl2', { antialias: true, powerPreference: 'high-performance' });
+  if (!gl) {
     tell('This browser shows no WebGL 2. Choose one that does, or allow hardware acceleration in its settings.');
     say('Nothing can be drawn.');
     return;
   }
-  const contents = await getJson<Contents>('maquette.json');
-  await new Page(contents).readHash();
+  const stage = new Stage(canvas, gl);
+  await new Page(await asked, stage).readHash();
 }
 
 begin().catch((error: Error) => tell(error.message));

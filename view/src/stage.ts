@@ -7,6 +7,8 @@ import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import type { Box, Hit, Surface } from './surface';
 import type { Triple } from './contents';
 
+const kTogether = 200; // ms; tiles that come within are drawn at once
+
 export class Stage {
   readonly renderer: THREE.WebGLRenderer;
   readonly camera = new THREE.PerspectiveCamera(40, 1, 1, 10_000);
@@ -26,10 +28,12 @@ export class Stage {
   private readonly marks = new THREE.Points(new THREE.BufferGeometry(),
     new THREE.PointsMaterial({ color: 0xff7a00, size: 11, sizeAttenuation: false, depthTest: false }));
   private stale = true;
+  private fresh = false;
+  private drawn = 0;
   private busy = false;
 
-  constructor(readonly canvas: HTMLCanvasElement) {
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: 'high-performance' });
+  constructor(readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext) {
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
     this.camera.up.set(0, 0, 1);
     this.chooser.matrixAutoUpdate = this.chooser.matrixWorldAutoUpdate = false;
@@ -48,6 +52,9 @@ export class Stage {
   }
 
   later(): void { this.stale = true; }
+
+  /** Something was loaded: drawn soon, with what else comes by then. */
+  arrived(): void { this.fresh = true; }
 
   get exaggeration(): number { return this.relief.scale.z; }
   set exaggeration(times: number) {
@@ -163,7 +170,8 @@ export class Stage {
 
   private frame(): void {
     this.before();
-    if (!this.stale && !this.busy) return;
+    if (this.fresh && performance.now() - this.drawn > kTogether) this.stale = true;
+    if (!this.stale && !this.busy && !this.fresh) return;
     this.place();
     const [width, height] = this.paneSize(), pixels = this.renderer.getPixelRatio(), wasBusy = this.busy;
     this.busy = false; // else it goes on asking while something loads
@@ -174,11 +182,12 @@ export class Stage {
     this.relief.scale.z = times;
     this.relief.updateMatrixWorld(true);
     if (this.stale || (wasBusy && !this.busy)) {
-      this.stale = false;
+      this.stale = this.fresh = false;
       this.draw();
+      this.drawn = performance.now();
       this.shown();
     }
-    if (!this.busy && this.panes.some((p) => p)) this.still();
+    if (!this.busy && !this.fresh && this.panes.some((p) => p)) this.still();
   }
 
   private draw(): void {

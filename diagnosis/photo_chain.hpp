@@ -200,6 +200,8 @@ struct PhotoForm {
   std::vector<PhotoParameter> parameters;
   std::vector<std::pair<std::string, double>> fixed{};
   int sign = 0;  ///< 1 or -1: of the first parameter, the only physical one
+  /// Of the first parameter: less is not told from what a rendering may be wrong by.
+  double least = 0.0;
 };
 
 }  // namespace maquette::diagnosis

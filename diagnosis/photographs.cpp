@@ -504,7 +504,9 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
       const double floor = std::fmax(kFloor * level_of_light,
                                      std::sqrt(std::fmax(0.0, together2 - wrong[k] * wrong[k])));
       const double own = moved[k] * own_share(linear, members, k);
+      const PhotoForm& form = members[k].form;
       const bool small = !(own > floor) ||
+                         (form.least > 0.0 && std::abs(members[k].values[0]) < form.least) ||
                          (members[k].effect->name == "lamp.size" &&
                           fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
                                                   members[k].values[0]) < kPenumbra_px);
@@ -514,7 +516,7 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
       worst = k;
       why = small
                 ? fmt::format(
-                      "moves the picture by {:.4f} / 255 rms that no other does, less than the "
+                      "moves the picture by {:.4f} / 255 rms that no other does: no more than the "
                       "rendering may be wrong by",
                       255.0 * own)
                 : fmt::format(

@@ -20,10 +20,9 @@ std::vector<PlacedStone> bring_stones(std::span<const PlacedStone> stones, const
   MAQUETTE_CHECK(from.scale.exaggeration() == to.scale.exaggeration(), "{}, {}",
                  from.scale.exaggeration(), to.scale.exaggeration());
   const double ratio = from.scale.denominator() / to.scale.denominator();
-  const Vec3 shift{
-      to.scale.horizontal(Metres{from.east_of_x0_m - to.east_of_x0_m}).value(),
-      to.scale.horizontal(Metres{from.north_of_y0_m - to.north_of_y0_m}).value(),
-      zero_mm(to) - ratio * zero_mm(from)};
+  const Vec3 shift{to.scale.horizontal(Metres{from.east_of_x0_m - to.east_of_x0_m}).value(),
+                   to.scale.horizontal(Metres{from.north_of_y0_m - to.north_of_y0_m}).value(),
+                   zero_mm(to) - ratio * zero_mm(from)};
   std::vector<PlacedStone> all;
   for (PlacedStone stone : stones) {
     stone.scale_mm *= ratio;

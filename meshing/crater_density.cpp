@@ -49,12 +49,16 @@ std::vector<float> slowness_of(const ModelField& f, double slope_slowness) {
   slowness.reserve(static_cast<std::size_t>(rows * cols));
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      const std::ptrdiff_t west = std::max<std::ptrdiff_t>(c - 1, 0), east = std::min(c + 1, cols - 1);
-      const std::ptrdiff_t south = std::max<std::ptrdiff_t>(r - 1, 0), north = std::min(r + 1, rows - 1);
-      const double dx = (static_cast<double>(f.z_mm(r, east)) - static_cast<double>(f.z_mm(r, west))) /
-                        (s * static_cast<double>(east - west));
-      const double dy = (static_cast<double>(f.z_mm(north, c)) - static_cast<double>(f.z_mm(south, c))) /
-                        (s * static_cast<double>(north - south));
+      const std::ptrdiff_t west = std::max<std::ptrdiff_t>(c - 1, 0),
+                           east = std::min(c + 1, cols - 1);
+      const std::ptrdiff_t south = std::max<std::ptrdiff_t>(r - 1, 0),
+                           north = std::min(r + 1, rows - 1);
+      const double dx =
+          (static_cast<double>(f.z_mm(r, east)) - static_cast<double>(f.z_mm(r, west))) /
+          (s * static_cast<double>(east - west));
+      const double dy =
+          (static_cast<double>(f.z_mm(north, c)) - static_cast<double>(f.z_mm(south, c))) /
+          (s * static_cast<double>(north - south));
       slowness.push_back(static_cast<float>(1.0 + slope_slowness * std::hypot(dx, dy)));
     }
   return slowness;
@@ -73,16 +77,18 @@ Result<ModelField> travel_from_rims(std::span<const Crater> craters, const Stone
     const PlanPoint middle{
         ground.scale.horizontal(Metres{crater.east_m - ground.east_of_x0_m}).value(),
         ground.scale.horizontal(Metres{crater.north_m - ground.north_of_y0_m}).value()};
-    for (const auto& line : rim_on(f, middle, 0.5 * ground.scale.horizontal(crater.diameter).value()))
+    for (const auto& line :
+         rim_on(f, middle, 0.5 * ground.scale.horizontal(crater.diameter).value()))
       MAQUETTE_TRY_VOID(add_polyline(sources, f, line));
   }
   if (sources.points.empty() && sources.segments.empty() && sources.vertices.empty())
-    return fail(kNoRimOnSite,
-                fmt::format("no rim of the {} craters crosses the surface; the first is at east {:g} "
-                            "m north {:g} m with a diameter of {:g} m; give craters whose rims lie on "
-                            "the site, in metres from its centre",
-                            craters.size(), craters[0].east_m, craters[0].north_m,
-                            craters[0].diameter.value()));
+    return fail(
+        kNoRimOnSite,
+        fmt::format("no rim of the {} craters crosses the surface; the first is at east {:g} "
+                    "m north {:g} m with a diameter of {:g} m; give craters whose rims lie on "
+                    "the site, in metres from its centre",
+                    craters.size(), craters[0].east_m, craters[0].north_m,
+                    craters[0].diameter.value()));
   const std::vector<float> slowness = slowness_of(f, slope_slowness);
   MAQUETTE_TRY(auto travel, geodesic_distance(f, sources, {.slowness = slowness}, run));
   return ModelField{std::move(travel), f.spacing, f.x0, f.y0};

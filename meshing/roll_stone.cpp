@@ -23,7 +23,8 @@ constexpr double kTouch_mm = 1e-9;
 constexpr double kTouches_mm = 1e-7;
 /// So far outside the contacts' polygon the centre of mass is still held.
 constexpr double kHeld_mm = 1e-5;
-/// Contacts that seen from above are nearer to each other, or to the line of others, are no corners.
+/// Contacts that seen from above are nearer to each other, or to the line of others, are no
+/// corners.
 constexpr double kSame_mm = 1e-8;
 /// What the first look whether an axis is blocked turns by; an axis about which it turns by
 /// kLongTurn is not.
@@ -37,8 +38,8 @@ constexpr double kProgress_mm = 1e-4;
 constexpr int kWays = 12;  // about one corner, where the fastest is blocked
 
 struct Axis {
-  Vec3 at, direction;    ///< unit
-  double speed = 0.0;    ///< of the centre of mass upwards, mm per radian
+  Vec3 at, direction;  ///< unit
+  double speed = 0.0;  ///< of the centre of mass upwards, mm per radian
 };
 
 RigidTransform turned(const RigidTransform& pose, const Axis& axis, double angle) {
@@ -69,9 +70,8 @@ std::vector<Vec3> support_polygon(const std::vector<StoneContact>& contacts) {
   for (int side = 0; side < 2; ++side) {
     const std::size_t start = hull.size();
     for (const Vec3 q : p) {
-      while (hull.size() >= start + 2 &&
-             area_of(hull[hull.size() - 2], hull.back(), q) <=
-                 kSame_mm * apart(hull[hull.size() - 2], q))
+      while (hull.size() >= start + 2 && area_of(hull[hull.size() - 2], hull.back(), q) <=
+                                             kSame_mm * apart(hull[hull.size() - 2], q))
         hull.pop_back();
       hull.push_back(q);
     }
@@ -168,9 +168,7 @@ class Roller {
   }
 
  private:
-  void drop() {
-    pose_.translation_mm.z -= clear_.least_gap_mm(pose_);
-  }
+  void drop() { pose_.translation_mm.z -= clear_.least_gap_mm(pose_); }
 
   /// The centre of mass straight above its one contact, or above the line of two.
   static bool is_balanced(const std::vector<Vec3>& polygon, Vec3 mass) {

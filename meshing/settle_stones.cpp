@@ -71,10 +71,11 @@ class Settler {
     if (!laid) return rest;
     rest.stone = *laid;
     const double farthest_mm = options_.farthest * laid->scale_mm;
-    rest.end = detail::roll_stone(body_, ground_.surface, farthest_mm,
-                                  random_bits_of_number(), rest.stone.model_from_stone);
+    rest.end = detail::roll_stone(body_, ground_.surface, farthest_mm, random_bits_of_number(),
+                                  rest.stone.model_from_stone);
     const Vec3 at = rest.stone.model_from_stone.translation_mm;
-    rest.east_m = ground_.east_of_x0_m + ground_.scale.unscale_horizontal(Millimetres{at.x}).value();
+    rest.east_m =
+        ground_.east_of_x0_m + ground_.scale.unscale_horizontal(Millimetres{at.x}).value();
     rest.north_m =
         ground_.north_of_y0_m + ground_.scale.unscale_horizontal(Millimetres{at.y}).value();
     if (rest.end != RollEnd::rests) return rest;
@@ -86,7 +87,8 @@ class Settler {
     const Vec3 normal = under->model_from_stone.direction({0, 0, 1});
     const double across = std::hypot(normal.x, normal.y);
     rest.slope_rad = std::atan2(across, normal.z);
-    if (across > 0.0) rest.downhill_east = normal.x / across, rest.downhill_north = normal.y / across;
+    if (across > 0.0)
+      rest.downhill_east = normal.x / across, rest.downhill_north = normal.y / across;
     return rest;
   }
 
@@ -155,12 +157,12 @@ class Settler {
       if (slides(rest)) ++too_steep;
     }
     const bool steep = 2 * too_steep > tried;
-    return fail(steep ? kStoneSlides : kStoneDoesNotRest,
-                fmt::format("{} lies in none of {} places: {}, and {} of them are steeper than the "
-                            "angle of repose of {:g} degrees; fewer or smaller stones, or a larger "
-                            "stones.repose_deg, may help, stones.rest = \"fitted\" always does",
-                            name(), tried + 1, why(first), too_steep,
-                            in_degrees(options_.repose.value())));
+    return fail(
+        steep ? kStoneSlides : kStoneDoesNotRest,
+        fmt::format("{} lies in none of {} places: {}, and {} of them are steeper than the "
+                    "angle of repose of {:g} degrees; fewer or smaller stones, or a larger "
+                    "stones.repose_deg, may help, stones.rest = \"fitted\" always does",
+                    name(), tried + 1, why(first), too_steep, in_degrees(options_.repose.value())));
   }
 
  private:
@@ -185,24 +187,28 @@ class Settler {
       const Rest& rest, const std::vector<StoneDisc>& taken) const {
     if (rest.end == RollEnd::leaves) return std::optional<Rest>{};
     if (does(rest, taken) && distance_m(rest) <= stone_.diameter.value()) return rest;
-    return fail(slides(rest) ? kStoneSlides : kStoneDoesNotRest,
-                fmt::format("{} does not stay at east {:g} m north {:g} m, where it is told to lie: "
-                            "{}; choose another place or heading",
-                            name(), stone_.east_m, stone_.north_m, why(rest)));
+    return fail(
+        slides(rest) ? kStoneSlides : kStoneDoesNotRest,
+        fmt::format("{} does not stay at east {:g} m north {:g} m, where it is told to lie: "
+                    "{}; choose another place or heading",
+                    name(), stone_.east_m, stone_.north_m, why(rest)));
   }
 
   [[nodiscard]] std::string name() const {
-    return stone_.body == nullptr ? fmt::format("stone {}", stone_.number)
-                                  : fmt::format("stone {} ({})", stone_.number, stone_.body->source);
+    return stone_.body == nullptr
+               ? fmt::format("stone {}", stone_.number)
+               : fmt::format("stone {} ({})", stone_.number, stone_.body->source);
   }
   [[nodiscard]] std::string why(const Rest& rest) const {
     const std::string where =
         fmt::format("at east {:.3f} m north {:.3f} m", rest.east_m, rest.north_m);
     if (rest.end == RollEnd::leaves)
-      return fmt::format("from east {:.3f} m north {:.3f} m it rolls off the surface or onto a void",
-                         stone_.east_m, stone_.north_m);
+      return fmt::format(
+          "from east {:.3f} m north {:.3f} m it rolls off the surface or onto a void",
+          stone_.east_m, stone_.north_m);
     if (rest.end == RollEnd::rolls_on) return "it rolls on and on, now " + where;
-    if (rest.end == RollEnd::wedged) return "it is wedged between less than three contacts " + where;
+    if (rest.end == RollEnd::wedged)
+      return "it is wedged between less than three contacts " + where;
     if (slides(rest))
       return fmt::format("the ground {} has a slope of {:.1f} degrees (stones.repose_deg is {:g})",
                          where, in_degrees(rest.slope_rad), in_degrees(options_.repose.value()));

@@ -41,27 +41,27 @@ inline constexpr double kContact_mm = 1e-3;
 inline constexpr double kSunken_mm = 1e-6;
 
 struct SettleOptions {
-  double embedded_share = 0.25;  ///< of the stone's height at rest, straight down
-  Radians repose = degrees(35);  ///< friction angle: on steeper ground a stone slides
-  std::uint64_t seed = 1;        ///< says where a stone falls that stands on its tip
-  double farthest = 20.0;        ///< diameters that it may roll and slide from its place
-  int other_places = 200;        ///< that are tried where the one of the plan does not do
+  double embedded_share = 0.25;        ///< of the stone's height at rest, straight down
+  Radians repose = degrees(35);        ///< friction angle: on steeper ground a stone slides
+  std::uint64_t seed = 1;              ///< says where a stone falls that stands on its tip
+  double farthest = 20.0;              ///< diameters that it may roll and slide from its place
+  int other_places = 200;              ///< that are tried where the one of the plan does not do
   std::span<const StoneDisc> taken{};  ///< by stones that lie already
 };
 
 /// Where it rests, a stone lies on ground that is not steeper than `repose` (the plane that fits
 /// the nodes under its footprint best), keeps to its square (keeps_to_its_square) and to itself:
-/// the circumscribed spheres of stones do not overlap. A stone on steeper ground is moved down it by
-/// quarters of its diameter and dropped again. Where that does not lead to rest, a drawn stone is
-/// tried in other places (draw_other_place); a stone whose place the user says is refused, also if
-/// it would roll from there by more than its diameter. Places are given away in the order of
+/// the circumscribed spheres of stones do not overlap. A stone on steeper ground is moved down it
+/// by quarters of its diameter and dropped again. Where that does not lead to rest, a drawn stone
+/// is tried in other places (draw_other_place); a stone whose place the user says is refused, also
+/// if it would roll from there by more than its diameter. Places are given away in the order of
 /// numbers, the user's first.
 /// A stone that stands with its centre of mass above fewer than three contacts falls over to a side
 /// that the seed says, unless it can fall to none: it stays.
 /// Stones that the plan has beyond this surface, and those of the user that do not lie on it as a
 /// whole, are left out. Same stones, surface and seed: same bits for any number of threads.
-/// MESHING_STONE_SLIDES: only steeper ground was found; MESHING_STONE_DOES_NOT_REST: wedged, rolling
-/// on, or no free place; both with number, place and slope. CORE_CANCELLED.
+/// MESHING_STONE_SLIDES: only steeper ground was found; MESHING_STONE_DOES_NOT_REST: wedged,
+/// rolling on, or no free place; both with number, place and slope. CORE_CANCELLED.
 /// @param request  what `stones` were planned by
 /// @pre as lay_stones; repose above 0
 [[nodiscard]] Result<std::vector<PlacedStone>> settle_stones(std::span<const SiteStone> stones,

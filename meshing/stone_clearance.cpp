@@ -58,7 +58,8 @@ void under_face(const ModelField& f, Vec3 a, Vec3 b, Vec3 c, Visit&& visit) {
   if (!(area < 0.0)) return;  // looks up, or stands upright
   const double s = f.spacing.value();
   const auto range = [s](double p, double q, double r, double origin, std::ptrdiff_t count) {
-    const double low = (std::min({p, q, r}) - origin) / s, high = (std::max({p, q, r}) - origin) / s;
+    const double low = (std::min({p, q, r}) - origin) / s,
+                 high = (std::max({p, q, r}) - origin) / s;
     return std::pair{std::max<std::ptrdiff_t>(0, static_cast<std::ptrdiff_t>(std::ceil(low))),
                      std::min(count - 1, static_cast<std::ptrdiff_t>(std::floor(high)))};
   };
@@ -118,8 +119,8 @@ bool StoneClearance::gather(const RigidTransform& pose, double reach_mm) {
     if (std::isnan(gap_[i])) return false;
     box.add(p);
   }
-  // The gap of a point changes by at most `steep` times the way that it goes; no point of an edge is
-  // farther than half of it from an end, none of a face farther than an edge from a corner.
+  // The gap of a point changes by at most `steep` times the way that it goes; no point of an edge
+  // is farther than half of it from an end, none of a face farther than an edge from a corner.
   double steep = 1.0, near_vertex = INFINITY, near_corner = INFINITY;
   if (std::isfinite(reach_mm)) {
     box.min = box.min - Vec3{reach_mm, reach_mm, 0};

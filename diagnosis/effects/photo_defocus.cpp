@@ -19,7 +19,7 @@ void add_photo_defocus(std::vector<Effect>& all) {
     for (const Scope& scope : scopes_of(scene)) {
       PhotoParameter p = number_in(scope, "blur", "sigma_px", 0.05, &PictureState::blur_px2);
       p.shown = root;
-      forms.push_back({"the same everywhere" + scope.says, {std::move(p)}, {}, 1});
+      forms.push_back({"the same everywhere" + scope.says, {std::move(p)}, {}, 1, kLeastBlur_px2});
     }
     return forms;
   };

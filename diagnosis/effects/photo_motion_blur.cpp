@@ -39,7 +39,8 @@ void add_photo_motion_blur(std::vector<Effect>& all) {
                                      180.0 / std::numbers::pi * angle, scope.says),
                          {std::move(p)},
                          {{"direction_deg", 180.0 / std::numbers::pi * angle}},
-                         1});
+                         1,
+                         kLeastBlur_px2});
       }
     return forms;
   };

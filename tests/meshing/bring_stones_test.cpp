@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // meshing/bring_stones.hpp:
-//   the same pose on the planet ............. every vertex in metres of the site, exaggerated 2, heights
+//   the same pose on the planet ............. every vertex in metres of the site, exaggerated 2,
+//   heights
 //                                             that begin at different zeros
 //   there and back ........................ the same pose
 //   not all over the other ground ........... left out
@@ -23,7 +24,8 @@ using heightmap::ModelField;
 
 /// A site's ground in metres.
 double height_m(double east, double north) {
-  return -2100.0 + 0.05 * east - 0.02 * north + 0.2 * std::sin(0.3 * east) + 0.1 * std::cos(0.4 * north);
+  return -2100.0 + 0.05 * east - 0.02 * north + 0.2 * std::sin(0.3 * east) +
+         0.1 * std::cos(0.4 * north);
 }
 
 struct Model {
@@ -54,10 +56,9 @@ struct Model {
 TEST(BringStones, TheSamePoseOnThePlanet) {
   const Model small(1000, 100, 0.5, -2110.25), large(200, 20, 0.5, -2105.5);
   const SitePlanRequest request{
-        .count = 4, .inner_share = 1.0, .half_width = Metres{100}, .inner_half_width = Metres{20}};
+      .count = 4, .inner_share = 1.0, .half_width = Metres{100}, .inner_half_width = Metres{20}};
   const auto plan = plan_stones(request).value();
-  const auto fitted =
-      lay_stones(plan, large.field, large.scale, -20, -20);
+  const auto fitted = lay_stones(plan, large.field, large.scale, -20, -20);
   const auto settled = settle_stones(plan, request, large.ground()).value();
   for (const auto& near : {fitted, settled}) {
     ASSERT_EQ(near.size(), 4u);
@@ -74,17 +75,16 @@ TEST(BringStones, TheSamePoseOnThePlanet) {
         const Vec3 off = small.site_m(a.vertices_mm[v]) - large.site_m(b.vertices_mm[v]);
         EXPECT_LT(norm(off), 1e-8) << "metres";
         const Vec3 p = a.vertices_mm[v];
-        if (p.z < lowest)
-          lowest = p.z, depth = heightmap::height_at(small.field, p.x, p.y) - p.z;
+        if (p.z < lowest) lowest = p.z, depth = heightmap::height_at(small.field, p.x, p.y) - p.z;
       }
       EXPECT_NEAR(far[i].embedded_depth_mm, depth, 1e-9);
     }
     const auto back = bring_stones(far, small.ground(), large.ground());
     ASSERT_EQ(back.size(), 4u);
     for (std::size_t i = 0; i < 4; ++i)
-      EXPECT_LT(norm(back[i].model_from_stone.translation_mm -
-                     near[i].model_from_stone.translation_mm),
-                1e-7);
+      EXPECT_LT(
+          norm(back[i].model_from_stone.translation_mm - near[i].model_from_stone.translation_mm),
+          1e-7);
   }
 }
 
@@ -92,9 +92,8 @@ TEST(BringStones, LeavesOutWhatIsNotOnTheOtherGround) {
   const Model small(1000, 100, 0.5, -2110.25), large(200, 20, 0.5, -2105.5);
   std::vector<SiteStone> stones;
   for (const double east : {0.0, 19.5, 50.0})
-    stones.push_back({.number = static_cast<int>(stones.size()) + 1,
-                      .diameter = Metres{3.0},
-                      .east_m = east});
+    stones.push_back(
+        {.number = static_cast<int>(stones.size()) + 1, .diameter = Metres{3.0}, .east_m = east});
   const auto far = lay_stones(stones, small.field, small.scale, -100, -100);
   ASSERT_EQ(far.size(), 3u);
   const auto near = bring_stones(far, small.ground(), large.ground());

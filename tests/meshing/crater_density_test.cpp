@@ -2,12 +2,11 @@
 
 // meshing/crater_density.hpp, plan_stones with a density:
 //   travel distance on level ground ......... distance from the circle, closed form, at every node
-//   steep ground is slower .................. a tilted plane, along and across the slope, closed form
-//   nearest of several rims, part on site ... closed form
-//   the density's law ....................... far share, 1/e at the decay length, 1:2500
-//   the plan is a sample of it .............. counts a ring, chi-square; even plans fail the same test
-//   a function of the seed .................. compared
-//   the error ............................... reached
+//   steep ground is slower .................. a tilted plane, along and across the slope, closed
+//   form nearest of several rims, part on site ... closed form the density's law
+//   ....................... far share, 1/e at the decay length, 1:2500 the plan is a sample of it
+//   .............. counts a ring, chi-square; even plans fail the same test a function of the seed
+//   .................. compared the error ............................... reached
 
 #include "meshing/crater_density.hpp"
 
@@ -66,7 +65,8 @@ TEST(TravelFromRims, OnLevelGroundIsTheDistanceFromTheCircle) {
 }
 
 TEST(TravelFromRims, SteepGroundIsSlower) {
-  // Of slope 0.5 towards x: a metre across it counts as 1 + 2 * 0.5, one along it is as much longer.
+  // Of slope 0.5 towards x: a metre across it counts as 1 + 2 * 0.5, one along it is as much
+  // longer.
   const ModelField f = field(201, 0.5, [](double x, double) { return 0.5 * x; });
   const auto travel =
       travel_from_rims(std::vector<Crater>{{0.0, 0.0, Metres{5.0}}}, ground_of(f), 2.0);

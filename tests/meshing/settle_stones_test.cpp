@@ -11,9 +11,9 @@
 //   sunk straight down by the share ......... compared with the pose at rest
 //   no slope above repose ................... the test's own plane fit, on steep terrain
 //   stones keep apart and to their square ... every pair, every stone
-//   what slides is moved or refused ......... slope above flat ground; slope everywhere; told places
-//   same bits for seed and threads .......... compared for 1 and 4
-//   every error ............................. reached
+//   what slides is moved or refused ......... slope above flat ground; slope everywhere; told
+//   places same bits for seed and threads .......... compared for 1 and 4 every error
+//   ............................. reached
 
 #include "meshing/settle_stones.hpp"
 
@@ -54,14 +54,16 @@ double waves(std::uint64_t seed, double steep, double x, double y) {
     const double turn = 2.0 * std::numbers::pi * random_uniform(seed, 2 * i);
     const double phase = 2.0 * std::numbers::pi * random_uniform(seed, 2 * i + 1);
     z += steep * 0.03 * length *
-         std::sin(phase + 2.0 * std::numbers::pi / length * (x * std::cos(turn) + y * std::sin(turn)));
+         std::sin(phase +
+                  2.0 * std::numbers::pi / length * (x * std::cos(turn) + y * std::sin(turn)));
   }
   return z;
 }
 
 /// The model at 1:1000, its lower left corner at site (0, 0) minus `half`.
 StoneGround ground_of(const ModelField& f, double half_m) {
-  return {.surface = f, .scale = ModelScale(1000), .east_of_x0_m = -half_m, .north_of_y0_m = -half_m};
+  return {
+      .surface = f, .scale = ModelScale(1000), .east_of_x0_m = -half_m, .north_of_y0_m = -half_m};
 }
 
 SitePlanRequest site_of(double half_m) {
@@ -166,8 +168,8 @@ Vec3 centre_of_mass(const TriMesh& m) {
   return (1.0 / volume) * sum;
 }
 
-/// Largest angle between neighbouring directions in which contacts lie, seen from the centre of mass.
-/// Three of them hold it if and only if that is not more than pi.
+/// Largest angle between neighbouring directions in which contacts lie, seen from the centre of
+/// mass. Three of them hold it if and only if that is not more than pi.
 double widest_gap(const std::vector<Gap>& contacts, Vec3 mass) {
   std::vector<double> angles;
   for (const Gap& c : contacts) angles.push_back(std::atan2(c.at.y - mass.y, c.at.x - mass.x));
@@ -243,8 +245,8 @@ TEST(SettleStones, AColumnOnASlopeFallsDownhill) {
   auto stone = box_at(20, 20, {2, 2, 6}, degrees(0));
   stone.diameter = Metres{2.0 * std::sqrt(4.0 / std::numbers::pi)};
   stone.has_place = false;  // it goes farther than its diameter
-  const auto placed = settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20),
-                                    {.embedded_share = 0.0});
+  const auto placed =
+      settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20), {.embedded_share = 0.0});
   ASSERT_THAT(placed, Succeeds());
   const RigidTransform& t = (*placed)[0].model_from_stone;
   const Vec3 normal = normalized(Vec3{-slope, 0, 1}), down = normalized(Vec3{-1, 0, -slope});
@@ -281,7 +283,8 @@ TEST(SettleStones, ABallStaysOnAPlaneAndRollsOnASlope) {
       settle_stones(std::vector{ball}, site_of(20), ground_of(level, 20), {.embedded_share = 0.0});
   ASSERT_THAT(lies, Succeeds());
   const Vec3 at = (*lies)[0].model_from_stone.translation_mm;
-  // Of 5120 triangles with edges of at most 0.09 radii, it lies on a facet: 2 (1 - cos 0.052) lower.
+  // Of 5120 triangles with edges of at most 0.09 radii, it lies on a facet: 2 (1 - cos 0.052)
+  // lower.
   EXPECT_NEAR(at.z, 4.0, 0.006);
   EXPECT_LT(std::hypot(at.x - 20, at.y - 20), 0.2);
 
@@ -302,7 +305,8 @@ class Settle : public ::testing::TestWithParam<std::uint64_t> {
     return field(std::lround(2 * half / spacing) + 1, spacing,
                  [&](double x, double y) { return 30.0 + waves(GetParam(), steep, x, y); });
   }
-  [[nodiscard]] std::vector<SiteStone> plan(const SitePlanRequest& request, double angularity) const {
+  [[nodiscard]] std::vector<SiteStone> plan(const SitePlanRequest& request,
+                                            double angularity) const {
     auto stones = plan_stones(request).value();
     for (SiteStone& s : stones) s.shape.angularity = angularity;
     return stones;
@@ -317,8 +321,7 @@ TEST_P(Settle, OnThreeContactsThatHoldTheCentreOfMass) {
       SCOPED_TRACE(testing::Message() << "spacing " << spacing << ", angularity " << angularity);
       const ModelField f = terrain(40, spacing, 0.6);
       const auto stones = plan(request, angularity);
-      const auto placed =
-          settle_stones(stones, request, ground_of(f, 40), {.embedded_share = 0.0});
+      const auto placed = settle_stones(stones, request, ground_of(f, 40), {.embedded_share = 0.0});
       ASSERT_THAT(placed, Succeeds());
       ASSERT_EQ(placed->size(), stones.size());
       for (const PlacedStone& s : *placed) expect_rests(f, s);
@@ -346,10 +349,8 @@ TEST_P(Settle, SinksStraightDownByTheShare) {
 }
 
 TEST_P(Settle, NotOnSteepGroundNotOnOthersAndInItsSquare) {
-  const SitePlanRequest request{.count = 16,
-                                .half_width = Metres{50},
-                                .inner_half_width = Metres{22},
-                                .seed = GetParam()};
+  const SitePlanRequest request{
+      .count = 16, .half_width = Metres{50}, .inner_half_width = Metres{22}, .seed = GetParam()};
   const ModelField f = terrain(50, 0.5, 1.6);
   const auto stones = plan(request, 0.7);
   const double repose = degrees(25).value();
@@ -416,9 +417,9 @@ TEST(SettleStones, WhatFindsNoFlatGroundIsRefused) {
   stone.has_place = false;
   EXPECT_THAT(settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20), {}),
               FailsWith(kStoneSlides));
-  EXPECT_THAT(settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20),
-                            {.repose = degrees(50)}),
-              Succeeds());
+  EXPECT_THAT(
+      settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20), {.repose = degrees(50)}),
+      Succeeds());
 }
 
 TEST(SettleStones, ToldPlacesThatDoNotHoldAreRefused) {

@@ -263,9 +263,12 @@ Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request) {
     const std::uint64_t stream = random_bits(random_bits(request.seed, kPositions), i);
     const auto place = find_place(region, radius_m[i], taken, stream);
     if (!place)
-      return fail(kStonesDoNotFit,
-                  fmt::format("{} of {} stones fit without overlap; choose fewer or smaller ones",
-                              taken.size(), stones.size()));
+      return fail(
+          kStonesDoNotFit,
+          fmt::format(
+              "{} of {} stones fit without overlap; choose fewer or smaller ones{}", taken.size(),
+              stones.size(),
+              request.density ? ", or a density that is not so small in their square" : ""));
     taken.push_back(*place);
     stones[i].east_m = place->east_m;
     stones[i].north_m = place->north_m;

@@ -20,7 +20,7 @@
 /// farther from it than kContact_mm; both before the stone is sunk.
 ///
 /// Not modelled: speed (a stone never jumps), rolling friction, and forces between stones.
-/// Cost. About 0.1 s a stone of 5120 triangles.
+/// Cost. 0.015 CPU s a stone of 5120 triangles that is 3 to 10 nodes wide, 0.03 of 15 to 35 nodes.
 
 #include <cstdint>
 #include <span>

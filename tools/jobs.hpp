@@ -62,9 +62,21 @@ struct WiderSurface {
 [[nodiscard]] Result<JobResult> reach_job(const Site& site, const fs::path& design,
                                           const fs::path& folder, const RunContext& run);
 
-/// stones.json, stones.csv, surface.tif (design with the stones' envelope).
-[[nodiscard]] Result<JobResult> stones_job(const Site& site, double scale, const fs::path& design,
-                                           const fs::path& folder, const RunContext& run);
+/// What stones_job reads of each surface: its design and, where two have the same stones, fuse.json
+/// beside it.
+struct StoneSurfaces {
+  std::vector<fs::path> designs;  ///< of the site's scales, in their order; empty: not there
+
+  /// Of those that stones at that scale need.
+  [[nodiscard]] std::vector<fs::path> files(const Site& site, double scale) const;
+};
+
+/// stones.json, stones.csv, surface.tif (design with the stones' envelope). A stone has one pose on
+/// the planet: it lies on the surface of the largest scale that it is on, and as that says on the
+/// others. Without the designs of larger scales it lies on its own surface, which is said.
+[[nodiscard]] Result<JobResult> stones_job(const Site& site, double scale,
+                                           const StoneSurfaces& surfaces, const fs::path& folder,
+                                           const RunContext& run);
 
 /// The solid with stones and its certificate beside it (surface.ply,
 /// surface.certificate.json). A mesh that fails its checks is not written.

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <numbers>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -12,8 +13,12 @@
 #include "core/files.hpp"
 #include "heightmap/body.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/bring_stones.hpp"
+#include "meshing/crater_density.hpp"
+#include "meshing/settle_stones.hpp"
 #include "meshing/stones.hpp"
 #include "tools/jobs.hpp"
+#include "tools/pipeline.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
@@ -85,11 +90,46 @@ Result<std::vector<meshing::OwnStones>> own_stones(const Site& site, const RunCo
   return all;
 }
 
-}  // namespace
+/// A surface with what says where it lies.
+struct Ground {
+  heightmap::ModelField field;
+  double scale = 0.0, height_of_z0_m = 0.0;
 
-Result<JobResult> stones_job(const Site& site, double scale, const fs::path& design_path,
-                             const fs::path& folder, const RunContext& run) {
-  MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
+  [[nodiscard]] meshing::StoneGround stone_ground(const Site& site) const {
+    const double west_m = -half_width_m(site, scale);
+    return {field, ModelScale(scale, site.exaggeration), west_m, west_m, height_of_z0_m};
+  }
+};
+
+/// @param with_height  what lies on it lies on others, too: its height is needed
+Result<Ground> read_ground(const Site& site, double scale, const fs::path& design,
+                           bool with_height) {
+  Ground ground;
+  ground.scale = scale;
+  MAQUETTE_TRY(ground.field, heightmap::read_model_field(design));
+  if (!with_height) return ground;
+  const fs::path fuse = design.parent_path() / "fuse.json";
+  MAQUETTE_TRY(const auto text, read_file(fuse));
+  const json figures = json::parse(text, nullptr, false);
+  if (!figures.is_object() || !figures.contains("lowest_m") || !figures["lowest_m"].is_number())
+    return fail(
+        kInputMissing,
+        fmt::format("{}: 'lowest_m', the height of the lowest point, is missing; fuse 1:{:g} "
+                    "again",
+                    fuse.string(), scale));
+  ground.height_of_z0_m =
+      figures["lowest_m"].get<double>() -
+      ModelScale(scale, site.exaggeration).unscale_vertical(Millimetres{site.lowest_mm}).value();
+  return ground;
+}
+
+std::size_t index_of(const Site& site, double scale) {
+  return static_cast<std::size_t>(std::find(site.scales.begin(), site.scales.end(), scale) -
+                                  site.scales.begin());
+}
+
+Result<meshing::SitePlanRequest> plan_request(const Site& site, const StoneSurfaces& surfaces,
+                                              const RunContext& run) {
   meshing::SitePlanRequest request;
   request.count = static_cast<int>(site.stone_count);
   request.inner_share = site.scales.size() > 1 ? site.stone_inner_share : 0.0;
@@ -103,12 +143,101 @@ Result<JobResult> stones_job(const Site& site, double scale, const fs::path& des
   request.sizes = static_cast<int>(site.stone_sizes);
   request.seed = static_cast<std::uint64_t>(site.seed);
   MAQUETTE_TRY(request.own, own_stones(site, run));
+  if (site.stone_density != "craters") return request;
+  if (surfaces.designs.front().empty())
+    return fail(
+        kInputMissing,
+        fmt::format("stones.density craters: the design of 1:{:g} is needed, over which the "
+                    "distance from craters is travelled (--other)",
+                    site.scales.front()));
+  MAQUETTE_TRY(const auto ground,
+               read_ground(site, site.scales.front(), surfaces.designs.front(), false));
+  std::vector<meshing::Crater> craters;
+  for (const SiteCrater& c : site.craters)
+    craters.push_back({c.east_m, c.north_m, Metres{c.diameter_m}});
+  const auto on = ground.stone_ground(site);
+  MAQUETTE_TRY(auto travel, meshing::travel_from_rims(craters, on, site.stone_slope_slowness, run));
+  request.density = meshing::density_around(std::move(travel), on, Metres{site.stone_decay_m},
+                                            site.stone_far_share);
+  return request;
+}
+
+/// Lays what is left of the plan on one surface.
+Result<std::vector<meshing::PlacedStone>> lay_on(const Site& site,
+                                                 const std::vector<meshing::SiteStone>& stones,
+                                                 const meshing::SitePlanRequest& request,
+                                                 const meshing::StoneGround& ground,
+                                                 std::span<const meshing::StoneDisc> taken,
+                                                 const RunContext& run) {
+  if (site.stone_rest == "settled")
+    return meshing::settle_stones(stones, request, ground,
+                                  {.embedded_share = site.stone_embedded_share,
+                                   .repose = degrees(site.stone_repose_deg),
+                                   .seed = static_cast<std::uint64_t>(site.seed),
+                                   .taken = taken},
+                                  run);
+  return meshing::lay_stones(stones, ground.surface, ground.scale, ground.east_of_x0_m,
+                             ground.north_of_y0_m, site.stone_embedded_share);
+}
+
+/// A stone's pose is that on the surface of the largest scale where it lies, brought to this one.
+Result<std::vector<meshing::PlacedStone>> lay_at_scale(
+    const Site& site, const std::vector<meshing::SiteStone>& plan,
+    const meshing::SitePlanRequest& request, const StoneSurfaces& surfaces, std::size_t index,
+    heightmap::ModelField& design, const RunContext& run) {
+  std::vector<std::size_t> there;  // largest scale first, this one last
+  for (std::size_t k = site.scales.size(); k-- > index;)
+    if (!surfaces.designs[k].empty()) there.push_back(k);
+  std::optional<Ground> before;
+  std::vector<meshing::PlacedStone> placed;
+  for (const std::size_t k : there) {
+    MAQUETTE_TRY(auto ground,
+                 read_ground(site, site.scales[k], surfaces.designs[k], there.size() > 1));
+    const auto on = ground.stone_ground(site);
+    std::set<int> lie_already;
+    for (const auto& s : placed) lie_already.insert(s.number);
+    std::vector<meshing::SiteStone> rest;
+    for (const auto& s : plan)
+      if (!lie_already.contains(s.number)) rest.push_back(s);
+    if (before) placed = meshing::bring_stones(placed, before->stone_ground(site), on);
+    MAQUETTE_TRY(auto laid, lay_on(site, rest, request, on, meshing::discs_of(placed, on), run));
+    for (auto& s : laid) placed.push_back(std::move(s));
+    std::sort(placed.begin(), placed.end(),
+              [](const auto& a, const auto& b) { return a.number < b.number; });
+    before = std::move(ground);
+  }
+  design = std::move(before->field);
+  return placed;
+}
+
+}  // namespace
+
+std::vector<fs::path> StoneSurfaces::files(const Site& site, double scale) const {
+  const std::size_t index = index_of(site, scale);
+  std::vector<fs::path> all;
+  std::size_t used = 0;
+  for (std::size_t k = index; k < designs.size(); ++k)
+    if (!designs[k].empty()) all.push_back(designs[k]), ++used;
+  if (used > 1)
+    for (std::size_t k = 0; k < used; ++k) all.push_back(all[k].parent_path() / "fuse.json");
+  if (index > 0 && site.stone_density == "craters" && !designs.front().empty())
+    all.push_back(designs.front());
+  return all;
+}
+
+Result<JobResult> stones_job(const Site& site, double scale, const StoneSurfaces& surfaces,
+                             const fs::path& folder, const RunContext& run) {
+  const std::size_t index = index_of(site, scale);
+  if (index + 1 < site.scales.size() && surfaces.designs[index + 1].empty())
+    run.warn(
+        fmt::format("the stones of the section 1:{:g} lie on this surface here, and on their "
+                    "own there; --other DESIGN gives them one pose",
+                    site.scales[index + 1]));
+  MAQUETTE_TRY(const auto request, plan_request(site, surfaces, run));
   MAQUETTE_TRY(auto plan, meshing::plan_stones(request));
   for (auto& stone : plan) stone.shape.angularity = site.stone_angularity;
-
-  const double west_m = -half_width_m(site, scale);
-  const auto placed = meshing::lay_stones(plan, design, ModelScale(scale, site.exaggeration),
-                                          west_m, west_m, site.stone_embedded_share);
+  heightmap::ModelField design;
+  MAQUETTE_TRY(const auto placed, lay_at_scale(site, plan, request, surfaces, index, design, run));
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));

@@ -71,6 +71,25 @@ void check_bodies(const Site& s, std::vector<std::string>& found) {
         "fusion.crater_age_gyr: the detail of a composite has its own craters; set it to 0");
 }
 
+/// Whether each crater has a rim on the site.
+void check_craters(const Site& s, std::vector<std::string>& found) {
+  if (s.stone_density == "craters" && s.craters.empty())
+    found.emplace_back(
+        "stones.density craters: which ones? Name them in [[crater]] tables (east_m, north_m, "
+        "diameter_m), or take even");
+  const double half_m = half_width_m(s, s.scales.front());
+  for (const SiteCrater& c : s.craters) {
+    const double dx = std::abs(c.east_m), dy = std::abs(c.north_m), radius = 0.5 * c.diameter_m;
+    const double nearest = std::hypot(std::fmax(0.0, dx - half_m), std::fmax(0.0, dy - half_m));
+    const double farthest = std::hypot(dx + half_m, dy + half_m);
+    if (radius < nearest || radius > farthest)
+      found.push_back(fmt::format(
+          "crater at east_m {:g} north_m {:g}: its rim of diameter_m {:g} does not cross "
+          "the site of {:g} m x {:g} m",
+          c.east_m, c.north_m, c.diameter_m, 2 * half_m, 2 * half_m));
+  }
+}
+
 /// What no single key can say about itself. One message a finding.
 std::vector<std::string> contradictions(const Site& s) {
   std::vector<std::string> found;
@@ -103,6 +122,7 @@ std::vector<std::string> contradictions(const Site& s) {
                       "one of them",
                       own.file.filename().string()));
   }
+  check_craters(s, found);
   if (s.stepover_mm >= s.ball_diameter_mm)
     found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
                                 s.stepover_mm, s.ball_diameter_mm));
@@ -213,6 +233,14 @@ Schema own_stones_schema(SiteStones& stones) {
   return e;
 }
 
+Schema crater_schema(SiteCrater& crater) {
+  Schema e;
+  e.add({"east_m", &crater.east_m, "of its middle, from the site's centre", -1e7, 1e7, {}, true});
+  e.add({"north_m", &crater.north_m, "the same", -1e7, 1e7, {}, true});
+  e.add({"diameter_m", &crater.diameter_m, "of its rim, on the planet", 1e-3, 1e7, {}, true});
+  return e;
+}
+
 SiteFile empty_site_file() {
   SiteFile file;
   Site& s = *file.site;
@@ -275,6 +303,28 @@ SiteFile empty_site_file() {
   t.add({"stones.angularity", &s.stone_angularity, "0 rounded to 1 angular", 0, 1});
   t.add({"stones.embedded_share", &s.stone_embedded_share, "of a stone's height in the ground", 0,
          0.9});
+  t.add({"stones.rest",
+         &s.stone_rest,
+         "fitted: base along the ground; settled: on three contacts that hold the centre of mass, "
+         "nowhere steeper than repose_deg (docs/stones.md)",
+         -kInf,
+         kInf,
+         {"fitted", "settled"}});
+  t.add({"stones.repose_deg", &s.stone_repose_deg,
+         "friction angle of settled stones: on steeper ground they slide", 1, 89});
+  t.add({"stones.density",
+         &s.stone_density,
+         "even, or craters: denser around the rims of [[crater]], by travel distance along the "
+         "surface",
+         -kInf,
+         kInf,
+         {"even", "craters"}});
+  t.add({"stones.decay_m", &s.stone_decay_m,
+         "craters: travel distance from a rim over which the density falls to 1/e", 1e-3, 1e6});
+  t.add({"stones.far_share", &s.stone_far_share,
+         "craters: density far from all rims, as a share of that at them", 0, 1});
+  t.add({"stones.slope_slowness", &s.stone_slope_slowness,
+         "craters: a metre on a slope of angle a counts as 1 + this * tan(a)", 0, 1000});
 
   t.section("stock", "The block.");
   t.add({"stock.base_thickness_mm", &s.base_thickness_mm, "under the lowest point of the relief", 1,
@@ -463,6 +513,11 @@ SiteFile empty_site_file() {
           "Stones of your own, beside those that [stones] draws. Remove the # to use them "
           "(docs/stones.md).",
           [&s] { return own_stones_schema(s.own_stones.emplace_back()); });
+  t.array(
+      "crater",
+      "Craters of the site that stones lie around, if stones.density = \"craters\". Remove the # "
+      "to use them.",
+      [&s] { return crater_schema(s.craters.emplace_back()); });
   t.array(
       "source",
       "Elevation products, coarse to fine; none: the embedded site is generated. Remove the # "

@@ -50,6 +50,11 @@ struct SiteStones {
   double heading_deg = NAN;        ///< NaN: drawn
 };
 
+/// Whose rim stones lie around.
+struct SiteCrater {
+  double east_m = 0.0, north_m = 0.0, diameter_m = 0.0;
+};
+
 struct Site {
   std::string schema_name = "maquette.site/1";
   std::string name = "default";
@@ -80,8 +85,13 @@ struct Site {
   double stone_k = 0.1;
   double stone_angularity = 0.6;
   double stone_embedded_share = 0.25;
+  std::string stone_rest = "fitted";
+  double stone_repose_deg = 35.0;
+  std::string stone_density = "even";
+  double stone_decay_m = 50.0, stone_far_share = 0.1, stone_slope_slowness = 1.0;
 
   std::deque<SiteStones> own_stones;  ///< beside the drawn ones
+  std::deque<SiteCrater> craters;     ///< that stone_density speaks of
 
   double base_thickness_mm = 10.0;
   double lowest_mm = 0.0;

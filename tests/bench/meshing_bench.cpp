@@ -13,6 +13,8 @@
 
 //   meshing_bench level-set [NODES]  narrow band of a NODES x NODES fractal terrain (4001) straight
 //                                    from its grid, beside OpenVDB's meshToLevelSet on 501 nodes
+//   meshing_bench settle [STONES [NODES]]   500 stones of 1.5 to 5 mm on 4001 x 4001 nodes, fitted
+//                                      and settled: time, memory
 //   meshing_bench volume [STONES [NODES]]   500 stones united with 4001 x 4001 nodes: time, memory,
 //                                    errors
 
@@ -381,6 +383,11 @@ int main(int argc, char** argv) {
     fmt::print("level sets\n");
     in_its_own_process([] { level_set_case(fractal(501), 0.5, true); });
     in_its_own_process([&] { level_set_case(fractal(number(2, 4001)), 0.5, false); });
+  }
+  if (what.empty() || what == "settle") {
+    fmt::print("stones at rest\n");
+    in_its_own_process(
+        [&] { settle_case(fractal(number(3, 4001)), static_cast<int>(number(2, 500))); });
   }
   if (what.empty() || what == "volume") {
     fmt::print("stones on terrain\n");

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <numbers>
 
 #include <fmt/format.h>
 #include <openvdb/tools/MeshToVolume.h>
@@ -12,6 +13,7 @@
 #include "meshing/detail/stone_cap.hpp"
 #include "meshing/detail/terrain_level_set.hpp"
 #include "meshing/mesh_checks.hpp"
+#include "meshing/settle_stones.hpp"
 #include "meshing/solid.hpp"
 #include "meshing/stones.hpp"
 #include "support/bench_times.hpp"
@@ -84,6 +86,36 @@ void level_set_case(const ModelField& field, double voxel_mm, bool with_peer) {
       "  meshToLevelSet of the same: {:.3f} M columns per CPU s ({:.0f} times as long); within a "
       "voxel of the surface they differ by {:.4f} voxel rms, {:.3f} at most\n",
       columns / peer_cpu, peer_cpu / cpu, std::sqrt(squares / static_cast<double>(compared)), most);
+}
+
+void settle_case(const ModelField& field, int stones) {
+  const double half = 0.5 * field.spacing.value() * static_cast<double>(field.z_mm.cols() - 1);
+  const SitePlanRequest request{.count = stones,
+                                .half_width = Metres{half},
+                                .min_diameter = Metres{1.5},
+                                .max_diameter = Metres{5.0}};
+  Times start = now();
+  const auto plan = plan_stones(request);
+  if (!plan) return;
+  fmt::print("  plan {:.1f} CPU s", now().cpu - start.cpu);
+  start = now();
+  const auto fitted = lay_stones(*plan, field, ModelScale(1000.0), -half, -half);
+  fmt::print(", {} fitted {:.1f} CPU s", fitted.size(), now().cpu - start.cpu);
+  start = now();
+  const StoneGround ground{field, ModelScale(1000.0), -half, -half};
+  const auto settled = settle_stones(*plan, request, ground);
+  if (!settled) {
+    fmt::print("\n  {}\n", settled.error().message);
+    return;
+  }
+  double tilt = 0.0;
+  for (std::size_t i = 0; i < std::min(fitted.size(), settled->size()); ++i)
+    tilt += std::acos(std::fmin(1.0, dot(fitted[i].model_from_stone.direction({0, 0, 1}),
+                                         (*settled)[i].model_from_stone.direction({0, 0, 1}))));
+  fmt::print(", {} settled {:.1f} CPU s ({:.1f} degrees from fitted, mean); peak {:.2f} GiB\n",
+             settled->size(), now().cpu - start.cpu,
+             tilt * 180.0 / std::numbers::pi / static_cast<double>(settled->size()),
+             peak_mib() / 1024.0);
 }
 
 void volume_case(const ModelField& field, int stones) {

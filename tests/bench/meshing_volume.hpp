@@ -12,4 +12,7 @@ void level_set_case(const heightmap::ModelField& field, double voxel_mm, bool wi
 /// Stones laid on the field and united with it: time, memory, errors against the exact surfaces.
 void volume_case(const heightmap::ModelField& field, int stones);
 
+/// A plan fitted and settled: time, memory, how far apart.
+void settle_case(const heightmap::ModelField& field, int stones);
+
 }  // namespace maquette::meshing

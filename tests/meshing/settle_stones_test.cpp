@@ -189,7 +189,7 @@ void expect_rests(const ModelField& f, const PlacedStone& stone) {
     least = std::fmin(least, g.mm);
     if (g.mm <= 0.01) contacts.push_back(g);
   }
-  EXPECT_GT(least, -2.0 * kSunken_mm) << "stone " << stone.number;
+  EXPECT_GT(least, -kSunken_mm) << "stone " << stone.number;
   ASSERT_GE(contacts.size(), 3u) << "stone " << stone.number;
   // Held to 1e-5 mm beside a line of contacts, which are at least some 0.1 mm away.
   EXPECT_LT(widest_gap(contacts, centre_of_mass(mesh)), std::numbers::pi + 1e-3)

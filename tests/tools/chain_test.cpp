@@ -165,6 +165,35 @@ TEST_F(Chain, TheFinerScaleIsAnEnlargement) {
   EXPECT_EQ(figures(out() / "s1000").count("low_pass_um"), 0U);
 }
 
+// Files against files: each stone of the section is one of the whole site, in the same pose to
+// 0.01 mm of the smaller model; every vertex is compared.
+TEST_F(Chain, TheSameStonesLieAtBothScales) {
+  const auto wide = meshing::read_stone_plan(out() / "s1000/stones.json");
+  const auto fine = meshing::read_stone_plan(out() / "s200/stones.json");
+  ASSERT_TRUE(wide && fine);
+  ASSERT_EQ(wide->size(), 5U);
+  ASSERT_EQ(fine->size(), 3U);  // inner_share 0.5, rounded up
+  const auto lowest_m = [](const fs::path& at) {
+    return json::parse(slurp(at / "fuse.json"))["lowest_m"].get<double>();
+  };
+  const double lower_mm = lowest_m(out() / "s200") - lowest_m(out() / "s1000");  // at 1:1000
+  for (const meshing::PlacedStone& s : *fine) {
+    const auto same = std::find_if(wide->begin(), wide->end(),
+                                   [&](const auto& w) { return w.number == s.number; });
+    ASSERT_NE(same, wide->end()) << s.number;
+    EXPECT_TRUE(meshing::same_shape(*same, s));
+    const auto at_1000 = meshing::stone_mesh(*same).vertices_mm,
+               at_200 = meshing::stone_mesh(s).vertices_mm;
+    double off_mm = 0.0;
+    for (std::size_t i = 0; i < at_1000.size(); ++i) {
+      // Both parts are 40 mm wide about the site's middle.
+      const Vec3 brought = 0.2 * (at_200[i] - Vec3{20, 20, 0}) + Vec3{20, 20, lower_mm};
+      off_mm = std::fmax(off_mm, norm(brought - at_1000[i]));
+    }
+    EXPECT_LT(off_mm, 0.01) << s.number;
+  }
+}
+
 TEST_F(Chain, EachBandHasItsWorkOffset) {
   for (const auto& [program, offset] :
        {std::pair{"rough.ngc", "\nG54\n"}, std::pair{"bands/band_01.raster.ngc", "\nG54\n"},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <set>
+#include <span>
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -102,7 +103,7 @@ std::size_t band_count(const Site& site) {
   return static_cast<std::size_t>(std::ceil(cells / std::max(1.0, cells_a_band)));
 }
 
-/// The whole chain of one scale, stage by stage. Files are named here and only here.
+/// The whole chain of one scale, stage by stage, fuse first. Files are named here and only here.
 std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                    const std::optional<WiderSurface>& wider,
                                    const std::vector<SiteSource>& sources,
@@ -139,11 +140,14 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
              [=, &site](const RunContext& run) {
                return fuse_job(site, sources, scale, wider, here, run);
              }));
-  std::vector<fs::path> stone_inputs{design};
+  StoneSurfaces surfaces;
+  for (const double s : site.scales)
+    surfaces.designs.push_back(folder / scale_folder(s) / "design.tif");
+  std::vector<fs::path> stone_inputs = surfaces.files(site, scale);
   for (const SiteStones& own : site.own_stones) stone_inputs.push_back(own.file);
   stages.push_back(single(
-      "stones", stone_inputs, {"stones.", "stone", "scales"},
-      [=, &site](const RunContext& run) { return stones_job(site, scale, design, here, run); }));
+      "stones", stone_inputs, {"stones.", "stone", "crater", "scales", "stock.lowest_mm"},
+      [=, &site](const RunContext& run) { return stones_job(site, scale, surfaces, here, run); }));
   stages.push_back(
       single("reach", {design}, {"reach.", "cutter.", "stock.base", "stock.margin"},
              [=, &site](const RunContext& run) { return reach_job(site, design, here, run); }));
@@ -455,13 +459,17 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
   MAQUETTE_TRY(auto adjust, read_adjustment(adjustment_files(site)));
   if (const MillJob* finish = finishing(operations); adjust && finish != nullptr)
     adjust->errors.tool = finish->tool.number;
+  // All surfaces first: stones of the widest one lie as their section says.
   std::optional<WiderSurface> wider;
+  std::vector<Stage> after;
   for (const double scale : site.scales) {
-    for (Stage& s :
-         stages_of_scale(file, scale, wider, sources, source_files, operations, adjust, folder))
-      stages.push_back(std::move(s));
+    auto of_scale =
+        stages_of_scale(file, scale, wider, sources, source_files, operations, adjust, folder);
+    stages.push_back(std::move(of_scale.front()));
+    for (Stage& s : std::span(of_scale).subspan(1)) after.push_back(std::move(s));
     wider = WiderSurface{folder / scale_folder(scale), scale};
   }
+  for (Stage& s : after) stages.push_back(std::move(s));
 
   if (!options.stages.empty() && std::none_of(stages.begin(), stages.end(), [&](const Stage& s) {
         return selected(s.name, options.stages);

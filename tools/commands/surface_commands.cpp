@@ -120,20 +120,35 @@ Command add_stones(CLI::App& root, const CommonOptions& common) {
   auto o = std::make_shared<SiteVerb>();
   auto* app = root.add_subcommand(
       "stones",
-      "Lays the site's stones on a designed surface: stones.json, stones.csv, "
-      "surface.tif.\nExample: maquette stones site.toml --design out/s200/design.tif "
-      "--scale 200 --out out/s200");
+      "Lays the site's stones on a designed surface: stones.json, stones.csv, surface.tif.\n"
+      "Example: maquette stones site.toml --design out/s1000/design.tif --scale 1000 "
+      "--other out/s200/design.tif --out out/s1000");
   site_options(app, *o);
   app->add_option("--design", o->design, "model field (.tif)")->required();
   app->add_option("--scale", o->scale, "N of its scale 1:N")->required();
-  return {app, [o, &common](Console& console) -> Result<int> {
+  auto others = std::make_shared<std::vector<fs::path>>();
+  app->add_option("--other", *others,
+                  "designs of the site's other scales, in their order, with fuse.json beside: "
+                  "stones have the same poses on all of them");
+  return {app, [o, others, &common](Console& console) -> Result<int> {
             MAQUETTE_TRY(const auto file, read_site(o->site, with_seed(o->set, common)));
             if (std::find(file.site->scales.begin(), file.site->scales.end(), o->scale) ==
                 file.site->scales.end())
               return fail(kUsage, fmt::format("--scale {:g}: the site file has {:g}", o->scale,
                                               fmt::join(file.site->scales, ", ")));
+            const std::size_t scales = file.site->scales.size();
+            if (!others->empty() && others->size() + 1 != scales)
+              return fail(kUsage,
+                          fmt::format("--other: {} designs, but the site has {} other scales",
+                                      others->size(), scales - 1));
+            StoneSurfaces surfaces;
+            auto other = others->begin();
+            for (const double scale : file.site->scales)
+              surfaces.designs.push_back(scale == o->scale ? o->design
+                                         : others->empty() ? fs::path()
+                                                           : *other++);
             return finish(console, "stones", [&](const RunContext& run) {
-              return stones_job(*file.site, o->scale, o->design, o->out, run);
+              return stones_job(*file.site, o->scale, surfaces, o->out, run);
             });
           }};
 }

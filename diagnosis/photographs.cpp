@@ -131,6 +131,17 @@ double own_share(const PhotoLinear& linear, const PhotoMembers& members, std::si
   return std::sqrt(std::clamp(own / all, 0.0, 1.0));
 }
 
+/// By how much what the others move, rms, may be wrong.
+double others_wrong(const PhotoLinear& linear, const PhotoMembers& members, std::size_t but) {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < members.size(); ++k)
+    if (k != but)
+      sum = std::hypot(
+          sum, (members[k].effect->acts_on == "sensor" ? kFloorShareOfSensor : kFloorShare) *
+                   moved_by(linear, members[k]));
+  return sum;
+}
+
 /// Search over the library for one case.
 class Search {
  public:
@@ -282,6 +293,15 @@ class Search {
   }
 
  private:
+  /// To first order: what would not be confirmed is not worth a rendering.
+  [[nodiscard]] bool too_small(const PhotoLinear& linear, PhotoMembers members,
+                               PhotoMember added) const {
+    if (added.form.least > 0.0 && std::abs(added.values[0]) < 0.5 * added.form.least) return true;
+    members.push_back(std::move(added));
+    const std::size_t k = members.size() - 1;
+    return moved_by(linear, members[k]) * own_share(linear, members, k) <
+           0.5 * std::fmax(kFloor * light_, others_wrong(linear, members, k));
+  }
   /// The closest candidates rendered; empty: none does better than `now`.
   PhotoMembers best_of(const std::vector<Trial>& all, const PhotoLinear& linear,
                        const PhotoMembers& members, double now) {
@@ -291,8 +311,7 @@ class Search {
     for (const Trial& t : all) {
       if (rendered == kRendered || !(t.score > 0.0) || t.score < kNear * all.front().score) break;
       const Candidate& c = candidates_[t.candidate];
-      if (!t.values.empty() &&
-          !(moved_by(linear, {c.effect, c.forms[t.form], t.values}) > kFloor * light_))
+      if (!t.values.empty() && too_small(linear, members, {c.effect, c.forms[t.form], t.values}))
         continue;
       const bool grows = std::any_of(members.begin(), members.end(),
                                      [&](const PhotoMember& m) { return m.effect == c.effect; });
@@ -479,14 +498,6 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
                        std::vector<double>& p_values, std::vector<Rejected>& rejected) {
   while (!members.empty()) {
     const PhotoLinear linear = fit.about(members, Search::parameters_of(members));
-    std::vector<double> moved, wrong;
-    double together2 = 0.0;
-    for (const PhotoMember& m : members) {
-      moved.push_back(moved_by(linear, m));
-      wrong.push_back((m.effect->acts_on == "sensor" ? kFloorShareOfSensor : kFloorShare) *
-                      moved.back());
-      together2 += wrong.back() * wrong.back();
-    }
     p_values.clear();
     std::size_t worst = members.size();
     double least = INFINITY;
@@ -501,9 +512,8 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
       double p = chi_squared_tail(gain, static_cast<int>(members[k].form.parameters.size()));
       if (!(predicted > 0.5 * gain)) p = std::fmax(p, 0.5);
       p_values.push_back(std::fmax(p, 1e-300));
-      const double floor = std::fmax(kFloor * level_of_light,
-                                     std::sqrt(std::fmax(0.0, together2 - wrong[k] * wrong[k])));
-      const double own = moved[k] * own_share(linear, members, k);
+      const double floor = std::fmax(kFloor * level_of_light, others_wrong(linear, members, k));
+      const double own = moved_by(linear, members[k]) * own_share(linear, members, k);
       const PhotoForm& form = members[k].form;
       const bool small = !(own > floor) ||
                          (form.least > 0.0 && std::abs(members[k].values[0]) < form.least) ||

@@ -17,22 +17,15 @@
 #include <gtest/gtest.h>
 
 #include "support/matchers.hpp"
+#include "support/terrain.hpp"
 
 namespace maquette::meshing {
 namespace {
 
 using heightmap::ModelField;
 using testing_support::FailsWith;
+using testing_support::field_of;
 using testing_support::Succeeds;
-
-template <class Height>
-ModelField field(std::ptrdiff_t nodes, double spacing, Height&& height) {
-  ModelField f{.z_mm = Grid<float>(nodes, nodes), .spacing = Millimetres{spacing}};
-  for (std::ptrdiff_t r = 0; r < nodes; ++r)
-    for (std::ptrdiff_t c = 0; c < nodes; ++c)
-      f.z_mm(r, c) = static_cast<float>(height(f.x_mm(c), f.y_mm(r)));
-  return f;
-}
 
 /// A model at 1:2500 of 100 mm, 250 m on the planet, its middle the site's.
 constexpr double kScale = 2500, kHalf_m = 125;
@@ -44,7 +37,7 @@ StoneGround ground_of(const ModelField& f) {
 }
 
 TEST(TravelFromRims, OnLevelGroundIsTheDistanceFromTheCircle) {
-  const ModelField f = field(201, 0.5, [](double, double) { return 3.0; });
+  const ModelField f = field_of(201, 0.5, [](double, double) { return 3.0; });
   // One in the middle, one half beyond the eastern border.
   const std::vector<Crater> craters{{10.0, -20.0, Metres{60.0}}, {125.0, 60.0, Metres{50.0}}};
   const auto travel = travel_from_rims(craters, ground_of(f), 1.0);
@@ -67,7 +60,7 @@ TEST(TravelFromRims, OnLevelGroundIsTheDistanceFromTheCircle) {
 TEST(TravelFromRims, SteepGroundIsSlower) {
   // Of slope 0.5 towards x: a metre across it counts as 1 + 2 * 0.5, one along it is as much
   // longer.
-  const ModelField f = field(201, 0.5, [](double x, double) { return 0.5 * x; });
+  const ModelField f = field_of(201, 0.5, [](double x, double) { return 0.5 * x; });
   const auto travel =
       travel_from_rims(std::vector<Crater>{{0.0, 0.0, Metres{5.0}}}, ground_of(f), 2.0);
   ASSERT_THAT(travel, Succeeds());
@@ -81,7 +74,7 @@ TEST(TravelFromRims, SteepGroundIsSlower) {
 }
 
 TEST(DensityAround, FallsByTheDecayLength) {
-  ModelField travel = field(101, 1.0, [](double x, double) { return x; });
+  ModelField travel = field_of(101, 1.0, [](double x, double) { return x; });
   const auto density = density_around(travel, ground_of(travel), Metres{50.0}, 0.2);
   // 20 mm of the model are 50 m.
   EXPECT_NEAR(density(-kHalf_m, 0.0), 1.0, 1e-6);
@@ -119,7 +112,7 @@ double chi_square(const std::vector<SiteStone>& stones, const Crater& crater, do
 }
 
 TEST(PlanStones, IsASampleOfTheDensity) {
-  const ModelField f = field(201, 0.5, [](double, double) { return 3.0; });
+  const ModelField f = field_of(201, 0.5, [](double, double) { return 3.0; });
   const Crater crater{10.0, -20.0, Metres{80.0}};
   SitePlanRequest request{.count = 1500,
                           .half_width = Metres{kHalf_m},
@@ -165,7 +158,7 @@ TEST(PlanStones, WithADensityIsAFunctionOfTheSeed) {
 }
 
 TEST(TravelFromRims, NeedsARimOnTheSurface) {
-  const ModelField f = field(21, 5.0, [](double, double) { return 3.0; });
+  const ModelField f = field_of(21, 5.0, [](double, double) { return 3.0; });
   EXPECT_THAT(travel_from_rims(std::vector<Crater>{{300.0, 0.0, Metres{60.0}}}, ground_of(f), 1.0),
               FailsWith(kNoRimOnSite));
 }

@@ -28,6 +28,7 @@
 
 #include "core/random.hpp"
 #include "support/matchers.hpp"
+#include "support/terrain.hpp"
 
 namespace maquette::meshing {
 namespace {
@@ -35,16 +36,8 @@ namespace {
 using heightmap::ModelField;
 using testing::HasSubstr;
 using testing_support::FailsWith;
+using testing_support::field_of;
 using testing_support::Succeeds;
-
-template <class Height>
-ModelField field(std::ptrdiff_t nodes, double spacing, Height&& height) {
-  ModelField f{.z_mm = Grid<float>(nodes, nodes), .spacing = Millimetres{spacing}};
-  for (std::ptrdiff_t r = 0; r < nodes; ++r)
-    for (std::ptrdiff_t c = 0; c < nodes; ++c)
-      f.z_mm(r, c) = static_cast<float>(height(f.x_mm(c), f.y_mm(r)));
-  return f;
-}
 
 /// Waves of 2 to 40 mm; `steep` scales slopes, about 0.35 rms at 1.
 double waves(std::uint64_t seed, double steep, double x, double y) {
@@ -221,7 +214,7 @@ double circumscribed_mm(const PlacedStone& stone) {
 
 TEST(SettleStones, ACubeLiesFlushOnASlope) {
   const double slope = 0.5;  // 26.6 degrees; dyadic, so that heights are exact
-  const ModelField f = field(81, 0.5, [&](double x, double) { return slope * x; });
+  const ModelField f = field_of(81, 0.5, [&](double x, double) { return slope * x; });
   for (const double heading : {0.0, 33.0}) {
     const auto placed = settle_stones(std::vector{box_at(20, 20, {3, 3, 3}, degrees(heading))},
                                       site_of(20), ground_of(f, 20), {.embedded_share = 0.0});
@@ -241,7 +234,7 @@ TEST(SettleStones, ACubeLiesFlushOnASlope) {
 TEST(SettleStones, AColumnOnASlopeFallsDownhill) {
   // 2 x 2 x 6 mm: held up to 18.4 degrees. At 26.6 it falls about its lower edge onto its side.
   const double slope = 0.5;
-  const ModelField f = field(81, 0.5, [&](double x, double) { return slope * x; });
+  const ModelField f = field_of(81, 0.5, [&](double x, double) { return slope * x; });
   auto stone = box_at(20, 20, {2, 2, 6}, degrees(0));
   stone.diameter = Metres{2.0 * std::sqrt(4.0 / std::numbers::pi)};
   stone.has_place = false;  // it goes farther than its diameter
@@ -264,7 +257,7 @@ TEST(SettleStones, ABarRestsOnRidgesBetweenNodes) {
   // Ridges at x = 2, 6, 10 ... of height 1; the bar of 5 x 1 x 1 mm lies between the rows of nodes
   // at y = 20 and 22 and covers none.
   const ModelField f =
-      field(21, 2.0, [](double x, double) { return std::fmod(x, 4.0) == 2.0 ? 1.0 : 0.0; });
+      field_of(21, 2.0, [](double x, double) { return std::fmod(x, 4.0) == 2.0 ? 1.0 : 0.0; });
   const auto placed = settle_stones(std::vector{box_at(20, 21, {5, 1, 1}, degrees(0))}, site_of(20),
                                     ground_of(f, 20), {.embedded_share = 0.0});
   ASSERT_THAT(placed, Succeeds());
@@ -278,7 +271,7 @@ TEST(SettleStones, ABallStaysOnAPlaneAndRollsOnASlope) {
   SiteStone ball{.number = 1,
                  .shape = {.angularity = 0.0, .flatness = 1.0, .elongation = 1.0, .roughness = 0.0},
                  .diameter = Metres{4.0}};
-  const ModelField level = field(81, 0.5, [](double, double) { return 2.0; });
+  const ModelField level = field_of(81, 0.5, [](double, double) { return 2.0; });
   const auto lies =
       settle_stones(std::vector{ball}, site_of(20), ground_of(level, 20), {.embedded_share = 0.0});
   ASSERT_THAT(lies, Succeeds());
@@ -288,7 +281,7 @@ TEST(SettleStones, ABallStaysOnAPlaneAndRollsOnASlope) {
   EXPECT_NEAR(at.z, 4.0, 0.006);
   EXPECT_LT(std::hypot(at.x - 20, at.y - 20), 0.2);
 
-  const ModelField slope = field(81, 0.5, [](double x, double) { return 0.25 * x; });
+  const ModelField slope = field_of(81, 0.5, [](double x, double) { return 0.25 * x; });
   ball.has_place = true;
   const auto rolls = settle_stones(std::vector{ball}, site_of(20), ground_of(slope, 20), {});
   if (rolls)
@@ -302,8 +295,8 @@ TEST(SettleStones, ABallStaysOnAPlaneAndRollsOnASlope) {
 class Settle : public ::testing::TestWithParam<std::uint64_t> {
  protected:
   [[nodiscard]] ModelField terrain(double half, double spacing, double steep) const {
-    return field(std::lround(2 * half / spacing) + 1, spacing,
-                 [&](double x, double y) { return 30.0 + waves(GetParam(), steep, x, y); });
+    return field_of(std::lround(2 * half / spacing) + 1, spacing,
+                    [&](double x, double y) { return 30.0 + waves(GetParam(), steep, x, y); });
   }
   [[nodiscard]] std::vector<SiteStone> plan(const SitePlanRequest& request,
                                             double angularity) const {
@@ -395,7 +388,8 @@ TEST_P(Settle, GivesTheSameBitsForAnyNumberOfThreads) {
 
 TEST(SettleStones, WhatSlidesComesToLieBelow) {
   // 45 degrees down to x = 20, level from there.
-  const ModelField f = field(161, 0.25, [](double x, double) { return std::fmax(0.0, 20.0 - x); });
+  const ModelField f =
+      field_of(161, 0.25, [](double x, double) { return std::fmax(0.0, 20.0 - x); });
   SiteStone stone = box_at(17, 20, {2, 2, 1}, degrees(10));
   stone.has_place = false;
   const auto placed = settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20), {});
@@ -407,7 +401,7 @@ TEST(SettleStones, WhatSlidesComesToLieBelow) {
 }
 
 TEST(SettleStones, WhatFindsNoFlatGroundIsRefused) {
-  const ModelField f = field(161, 0.25, [](double x, double) { return x; });
+  const ModelField f = field_of(161, 0.25, [](double x, double) { return x; });
   SiteStone stone = box_at(20, 20, {2, 2, 1}, degrees(10));
   const auto told = settle_stones(std::vector{stone}, site_of(20), ground_of(f, 20), {});
   ASSERT_THAT(told, FailsWith(kStoneSlides));
@@ -424,7 +418,7 @@ TEST(SettleStones, WhatFindsNoFlatGroundIsRefused) {
 
 TEST(SettleStones, ToldPlacesThatDoNotHoldAreRefused) {
   // A column that falls by more than its diameter.
-  const ModelField f = field(81, 0.5, [](double x, double) { return 0.5 * x; });
+  const ModelField f = field_of(81, 0.5, [](double x, double) { return 0.5 * x; });
   EXPECT_THAT(settle_stones(std::vector{box_at(20, 20, {2, 2, 6}, degrees(0))}, site_of(20),
                             ground_of(f, 20), {}),
               FailsWith(kStoneDoesNotRest));
@@ -438,7 +432,7 @@ TEST(SettleStones, ToldPlacesThatDoNotHoldAreRefused) {
 }
 
 TEST(SettleStones, StopsWhenAsked) {
-  const ModelField f = field(81, 0.5, [](double, double) { return 0.0; });
+  const ModelField f = field_of(81, 0.5, [](double, double) { return 0.0; });
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THAT(settle_stones(std::vector{box_at(20, 20, {3, 3, 3}, degrees(0))}, site_of(20),

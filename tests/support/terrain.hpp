@@ -24,6 +24,16 @@ inline const char* name(Ground g) {
   return kNames[static_cast<std::size_t>(g)];
 }
 
+/// Heights of a function of x and y, mm, at the nodes of a square.
+template <class Height>
+heightmap::ModelField field_of(std::ptrdiff_t nodes, double spacing_mm, const Height& height) {
+  heightmap::ModelField f{.z_mm = Grid<float>(nodes, nodes), .spacing = Millimetres{spacing_mm}};
+  for (std::ptrdiff_t r = 0; r < nodes; ++r)
+    for (std::ptrdiff_t c = 0; c < nodes; ++c)
+      f.z_mm(r, c) = static_cast<float>(height(f.x_mm(c), f.y_mm(r)));
+  return f;
+}
+
 inline heightmap::ModelField flat_field(std::ptrdiff_t rows, std::ptrdiff_t cols, double spacing_mm,
                                         float z_mm) {
   return {Grid<float>(rows, cols, z_mm), Millimetres{spacing_mm}};

@@ -38,9 +38,8 @@ double from_edges(Vec3 from, Vec3 to, double top) {
     const double across = dx > 0.0 || dy > 0.0 ? std::hypot(dx, dy) : inside;
     // Upright edges, too: below the top only what is across counts.
     const double above = p.z - top;
-    const double corner = std::hypot(
-        std::fmin(std::abs(p.x - kLow), std::abs(p.x - kHigh)),
-        std::fmin(std::abs(p.y - kLow), std::abs(p.y - kHigh)));
+    const double corner = std::hypot(std::fmin(std::abs(p.x - kLow), std::abs(p.x - kHigh)),
+                                     std::fmin(std::abs(p.y - kLow), std::abs(p.y - kHigh)));
     least = std::fmin(least, std::hypot(across, above));
     if (above < 0.0) least = std::fmin(least, corner);
   }

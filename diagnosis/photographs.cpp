@@ -63,6 +63,8 @@ constexpr int kMapSeen = 2;
 /// The scatter of pixels must be off by this factor to be called a cause: full well and read noise
 /// are known to a few per cent.
 constexpr double kScatterOff = 0.1;
+/// By more where what is left, rms, is larger than that scatter by the second.
+constexpr double kScatterOffBesideMore = 0.3, kNoiseAlone = 1.8;
 
 struct Candidate {
   const Effect* effect;
@@ -762,9 +764,10 @@ Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
   for (std::size_t k = 0; k < members.size(); ++k)
     d.causes[k].share = std::clamp(gains[k] / all, 0.0, 1.0);
 
-  // Structure without a name scatters neighbours, too.
+  // What has no name scatters neighbours, too, and so does what is left at edges, by less.
+  const double off = d.rms_after < kNoiseAlone * d.rms_noise ? kScatterOff : kScatterOffBesideMore;
   if (!noise_known && !d.remainder.found &&
-      std::abs(scatter.factor - 1.0) > kScatterOff + 4.0 * scatter.sigma) {
+      std::abs(scatter.factor - 1.0) > off + 4.0 * scatter.sigma) {
     Cause c;
     const Effect* effect = find_effect("photo.noise");
     c.effect = effect->name;
@@ -772,8 +775,8 @@ Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
     c.parameters = {{"factor", scatter.factor, scatter.sigma}};
     c.raw = {{"factor", scatter.factor}};
     c.separate_by = effect->separate_by;
-    c.p_value = std::fmax(
-        1e-300, std::erfc((std::abs(scatter.factor - 1.0) - kScatterOff) / scatter.sigma));
+    c.p_value =
+        std::fmax(1e-300, std::erfc((std::abs(scatter.factor - 1.0) - off) / scatter.sigma));
     d.causes.push_back(std::move(c));
   }
   d.verdict = d.causes.empty()    ? (d.remainder.found ? "unexplained" : "consistent")

@@ -20,11 +20,6 @@ constexpr double kHuber = 3.0;  // of the noise as found
 constexpr float kLargest = 1e4F;
 constexpr double kLightStep = 0.005;  // relative, of its derivative
 
-/// Red, green, blue: a picture in grey is green's.
-int channel_of(std::size_t channel, std::size_t channels) {
-  return channels == 1 ? 1 : static_cast<int>(channel);
-}
-
 }  // namespace
 
 PhotoState PhotoFit::state_of(const PhotoMembers& members) const {
@@ -358,14 +353,9 @@ PhotoScatter scatter_of(const PhotoViews& views) {
     for (std::size_t ch = 0; ch < channels; ++ch) {
       const auto sigma = std::sqrt(static_cast<double>(p.variance[ch]));
       if (0.1 * slope > 0.3 * sigma) continue;
-      const int channel = channel_of(ch, channels);
-      const auto at = [&](float value) {
-        return exposed(static_cast<double>(value), static_cast<double>(p.mean[ch]),
-                       radius2(p.u, p.v, views.scene().photos[p.photo]), channel, p.photo,
-                       views.state());
-      };
-      const double difference = (static_cast<double>(p.next[ch]) - at(p.value_next[ch])) -
-                                (static_cast<double>(p.measured[ch]) - at(p.value[ch]));
+      const double difference =
+          (static_cast<double>(p.next[ch]) - views.number_of(p, ch, p.value_next[ch])) -
+          (static_cast<double>(p.measured[ch]) - views.number_of(p, ch, p.value[ch]));
       ratio.push_back(std::abs(difference) / (std::sqrt(2.0) * sigma));
     }
   }

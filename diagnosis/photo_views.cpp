@@ -662,15 +662,14 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
     p.dvv = z(1, 0) - 2.0F * z(0, 0) + z(-1, 0);
     p.duv = 0.25F * (z(1, 1) - z(1, -1) - z(-1, 1) + z(-1, -1));
     for (std::size_t ch = 0; ch < taken.value.size(); ++ch) {
-      const auto channel = taken.value.size() == 1 ? 1 : static_cast<int>(ch);
+      const int channel = channel_of(ch, taken.value.size());
       p.value[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c));
       p.value_next[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c + 1));
       p.mean[ch] = static_cast<float>(mean);
       const double y = static_cast<double>(taken.value[ch](r, c));
       p.measured[ch] = static_cast<float>(y);
       p.next[ch] = taken.value[ch](r, c + 1);
-      const double model = exposed(static_cast<double>(p.value[ch]), mean, radius2(p.u, p.v, photo),
-                                   channel, k, state_);
+      const double model = number_of(p, ch, p.value[ch]);
       // Electrons scatter, not the offset that is added to them; a tone curve stretches that: by
       // what it makes of the scatter as a whole, for in the dark it bends within it.
       const double power = 1.0 + state_.gamma,
@@ -838,6 +837,12 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
     light_before_[p.photo] = {light[p.photo], static_cast<double>(p.mean[0])};
 }
 
+double PhotoViews::number_of(const MeasuredPixel& p, std::size_t channel, float behind_lens) const {
+  return exposed(static_cast<double>(behind_lens), static_cast<double>(p.mean[channel]),
+                 radius2(p.u, p.v, scene_.photos[p.photo]), channel_of(channel, channels()),
+                 p.photo, state_);
+}
+
 void PhotoViews::simulate(const PhotoState& state, Normals normals, double noise_factor,
                           std::uint64_t seed) {
   render(state, normals, true, false);
@@ -849,12 +854,9 @@ void PhotoViews::simulate(const PhotoState& state, Normals normals, double noise
     auto& taken = photographs_[p.photo].value;
     for (std::size_t ch = 0; ch < taken.size(); ++ch) {
       const auto of = [&](float behind_lens, std::uint64_t draw) {
-        const double y = exposed(static_cast<double>(behind_lens), static_cast<double>(p.mean[ch]),
-                                 radius2(p.u, p.v, photo),
-                                 taken.size() == 1 ? 1 : static_cast<int>(ch), p.photo, state_);
-        return static_cast<float>(y + noise_factor *
-                                          std::sqrt(static_cast<double>(p.variance[ch])) *
-                                          random_normal(seed, 2 * (3 * i + ch) + draw));
+        return static_cast<float>(number_of(p, ch, behind_lens) +
+                                  noise_factor * std::sqrt(static_cast<double>(p.variance[ch])) *
+                                      random_normal(seed, 2 * (3 * i + ch) + draw));
       };
       taken[ch](r, c) = p.measured[ch] = of(p.value[ch], 0);
       taken[ch](r, c + 1) = p.next[ch] = of(p.value_next[ch], 1);

@@ -607,10 +607,7 @@ std::vector<Diagnosis::HeldOut> held_out_of(PhotoFit& fit, const PhotoMembers& m
                                    : v);
       };
       for (std::size_t ch = 0; ch < channels; ++ch) {
-        const double expected =
-            exposed(static_cast<double>(p.value[ch]), static_cast<double>(p.mean[ch]),
-                    radius2(p.u, p.v, photo), channels == 1 ? 1 : static_cast<int>(ch), p.photo,
-                    fit.views().state());
+        const double expected = fit.views().number_of(p, ch, p.value[ch]);
         const double measured = static_cast<double>(p.measured[ch]);
         Diagnosis::HeldOut& h = all[p.photo];
         (after ? h.after : h.before) += std::abs(number(measured) - number(expected));
@@ -859,8 +856,9 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
   run.progress(0.05);
 
   const auto layout = detail::lay_out(scene.box, part.seed);
-  std::vector<detail::Photograph> shown_later;
-  if (held > 0) shown_later = taken;
+  std::vector<detail::Photograph> shown_later(taken.size());
+  for (std::size_t k = 0; k < taken.size(); ++k)
+    if (scene.photos[k].held_out) std::swap(taken[k], shown_later[k]);
   detail::PhotoViews views(scene, std::move(taken), surfaces);
   PhotoFit fit(views, layout);
   auto candidates = candidates_of(scene);

@@ -47,9 +47,7 @@ std::vector<StoneDisc> discs_of(std::span<const PlacedStone> stones, const Stone
   };
   std::vector<StoneDisc> discs;
   for (const PlacedStone& s : stones) {
-    double radius = 0.0;
-    for (const Vec3& v : unit_stone(s.shape, s.body).vertices_mm)
-      radius = std::fmax(radius, norm(v));
+    const double radius = circumscribed_radius({.shape = s.shape, .body = s.body});
     const Vec3 at = s.model_from_stone.translation_mm;
     discs.push_back({ground.east_of_x0_m + metres(at.x), ground.north_of_y0_m + metres(at.y),
                      metres(radius * s.scale_mm)});

@@ -38,6 +38,11 @@ struct MeasuredPixel : PhotoPixel {
   double of_rays = 0.0;                         ///< mean radiance of its rays
 };
 
+/// Red, green, blue: a picture in grey is green's.
+[[nodiscard]] constexpr int channel_of(std::size_t channel, std::size_t channels) {
+  return channels == 1 ? 1 : static_cast<int>(channel);
+}
+
 class PhotoViews {
  public:
   /// `surfaces` by photograph; keeps references.
@@ -64,6 +69,9 @@ class PhotoViews {
   [[nodiscard]] const PhotoScene& scene() const { return scene_; }
   [[nodiscard]] const PhotoState& state() const { return state_; }
   [[nodiscard]] std::size_t channels() const { return scene_.colour ? 3 : 1; }
+  /// What the sensor makes of light behind the lens at a pixel, in the rendered state.
+  [[nodiscard]] double number_of(const MeasuredPixel& pixel, std::size_t channel,
+                                 float behind_lens) const;
 
  private:
   struct Sample {

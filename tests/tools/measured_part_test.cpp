@@ -27,7 +27,7 @@ constexpr std::uint64_t kSeed = 17;
 constexpr double kLow = 60.0, kHigh = 90.0, kTall_mm = 25.0;  // of a block
 
 /// Of a segment from one place to another: the least distance to the block's upper edges.
-double from_edges(Vec3 from, Vec3 to, double top) {
+double from_edges(Vec3 from, Vec3 to) {
   double least = INFINITY;
   for (int k = 0; k <= 2000; ++k) {
     const Vec3 p = from + (k / 2000.0) * (to - from);
@@ -37,7 +37,7 @@ double from_edges(Vec3 from, Vec3 to, double top) {
         std::fmin(std::fmin(p.x - kLow, kHigh - p.x), std::fmin(p.y - kLow, kHigh - p.y));
     const double across = dx > 0.0 || dy > 0.0 ? std::hypot(dx, dy) : inside;
     // Upright edges, too: below the top only what is across counts.
-    const double above = p.z - top;
+    const double above = p.z - kTall_mm;
     const double corner = std::hypot(std::fmin(std::abs(p.x - kLow), std::abs(p.x - kHigh)),
                                      std::fmin(std::abs(p.y - kLow), std::abs(p.y - kHigh)));
     least = std::fmin(least, std::hypot(across, above));
@@ -51,14 +51,12 @@ TEST(MeasuredPart, KeepsWhatEdgesHaveMixed) {
   std::printf("seed %llu\n", static_cast<unsigned long long>(kSeed));
   heightmap::ModelField design{Grid<float>(301, 301), Millimetres{0.5}, Millimetres{0.0},
                                Millimetres{0.0}};
-  double top = 0.0;
   for (std::ptrdiff_t r = 0; r < 301; ++r)
     for (std::ptrdiff_t c = 0; c < 301; ++c) {
       const double x = design.x_mm(c), y = design.y_mm(r);
       design.z_mm(r, c) = static_cast<float>(1.5 * std::sin(x / 20.0) + 1.5 * std::cos(y / 16.0));
       if (x < kLow || x > kHigh || y < kLow || y > kHigh) continue;
       design.z_mm(r, c) = static_cast<float>(kTall_mm);
-      top = kTall_mm;
     }
   ASSERT_THAT(heightmap::write_model_field(design, scratch / "design.tif"), Succeeds());
   const Vec3 station{75.0, -500.0, 400.0};
@@ -98,7 +96,7 @@ TEST(MeasuredPart, KeepsWhatEdgesHaveMixed) {
   EXPECT_LT(norm(*mixed.views[0].station_mm - station), 0.5);
   std::size_t far = 0;
   for (const Vec3& p : mixed.points_mm)
-    if (from_edges(station, p, top) > 0.5 * 3.2 + 0.5) ++far;  // a beam's radius, and a step
+    if (from_edges(station, p) > 0.5 * 3.2 + 0.5) ++far;  // a beam's radius, and a step
   // Waves have no edges. In the scan's frame nearly all would be beside the block.
   EXPECT_LT(static_cast<double>(far), 0.1 * static_cast<double>(mixed.points_mm.size()))
       << mixed.points_mm.size();

@@ -51,20 +51,12 @@ std::vector<fs::path> files_of(const fs::path& folder) {
   return files;
 }
 
-bool starts(const std::string& text, std::string_view with) {
-  return text.compare(0, with.size(), with) == 0;
-}
-bool ends(const std::string& text, std::string_view with) {
-  return text.size() >= with.size() &&
-         text.compare(text.size() - with.size(), with.size(), with) == 0;
-}
-
 /// By the names that our verbs give; masks and classes are no quantity to colour by.
 const char* kind_of(const std::string& name) {
   if (name == "artefacts.tif" || name == "source.tif") return nullptr;
-  if (name == "deviation.tif" || starts(name, "residual")) return "signed";
+  if (name == "deviation.tif" || name.starts_with("residual")) return "signed";
   if (name == "sigma.tif" || name == "reach.tif" || name == "slope.tif" ||
-      ends(name, ".scallop.tif"))
+      name.ends_with(".scallop.tif"))
     return "positive";
   return "height";
 }

@@ -13,10 +13,12 @@
 
 #include "core/median.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/stones.hpp"
 #include "diagnosis/detail/sums.hpp"
 #include "diagnosis/probe_table.hpp"
 #include "diagnosis/surface.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/stones.hpp"
 #include "scan/register.hpp"
 
 namespace maquette::diagnosis {
@@ -37,7 +39,7 @@ struct Loaded {
   SetUp set_up;
   std::vector<Vec3> points;
   std::optional<Vec3> station;
-  double sigma = 0.05;
+  double sigma = 0.05, beam_mm = 0.0;
 };
 
 /// Offset of a point along the simulated surface's normal, coat taken off.
@@ -154,6 +156,48 @@ Grid<std::uint8_t> beside_stones(const heightmap::ModelField& design,
   return beside;
 }
 
+/// What is about each stone of the plan, as far as points there may say something of it.
+Grid<std::uint8_t> about_stones(const heightmap::ModelField& ground,
+                                const std::vector<meshing::PlacedStone>& plan) {
+  Grid<std::uint8_t> about(ground.z_mm.rows(), ground.z_mm.cols(), 0);
+  const double spacing = ground.spacing.value();
+  for (const auto& stone : plan) {
+    const Box3 box = meshing::stone_mesh(stone).bounds();
+    const Vec3 middle = 0.5 * (box.min + box.max);
+    const double reach = kAboutStone * 0.5 * norm(box.max - box.min);
+    const auto node = [&](double mm, double from, std::ptrdiff_t count) {
+      return std::clamp<std::ptrdiff_t>(std::lround((mm - from) / spacing), 0, count - 1);
+    };
+    for (auto r = node(middle.y - reach, ground.y0.value(), about.rows());
+         r <= node(middle.y + reach, ground.y0.value(), about.rows()); ++r)
+      for (auto c = node(middle.x - reach, ground.x0.value(), about.cols());
+           c <= node(middle.x + reach, ground.x0.value(), about.cols()); ++c)
+        about(r, c) = 1;
+  }
+  return about;
+}
+
+/// The plan and the ground about it; points are added by set-up.
+Result<StonesSeen> read_stones(const CaseInput& input, const heightmap::ModelField& ground,
+                               const SimulatedSurface& surface) {
+  StonesSeen seen;
+  MAQUETTE_TRY(seen.plan, meshing::read_stone_plan(input.stones));
+  seen.ground = ground;
+  seen.coat_mm = input.coat_mm;
+  const auto about = about_stones(ground, seen.plan);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, about.rows(), [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t c = 0; c < about.cols(); ++c)
+      if (about(r, c) != 0)
+        if (const auto at = surface.at(ground.x_mm(c), ground.y_mm(r)))
+          seen.ground.z_mm(r, c) = static_cast<float>(at->height_mm + input.coat_mm / at->normal.z);
+  });
+  for (const auto& stone : seen.plan) {
+    const Vec3 at = stone.model_from_stone.translation_mm;
+    seen.seats.push_back(surface.observe(at.x, at.y));
+  }
+  return seen;
+}
+
 }  // namespace
 
 Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
@@ -173,10 +217,11 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     const auto marked = std::count(stones.cells().begin(), stones.cells().end(), 1);
     if (marked > 0)
       m.notes.push_back(fmt::format(
-          "points within {} mm of a stone ({:.1f} % of the surface) are left out; stones are "
-          "measured by deviate",
+          "points within {} mm of a stone ({:.1f} % of the surface) say nothing of the ground; {}",
           kBesideStone_mm,
-          100.0 * static_cast<double>(marked) / static_cast<double>(stones.cells().size())));
+          100.0 * static_cast<double>(marked) / static_cast<double>(stones.cells().size()),
+          input.stones.empty() ? "without the plan (stones = ...) the stones are not judged"
+                               : "the stones are judged one by one"));
   }
   const heightmap::ModelField& milled = input.ground.empty() ? design : ground;
   const auto on_stone = [&](double x, double y) {
@@ -205,6 +250,15 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                     "program that made the part",
                     input.programs[0].string(), input.design.string(), 100.0 * surface.cut_share(),
                     surface.program_misfit_mm(), kOtherProgram_mm));
+  std::optional<StonesSeen> seen_stones;
+  Grid<std::uint8_t> about;
+  if (!input.stones.empty() && !input.ground.empty()) {
+    MAQUETTE_TRY(seen_stones, read_stones(input, ground, surface));
+    MAQUETTE_TRY_VOID(detail::apply_known(input.known, *seen_stones));
+    about = about_stones(ground, seen_stones->plan);
+  } else if (!input.stones.empty()) {
+    m.notes.push_back("stones without ground (the design without them) cannot be judged");
+  }
   run.progress(0.2);
 
   std::vector<Loaded> scans;
@@ -220,6 +274,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
           fmt::format("{}: no scanner position: causes of the scanner cannot be tested with it",
                       l.set_up.name));
     l.sigma = s.range_sigma_mm;
+    l.beam_mm = s.beam_mm;
     const std::size_t most = input.most_points / input.scans.size(), n = cloud.points_mm.size();
     if (n > most) {
       for (std::size_t k = 0; k < most; ++k) {
@@ -331,6 +386,17 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       m.notes.push_back(fmt::format(
           "{}: {} points within {:.3g} mm of where the surface ends or hides another are not used",
           set_up.name, ends.load(), spots->end_mm()));
+    if (seen_stones) {
+      auto& near = seen_stones->points_mm.emplace_back();
+      for (const Vec3& q : l.points) {
+        const Vec3 p = set_up.model_from_file.point(q);
+        const auto row = std::lround((p.y - ground.y0.value()) / ground.spacing.value());
+        const auto col = std::lround((p.x - ground.x0.value()) / ground.spacing.value());
+        if (about.contains(row, col) && about(row, col) != 0) near.push_back(q);
+      }
+      seen_stones->stations_mm.push_back(l.station);
+      seen_stones->beams_mm.push_back(l.beam_mm);
+    }
     const std::size_t from = m.observations.size();
     Vec3 centre;
     for (std::size_t i = 0; i < made.size(); ++i)
@@ -399,6 +465,10 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                             blocks.size(), layout.set_of_block.size(),
                             layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
   MAQUETTE_TRY_VOID(take_off(input.known, m));
+  if (seen_stones) {
+    MAQUETTE_TRY_VOID(detail::shift_seats(input.known, m, *seen_stones));
+    m.stones = std::make_shared<const StonesSeen>(std::move(*seen_stones));
+  }
   run.progress(0.7);
   return m;
 }

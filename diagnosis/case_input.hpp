@@ -16,6 +16,7 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "diagnosis/observation.hpp"
+#include "diagnosis/stones_seen.hpp"
 #include "heightmap/height_field.hpp"
 
 namespace maquette::diagnosis {
@@ -34,6 +35,7 @@ struct ScanInput {
   std::filesystem::path points;
   std::optional<Vec3> station_mm;
   double range_sigma_mm = 0.05;
+  double beam_mm = 0.0;  ///< width at the part; 0: a ray
 };
 
 /// A cause that the model has already (extended.toml): taken off the residuals.
@@ -45,8 +47,9 @@ struct KnownCause {
 struct CaseInput {
   std::filesystem::path design;
   /// The design without the stones that are glued on after milling; empty: there are none. What is
-  /// measured on and beside stones is left out.
+  /// measured on and beside stones says nothing of the ground.
   std::filesystem::path ground;
+  std::filesystem::path stones;  ///< their plan: they are judged, too
   std::vector<std::filesystem::path> programs;
   double ball_diameter_mm = 6.0;
   double coat_mm = 0.0, coat_sigma_mm = 0.04, coat_correlation_mm = 0.25;
@@ -70,7 +73,8 @@ struct Measurements {
   Scene scene;
   std::vector<SetUp> set_ups;
   std::vector<Observation> observations;
-  std::vector<std::string> notes;  ///< what could not be used and why
+  std::vector<std::string> notes;            ///< what could not be used and why
+  std::shared_ptr<const StonesSeen> stones;  ///< null: the case has none, or no plan of them
 };
 
 /// Takes what known causes move off the residuals. @return DIAGNOSIS_UNKNOWN_CAUSE

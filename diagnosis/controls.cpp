@@ -10,6 +10,7 @@
 #include "core/random.hpp"
 #include "diagnosis/detail/poses.hpp"
 #include "diagnosis/detail/random_field.hpp"
+#include "diagnosis/detail/stones.hpp"
 #include "diagnosis/extended_model.hpp"
 
 namespace maquette::diagnosis {
@@ -148,7 +149,11 @@ void recover(const std::vector<Cause>& injected, const std::vector<Cause>& found
     return std::find(names.begin(), names.end(), name) != names.end();
   };
   for (const Cause& cause : injected)
-    match(cause, [&](const Cause& f) { return f.effect == cause.effect; });
+    match(cause, [&](const Cause& f) {
+      // Of stones each is a cause of its own.
+      return f.effect == cause.effect &&
+             (find_effect(f.effect)->needs != Needs::stones || f.law == cause.law);
+    });
   for (const Cause& cause : injected)
     match(cause, [&](const Cause& f) {
       return holds(f.equivalent, cause.effect) || holds(cause.equivalent, f.effect);
@@ -207,18 +212,23 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   MAQUETTE_TRY(const auto in_poses, terms(true));
   RunContext quiet;
   quiet.stop = run.stop;
-  const auto again = [&](const std::vector<KnownTerm>& with, double sign) {
+  const auto again = [&](const std::vector<KnownTerm>& with, double sign,
+                         bool moved_stones) -> Result<Diagnosis> {
+    if (m.stones) {
+      MAQUETTE_TRY(auto stones, detail::simulated_stones(m, d, moved_stones, mix64(seed + 7)));
+      few.stones = std::make_shared<const StonesSeen>(std::move(stones));
+    }
     for (std::size_t i = 0; i < kept; ++i) {
       Observation& o = few.observations[i];
       o.residual_mm = noise[i] + sign * moved_mm(o, with, m.scene.ball_radius_mm);
     }
     return diagnose(few, seed, quiet);
   };
-  MAQUETTE_TRY(const Diagnosis null, again(in_poses, -1.0));
+  MAQUETTE_TRY(const Diagnosis null, again(in_poses, -1.0, false));
   c.null_verdict = null.verdict;
   for (const Cause& cause : null.causes) c.null_claims.push_back(cause.effect);
   if (d.causes.empty()) return c;
-  MAQUETTE_TRY(const Diagnosis back, again(in_residuals, 1.0));
+  MAQUETTE_TRY(const Diagnosis back, again(in_residuals, 1.0, true));
   recover(d.causes, back.causes, c);
   return c;
 }

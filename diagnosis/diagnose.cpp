@@ -10,6 +10,7 @@
 #include "diagnosis/detail/squares.hpp"
 #include "diagnosis/detail/standing.hpp"
 #include "diagnosis/detail/steps.hpp"
+#include "diagnosis/detail/stones.hpp"
 #include "diagnosis/detail/waves.hpp"
 
 namespace maquette::diagnosis {
@@ -141,8 +142,9 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
 }
 
 std::string verdict_of(const Diagnosis& d) {
-  if (d.causes.empty()) return d.remainder.found ? "unexplained" : "consistent";
-  return d.remainder.found ? "partly_explained" : "explained";
+  const bool more = d.remainder.found || (d.stones && !d.stones->unexplained.empty());
+  if (d.causes.empty()) return more ? "unexplained" : "consistent";
+  return more ? "partly_explained" : "explained";
 }
 
 }  // namespace
@@ -183,6 +185,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   d.noise = noise_of(bank, f, layout);
   // Poses of a model that does not hold are those of the misfit.
   if (!d.remainder.found) detail::add_pose_causes(m, bank, named, search.candidates, f, d);
+  MAQUETTE_TRY_VOID(detail::add_stone_causes(m, d, run));
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   d.dependences = detail::dependences(m.observations, r_before, r_after);
   d.verdict = verdict_of(d);

@@ -137,6 +137,16 @@ struct Controls {
   [[nodiscard]] bool passed() const;
 };
 
+/// What was seen of the stones, where the case has a plan of them.
+struct StoneReport {
+  std::vector<std::pair<int, std::string>> states;  ///< number; as of scan::name_of
+  std::vector<std::string> unexplained;
+  /// Of ranges about the stones, mm; where a cause of theirs was named: fitted to every second
+  /// patch of the points, measured on the others.
+  double rms_before = 0.0, rms_after = 0.0, rms_noise = 0.0;
+  std::size_t points = 0;
+};
+
 struct Diagnosis {
   std::string unit = "mm";  ///< of rms, map, dependences and what remains; photographs: "/ 255"
   std::string verdict = "consistent";
@@ -161,6 +171,7 @@ struct Diagnosis {
   std::vector<std::string> notes;
   FittedNoise noise;
   std::optional<Controls> controls;
+  std::optional<StoneReport> stones;
 };
 
 [[nodiscard]] Result<Diagnosis> diagnose(Measurements measurements, std::uint64_t seed,

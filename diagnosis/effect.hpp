@@ -68,7 +68,7 @@ struct Form {
   std::function<Form(double size_mm)> at_size{};
 };
 
-enum class Needs { nothing, path, station, photograph };
+enum class Needs { nothing, path, station, photograph, stones };
 
 struct Effect {
   std::string name;     ///< as users write it: "machine.backlash_x"

@@ -65,7 +65,8 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
       return fail(kUnknownCause, fmt::format("[[cause]] effect = \"{}\": the library has no such "
                                              "cause; names are those of diagnosis.json",
                                              k.effect));
-    if (effect->needs == Needs::photograph) continue;  // no point moves by it
+    // No point of the ground moves by them.
+    if (effect->needs == Needs::photograph || effect->needs == Needs::stones) continue;
     const auto value = [&](const std::string& name) {
       for (const auto& [n, v] : k.parameters)
         if (n == name) return v;

@@ -54,6 +54,7 @@ const std::vector<Effect>& library() {
                            detail::add_coating_thickness,
                            detail::add_coating_pooling,
                            detail::add_coating_shadow,
+                           detail::add_stones,
                            detail::add_scanner_range_bias,
                            detail::add_scanner_range_scale,
                            detail::add_scanner_incidence_bias,

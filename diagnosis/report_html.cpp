@@ -224,6 +224,21 @@ std::string next_html(const Diagnosis& d) {
          "unseen, and what further measurement helps most.</li></ul>";
 }
 
+std::string stones_html(const StoneReport& r) {
+  std::string s = "<h2>Stones</h2><table><tr><th>stone</th><th>state</th></tr>";
+  for (const auto& [number, state] : r.states)
+    s += fmt::format("<tr><td>{}</td><td>{}</td></tr>", number, state);
+  s += "</table>";
+  if (r.points > 0)
+    s += fmt::format(
+        "<p>Ranges about the stones, {} points in patches that had no part in the fit: {:.4f} mm "
+        "rms before, {:.4f} after; noise alone gives {:.4f}.</p>",
+        r.points, r.rms_before, r.rms_after, r.rms_noise);
+  for (const std::string& what : r.unexplained)
+    s += "<p class=\"bad\">" + markup_escaped(what) + ": no cause of the library.</p>";
+  return s;
+}
+
 }  // namespace
 
 std::string to_html(const Diagnosis& d) {
@@ -313,6 +328,7 @@ std::string to_html(const Diagnosis& d) {
                  d.remainder.smooth_mm, d.remainder.smooth_length_mm)
            : std::string("<p>No part of the noise is smooth over more than a few mm.");
   s += fmt::format(" Neighbouring squares' correlation {:.3f}.</p>", d.remainder.morans_i);
+  if (d.stones) s += stones_html(*d.stones);
   if (d.controls) s += controls_html(*d.controls);
   s += next_html(d);
   if (!d.poses.empty()) {

@@ -19,11 +19,12 @@ std::string to_json(const Diagnosis& d) {
     ordered_json parameters = ordered_json::object();
     for (const Estimate& p : c.parameters)
       parameters[p.name] = {{"value", p.value}, {"sigma", p.sigma}};
-    for (const auto& [name, value] : c.fixed)
-      parameters[name] = {{"value", value}, {"sigma", nullptr}};
+    ordered_json fixed = ordered_json::object();
+    for (const auto& [name, value] : c.fixed) fixed[name] = value;
     j["causes"].push_back({{"effect", c.effect},
                            {"law", c.law},
                            {"parameters", parameters},
+                           {"fixed_by_law", fixed},
                            {"share_of_excess_variance", c.share},
                            {"p_value", c.p_value},
                            {"equivalent", c.equivalent},
@@ -79,6 +80,19 @@ std::string to_json(const Diagnosis& d) {
                      {"null", {{"verdict", c.null_verdict}, {"claims", c.null_claims}}},
                      {"recovery", back},
                      {"false_claims", c.false_claims}};
+  }
+  if (d.stones) {
+    const StoneReport& s = *d.stones;
+    ordered_json states = ordered_json::array();
+    for (const auto& [number, state] : s.states)
+      states.push_back({{"stone", number}, {"state", state}});
+    j["stones"] = {{"states", states}, {"unexplained", s.unexplained}};
+    if (s.points > 0)
+      j["stones"]["gain"] = {{"rms_before_mm", s.rms_before},
+                             {"rms_after_mm", s.rms_after},
+                             {"rms_expected_from_noise_mm", s.rms_noise},
+                             {"points", s.points},
+                             {"data", "every second patch of a millimetre, not fitted to"}};
   }
   j["notes"] = d.notes;
   return j.dump(1);

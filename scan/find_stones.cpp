@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
+#include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
 
 #include "heightmap/field_tracer.hpp"
@@ -324,6 +326,7 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
         state_pose(f, fit, frame, scan_pose);
         f.chance = detail::chance_of_standing(seen, scene, ground, frame, fit, scan_pose, noise);
         f.state = f.chance < level ? StoneState::moved : StoneState::as_planned;
+        f.size = detail::size_terms(seen, scene, ground, frame, fit, noise);
       } else {
         f.state = StoneState::unclear;
         f.noise_mm = std::fmin(fit.noise_mm, own.noise_mm);
@@ -334,6 +337,31 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
     findings.push_back(f);
   }
   return findings;
+}
+
+Result<std::vector<double>> beyond_stones(std::span<const Vec3> points,
+                                          std::span<const Viewpoint> viewpoints,
+                                          const ModelField& ground,
+                                          std::span<const meshing::PlacedStone> stones) {
+  std::vector<TriMesh> meshes;
+  for (const auto& stone : stones) meshes.push_back(meshing::stone_mesh(stone));
+  std::optional<detail::StoneScene> scene;
+  if (!meshes.empty()) {
+    MAQUETTE_TRY(scene, detail::StoneScene::build(meshes));
+  }
+  const heightmap::FieldTracer tracer(ground);
+  const Views views(viewpoints);
+  std::vector<double> beyond(points.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) {
+    const detail::Sight sight = detail::sight_of(views.of(i), points[i]);
+    double range = INFINITY;
+    if (const auto hit = tracer.trace(sight.from_mm, sight.direction)) range = hit->distance_mm;
+    if (scene)
+      if (const auto hit = scene->trace(sight.from_mm, sight.direction, range))
+        range = hit->distance_mm;
+    beyond[i] = sight.range_mm - range;
+  });
+  return beyond;
 }
 
 }  // namespace maquette::scan

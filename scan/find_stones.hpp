@@ -26,6 +26,7 @@
 ///          keeps near the stone, and it comes out high. A ground that is no part of the question:
 ///          a coat that stones do not have moves all of them.
 
+#include <array>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -40,6 +41,15 @@ namespace maquette::scan {
 
 enum class StoneState { as_planned, moved, missing, swapped, unclear, present, unseen };
 [[nodiscard]] std::string_view name_of(StoneState state);
+
+/// Gauss-Newton's equations for a stone's size, its pose left free: of the share by which all its
+/// lengths are larger, and of the length by which its surface stands farther out, mm. Those of
+/// several stones add up to those of a common size: size = -score / bread with variance meat /
+/// bread^2 (sandwich).
+struct StoneSizeTerms {
+  std::array<double, 2> score{};
+  std::array<double, 3> bread{}, meat{};  ///< (0, 0), (0, 1), (1, 1)
+};
 
 struct StoneFinding {
   int number = 0;
@@ -56,6 +66,7 @@ struct StoneFinding {
   double noise_mm = 0.0;      ///< NMAD of the ranges' residuals
   double height_share = 0.0;  ///< of the planned height above ground that was measured
   RigidTransform actual_from_planned;  ///< model frame
+  StoneSizeTerms size;                 ///< where it has a pose; else zero
 };
 
 /// Points above the ground that a pose needs, and points over the middle that any judgement needs.
@@ -71,5 +82,12 @@ inline constexpr std::size_t kLeastOnStone = 25, kLeastOverStone = 5;
     std::span<const Vec3> points_mm, std::span<const Viewpoint> views,
     const heightmap::ModelField& ground, std::span<const meshing::PlacedStone> plan,
     double noise_mm, const Registration* registration);
+
+/// By how much each point lies farther along its line of sight than what a ray meets of the stones
+/// on that ground; not finite: it meets nothing.
+/// @return by point, mm; or SCAN_EMBREE_FAILED
+[[nodiscard]] Result<std::vector<double>> beyond_stones(
+    std::span<const Vec3> points_mm, std::span<const Viewpoint> views,
+    const heightmap::ModelField& ground, std::span<const meshing::PlacedStone> stones);
 
 }  // namespace maquette::scan

@@ -15,6 +15,7 @@ namespace {
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
+constexpr int kAll = 8;  // pose; share of all lengths, length outwards
 
 constexpr std::size_t kLeastRanges = 25;
 constexpr int kMostIterations = 25;
@@ -27,11 +28,11 @@ constexpr double kAtRestSigmas = 0.05;
 // deviation; half of it would add an eighth to that.
 constexpr double kNearlySigmas = 0.5;
 
-/// Measured minus computed, and its derivatives by the stone's pose; both by how much less certain
-/// than a plain range it is.
+/// Measured minus computed, and its derivatives by the stone's pose and size; both by how much less
+/// certain than a plain range it is.
 struct Residual {
   double mm = 0.0;
-  Vector6 by_pose;
+  Eigen::Matrix<double, kAll, 1> by;
   double cosine = 1.0;  ///< of incidence, mean over the beam
   std::size_t point = 0;
 };
@@ -53,7 +54,7 @@ std::vector<Residual> residuals_at(const StoneRanges& seen, const StoneScene& st
       met += 1.0;
     };
     Residual r;
-    r.by_pose.setZero();
+    r.by.setZero();
     for (std::size_t i = range.first; i < range.first + range.rays; ++i) {
       const StoneRanges::Ray& ray = seen.rays[i];
       share += ray.share;
@@ -74,14 +75,16 @@ std::vector<Residual> residuals_at(const StoneRanges& seen, const StoneScene& st
       // A facet that moves by m along its normal shortens the ray by m / cosine: its weight's
       // cosine goes.
       const Vec3 turn = (1.0 / frame.arm_mm) * cross(place - frame.middle_mm, normal);
-      r.by_pose += ray.share * Vector6{normal.x, normal.y, normal.z, turn.x, turn.y, turn.z};
+      r.by.head<6>() += ray.share * Vector6{normal.x, normal.y, normal.z, turn.x, turn.y, turn.z};
+      r.by(6) += ray.share * dot(normal, place - frame.middle_mm);
+      r.by(7) += ray.share;
     }
     if (!(energy > kLeastCosine * share) || on_stone < 0.5 * energy) continue;
     const double mean = length / energy;
     const double depth = std::sqrt(std::fmax(0.0, square / met - sum * sum / (met * met)));
     const double larger = std::hypot(1.0, kBeamShape * depth / noise.range_mm);
     r.cosine = energy / share;
-    r.by_pose /= energy * larger;
+    r.by /= energy * larger;
     r.mm = -mean / larger;
     r.point = range.point;
     residuals.push_back(r);
@@ -95,31 +98,36 @@ double scale_of(const std::vector<Residual>& residuals) {
   return std::fmax(kLeastScaleMm, kMadToSigma * median(std::move(size)));
 }
 
+/// Of the first N unknowns.
+template <int N>
 struct Normal {
-  Matrix6 weighted = Matrix6::Zero(), bread = Matrix6::Zero(), meat = Matrix6::Zero();
-  Vector6 gradient = Vector6::Zero();
+  using Matrix = Eigen::Matrix<double, N, N>;
+  Matrix weighted = Matrix::Zero(), bread = Matrix::Zero(), meat = Matrix::Zero();
+  Eigen::Matrix<double, N, 1> gradient = Eigen::Matrix<double, N, 1>::Zero();
 };
 
 /// The meat takes residuals of one angle of incidence as equally noisy. One by one, the few that a
 /// turn hangs on would say how noisy they are: a standard deviation that is itself known to a
 /// fifth.
-Normal normal_of(std::vector<Residual>& residuals, const Loss& loss) {
+template <int N>
+Normal<N> normal_of(std::vector<Residual>& residuals, const Loss& loss) {
   std::sort(residuals.begin(), residuals.end(),
             [](const Residual& a, const Residual& b) { return a.cosine < b.cosine; });
-  Normal n;
+  Normal<N> n;
   for (std::size_t k = 0; k < kAngles; ++k) {
     const std::size_t first = k * residuals.size() / kAngles;
     const std::size_t end = (k + 1) * residuals.size() / kAngles;
-    Matrix6 all = Matrix6::Zero();
+    typename Normal<N>::Matrix all = Normal<N>::Matrix::Zero();
     double square = 0.0;
     for (std::size_t i = first; i < end; ++i) {
       const Residual& r = residuals[i];
-      const Matrix6 jj = r.by_pose * r.by_pose.transpose();
+      const Eigen::Matrix<double, N, 1> by = r.by.template head<N>();
+      const typename Normal<N>::Matrix jj = by * by.transpose();
       all += jj;
       const auto [w, psi, slope] = influence(loss, {r.mm, {}});
       n.weighted += w * jj;
       n.bread += slope * jj;
-      n.gradient += psi * r.by_pose;
+      n.gradient += psi * by;
       square += psi * psi;
     }
     n.meat += square / static_cast<double>(end - first) * all;
@@ -147,7 +155,7 @@ StoneFit fit_stone(const StoneRanges& seen, const StoneScene& stone,
     residuals = residuals_at(seen, stone, ground, frame, pose, noise);
     if (residuals.size() < kLeastRanges) return fit;
     if (i < kScaleIterations || sigmas > 1.0) scale = scale_of(residuals);
-    const Normal normal = normal_of(residuals, {Loss::Kind::tukey, kTukey * scale});
+    const Normal<6> normal = normal_of<6>(residuals, {Loss::Kind::tukey, kTukey * scale});
     const Eigen::SelfAdjointEigenSolver<Matrix6> eigen(normal.weighted);
     // A turn that noise alone moves by more than half the stone is not determined by its shape.
     Eigen::Index held = 0;
@@ -180,12 +188,37 @@ StoneFit fit_stone(const StoneRanges& seen, const StoneScene& stone,
   return fit;
 }
 
+StoneSizeTerms size_terms(const StoneRanges& seen, const StoneScene& stone,
+                          const heightmap::ModelField& ground, const StoneFrame& frame,
+                          const StoneFit& fit, const StoneNoise& noise) {
+  StoneSizeTerms terms;
+  auto residuals = residuals_at(seen, stone, ground, frame, fit.actual_from_planned, noise);
+  if (residuals.size() < kLeastRanges) return terms;
+  const auto all = normal_of<kAll>(residuals, {Loss::Kind::tukey, kTukey * fit.noise_mm});
+  // Of the size's equations what the pose takes goes. Weights, not slopes: about a wrong size those
+  // of the rim, which weigh most, are below zero.
+  const Eigen::MatrixXd within =
+      fit.kept.transpose() * all.weighted.topLeftCorner<6, 6>() * fit.kept;
+  Eigen::Matrix<double, 2, kAll> rest = Eigen::Matrix<double, 2, kAll>::Zero();
+  rest.leftCols<6>() =
+      -all.weighted.bottomLeftCorner<2, 6>() * fit.kept * within.inverse() * fit.kept.transpose();
+  rest.rightCols<2>().setIdentity();
+  const double weight = 1.0 / (fit.noise_mm * fit.noise_mm);
+  const Eigen::Vector2d score = weight * rest * all.gradient;
+  const Eigen::Matrix2d bread = weight * rest * all.weighted.rightCols<2>();
+  const Eigen::Matrix2d meat = weight * weight * rest * all.meat * rest.transpose();
+  terms.score = {score(0), score(1)};
+  terms.bread = {bread(0, 0), bread(0, 1), bread(1, 1)};
+  terms.meat = {meat(0, 0), meat(0, 1), meat(1, 1)};
+  return terms;
+}
+
 double chance_of_standing(const StoneRanges& seen, const StoneScene& stone,
                           const heightmap::ModelField& ground, const StoneFrame& frame,
                           const StoneFit& fit, const Matrix6& scan_pose, const StoneNoise& noise) {
   auto residuals = residuals_at(seen, stone, ground, frame, {}, noise);
   if (residuals.size() < kLeastRanges) return 0.0;
-  const Normal at_plan = normal_of(residuals, {Loss::Kind::huber, kHuber * fit.noise_mm});
+  const Normal<6> at_plan = normal_of<6>(residuals, {Loss::Kind::huber, kHuber * fit.noise_mm});
   const Matrix6 variance = at_plan.meat + at_plan.bread * scan_pose * at_plan.bread;
   const Eigen::VectorXd score = fit.kept.transpose() * at_plan.gradient;
   const Eigen::MatrixXd within = fit.kept.transpose() * variance * fit.kept;

@@ -13,6 +13,7 @@ diagnosis::CaseInput diagnosis_input(const Case& c, std::uint64_t seed) {
   diagnosis::CaseInput input;
   input.design = c.design;
   input.ground = c.ground;
+  input.stones = c.stones;
   for (const fs::path& program : c.gcode)
     for (fs::path& part : parts_of(program)) input.programs.push_back(std::move(part));
   input.ball_diameter_mm = c.ball_diameter_mm;
@@ -23,8 +24,8 @@ diagnosis::CaseInput diagnosis_input(const Case& c, std::uint64_t seed) {
     const bool known = std::isfinite(s.scanner_position_mm.x) &&
                        std::isfinite(s.scanner_position_mm.y) &&
                        std::isfinite(s.scanner_position_mm.z);
-    input.scans.push_back(
-        {s.points, known ? std::optional(s.scanner_position_mm) : std::nullopt, s.range_sigma_mm});
+    input.scans.push_back({s.points, known ? std::optional(s.scanner_position_mm) : std::nullopt,
+                           s.range_sigma_mm, s.beam_diameter_mm});
   }
   for (const CaseProbe& p : c.probes) input.probes.push_back(p.points);
   for (const CaseCause& cause : c.causes) {

@@ -128,6 +128,7 @@ void add_tool_deflection(std::vector<Effect>& all);
 void add_process_band_step(std::vector<Effect>& all);
 void add_process_chatter(std::vector<Effect>& all);
 void add_stock_warp(std::vector<Effect>& all);
+void add_stones(std::vector<Effect>& all);
 void add_stock_swelling(std::vector<Effect>& all);
 void add_coating_thickness(std::vector<Effect>& all);
 void add_coating_pooling(std::vector<Effect>& all);

@@ -20,6 +20,7 @@
 #include "heightmap/height_field.hpp"
 #include "scan/detail/sight.hpp"
 #include "scan/detail/stone_scene.hpp"
+#include "scan/find_stones.hpp"
 
 namespace maquette::scan::detail {
 
@@ -64,6 +65,14 @@ struct StoneNoise {
 [[nodiscard]] StoneFit fit_stone(const StoneRanges& seen, const StoneScene& stone,
                                  const heightmap::ModelField& ground, const StoneFrame& frame,
                                  const RigidTransform& start, const StoneNoise& noise);
+
+/// What the ranges say of the stone's size with its pose left free, at the fit: by a share of all
+/// lengths, and by a length that its surface stands farther out. A few steps are
+/// needed: far from the size the rim, which says most of it, does not count.
+[[nodiscard]] StoneSizeTerms size_terms(const StoneRanges& seen, const StoneScene& stone,
+                                        const heightmap::ModelField& ground,
+                                        const StoneFrame& frame, const StoneFit& fit,
+                                        const StoneNoise& noise);
 
 /// Probability that ranges pull as hard away from the plan as these do if the stone stands there:
 /// score test (Rao 1948, doi:10.1017/S0305004100023987) with Huber's psi. Its distribution under

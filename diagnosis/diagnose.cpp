@@ -141,6 +141,28 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
   return confirmed;
 }
 
+/// Which causes there are is settled; when and at what length each acted is said by all blocks. On
+/// those for choosing alone the moment of a step may be off by half a pass, and its size with it.
+/// What is made of its own size is left as it is.
+void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
+             std::vector<detail::Confirmed>& confirmed) {
+  const auto of_a_size = [](const detail::Confirmed& c) {
+    return c.member.form.of_size || c.member.form.at_size || c.member.form.columns[0].follows;
+  };
+  if (confirmed.empty() || std::any_of(confirmed.begin(), confirmed.end(), of_a_size)) return;
+  const Members sharp =
+      detail::polished(search, bank, detail::members_of(confirmed), residuals.settle(), kAll);
+  for (std::size_t k = 0; k < sharp.size(); ++k) confirmed[k].member = sharp[k];
+}
+
+/// The named causes in the forms that were chosen without the report blocks.
+Members before_sharpening(const std::vector<detail::Confirmed>& as_chosen, const Members& named) {
+  Members members;
+  for (const detail::Confirmed& c : as_chosen)
+    if (detail::has(named, c.member.effect)) members.push_back(c.member);
+  return members;
+}
+
 std::string verdict_of(const Diagnosis& d) {
   const bool more = d.remainder.found || (d.stones && !d.stones->unexplained.empty());
   if (d.causes.empty()) return more ? "unexplained" : "consistent";
@@ -175,12 +197,14 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   run.progress(0.7);
   detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
+  const auto as_chosen = confirmed;
+  sharpen(search, bank, residuals, confirmed);
   detail::name_causes(search, bank, residuals, null_squares, confirmed, d);
 
   const Members named = detail::members_of(confirmed);
   const Fit f = residuals.fit_of(named);
   const auto r_after = detail::residuals_of(m.observations, named, bank, f);
-  report_after(bank, named, d);
+  report_after(bank, before_sharpening(as_chosen, named), d);
   d.poses = poses_of(m, f);
   d.noise = noise_of(bank, f, layout);
   // Poses of a model that does not hold are those of the misfit.

@@ -32,6 +32,9 @@ bool physical(const Bank& bank, const std::vector<int>& model, const Member& mem
   return true;
 }
 
+/// In -2 log likelihood: scores that differ by less are the same.
+constexpr double kSame = 1e-3;
+
 struct State {
   std::vector<Member> members;
   double score = INFINITY;
@@ -47,8 +50,10 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
 }
 
 /// Replaces the form of the last member by the best of its neighbours, as often as there are any.
-void refine(const Search& search, const Bank& bank, State& state) {
-  const Fit now = fit(bank, columns_of(bank, state.members), {kChoose});
+/// Of neighbours that do as well (a moment at which no block of these sets was cut) it is the
+/// middle.
+void refine(const Search& search, const Bank& bank, State& state, const std::vector<int>& sets) {
+  const Fit now = fit(bank, columns_of(bank, state.members), sets);
   const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta[0])],
                                  bank.theta[static_cast<std::size_t>(now.theta[1])]};
   for (int round = 0; round < 4; ++round) {
@@ -60,18 +65,22 @@ void refine(const Search& search, const Bank& bank, State& state) {
     for (const Member& m : state.members)
       columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
     for (const Form& f : near) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
-    Bank small =
-        sum_up(search.observations, search.nuisances, columns, search.layout, &theta, kChoose);
+    Bank small = sum_up(search.observations, search.nuisances, columns, search.layout, &theta,
+                        sets.size() == 1 ? sets[0] : -1);
     small.weight = bank.weight;
     std::vector<double> scores(near.size());
     oneapi::tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t k) {
       auto members = state.members;
       members.back().form = near[k];
-      scores[k] = score_of(small, members, {kChoose}, true);
+      scores[k] = score_of(small, members, sets, true);
     });
-    const auto best =
+    auto best =
         static_cast<std::size_t>(std::min_element(scores.begin(), scores.end()) - scores.begin());
     if (!std::isfinite(scores[best])) return;
+    std::size_t last_as_good = best;
+    while (last_as_good + 1 < scores.size() && scores[last_as_good + 1] < scores[best] + kSame)
+      ++last_as_good;
+    best = (best + last_as_good) / 2;
     last.form = near[best];  // neighbours include the form itself
     state.score = scores[best];
   }
@@ -111,7 +120,7 @@ std::vector<Member> without(std::vector<Member> members, std::size_t k) {
 }
 
 std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,
-                             const Settle& settle) {
+                             const Settle& settle, const std::vector<int>& sets) {
   for (std::size_t k = 0; k < members.size(); ++k) {
     const auto same = candidate_of(search, members[k].effect);
     Candidate coarse{same->effect, {}};
@@ -120,14 +129,13 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
     if (coarse.forms.empty()) continue;
     const auto others = without(members, k);
     settle(others);  // residuals straightened for a form favour it
-    const double now = score_of(bank, members, {kChoose}, true);
+    const double now = score_of(bank, members, sets, true);
     State s{others, now};
     s.members.push_back(members[k]);
-    const BestForm found =
-        best_form(bank, others, coarse, {kChoose}, true, screen(bank, others, {kChoose}));
+    const BestForm found = best_form(bank, others, coarse, sets, true, screen(bank, others, sets));
     if (!std::isfinite(found.objective)) continue;
     s.members.back().form = coarse.forms[found.form];
-    refine(search, bank, s);
+    refine(search, bank, s, sets);
     if (!(s.score < now)) continue;
     members[k].form = s.members.back().form;
     add_columns(bank, search.observations, members[k].form.columns);
@@ -279,7 +287,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     std::vector<Column> added;
     for (State& s : kept) {
       const std::string before = s.members.back().form.columns[0].key;
-      if (s.score < kept.front().score + 1000.0) refine(search, bank, s);
+      if (s.score < kept.front().score + 1000.0) refine(search, bank, s, {kChoose});
       if (s.members.back().form.columns[0].key == before) continue;
       added.insert(added.end(), s.members.back().form.columns.begin(),
                    s.members.back().form.columns.end());

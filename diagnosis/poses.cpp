@@ -9,6 +9,7 @@
 #include <boost/math/distributions/fisher_f.hpp>
 #include <boost/math/distributions/students_t.hpp>
 
+#include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -162,16 +163,11 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       if (size_of(pose, best.weight, free, patterns[found[k].pattern].along).misfit <
           best.size.misfit + kEquivalent)
         c.equivalent.push_back(patterns[found[k].pattern].effect);
-    // What registration takes of other causes, and what the residuals say of them.
+    // What registration takes of causes, and what the residuals say of them: poses and residuals
+    // together, by the best of a candidate's forms.
     const auto model = columns_of(bank, members);
-    double least = best.size.misfit - kEquivalent;
-    std::string instead;
-    for (const Candidate& candidate : candidates) {
-      if (candidate.effect->name == c.effect || candidate.effect->name == "scanner.range_bias" ||
-          has(members, candidate.effect))
-        continue;
+    const auto together = [&](const Candidate& candidate, Estimate& estimate) {
       double misfit = INFINITY;
-      Estimate estimate;
       for (const Form& form : candidate.forms) {
         if (form.columns.size() != 1) continue;
         const Beside b = beside(bank, model, fit, bank.index.at(form.columns[0].key));
@@ -190,7 +186,22 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
         const Parameter& p = form.columns[0].parameter;
         estimate = {p.name, value * p.per_column, std::abs(p.per_column) / std::sqrt(curvature)};
       }
-      if (misfit < best.size.misfit + kEquivalent) c.equivalent.push_back(candidate.effect->name);
+      return misfit;
+    };
+    // Poses do not take all of a range bias: others compete with what residuals show of it, too.
+    double own = best.size.misfit;
+    for (const Candidate& candidate : candidates)
+      if (Estimate estimate; candidate.effect->name == c.effect)
+        own = std::fmin(own, together(candidate, estimate));
+    double least = own - kEquivalent;
+    std::string instead;
+    for (const Candidate& candidate : candidates) {
+      if (candidate.effect->name == c.effect || candidate.effect->name == "scanner.range_bias" ||
+          has(members, candidate.effect))
+        continue;
+      Estimate estimate;
+      const double misfit = together(candidate, estimate);
+      if (misfit < own + kEquivalent) c.equivalent.push_back(candidate.effect->name);
       if (misfit < least) {
         least = misfit;
         instead = candidate.effect->name;
@@ -202,34 +213,38 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       std::erase(c.equivalent, instead);
       c.effect = instead;
       c.separate_by = other.separate_by;
-      if (best.size.misfit - least < 4.0 * kEquivalent)
-        c.equivalent.push_back(patterns[best.pattern].effect);
+      if (own - least < 4.0 * kEquivalent) c.equivalent.push_back(patterns[best.pattern].effect);
     }
     if (n == 1) c.equivalent.push_back("scanner.registration");
     d.causes.push_back(std::move(c));
     return;
   }
-  // One pose that stands apart from all others: F of mean squares, of shifts and of turns, for the
-  // worst of n.
+  // One pose that stands apart from all others: F of mean squares, of shifts, of turns, and of both
+  // (Fisher 1932: twice the logarithms add up to chi-squared), for the worst of n.
   if (n < 2) return;
   std::size_t worst = 0;
   double p_value = 1.0, size_mm = 0.0;
-  for (const Eigen::Index part : {0, 3}) {
-    std::vector<double> squares(n);
-    for (std::size_t s = 0; s < n; ++s)
-      squares[s] = pose.segment(static_cast<Eigen::Index>(6 * s) + part, 3).squaredNorm() / 3.0;
-    const auto at = static_cast<std::size_t>(std::max_element(squares.begin(), squares.end()) -
-                                             squares.begin());
-    const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
-    const double others =
-        std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[at]) / static_cast<double>(n - 1));
-    const boost::math::fisher_f law(3.0, 3.0 * static_cast<double>(n - 1));
-    const double p = 2.0 * static_cast<double>(n) *
-                     boost::math::cdf(boost::math::complement(law, squares[at] / others));
+  const boost::math::fisher_f law(3.0, 3.0 * static_cast<double>(n - 1));
+  for (std::size_t s = 0; s < n; ++s) {
+    double largest_mm = 0.0, logarithms = 0.0, least = 1.0;
+    for (const Eigen::Index part : {0, 3}) {
+      std::vector<double> squares(n);
+      for (std::size_t k = 0; k < n; ++k)
+        squares[k] = pose.segment(static_cast<Eigen::Index>(6 * k) + part, 3).squaredNorm() / 3.0;
+      const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
+      const double others =
+          std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[s]) / static_cast<double>(n - 1));
+      const double p = boost::math::cdf(boost::math::complement(law, squares[s] / others));
+      least = std::fmin(least, p);
+      logarithms -= 2.0 * std::log(std::fmax(1e-300, p));
+      largest_mm = std::fmax(largest_mm, std::sqrt(squares[s]));
+    }
+    const double p =
+        3.0 * static_cast<double>(n) * std::fmin(least, chi_squared_tail(logarithms, 4));
     if (p < p_value) {
       p_value = p;
-      worst = at;
-      size_mm = std::sqrt(squares[at]);
+      worst = s;
+      size_mm = largest_mm;
     }
   }
   if (p_value < kClaimLevel && size_mm > 2.0 * kLeastPattern_mm) {

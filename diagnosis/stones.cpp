@@ -40,8 +40,7 @@ struct Body {
 Body body_of(const PlacedStone& stone) {
   const TriMesh mesh = meshing::stone_mesh(stone);
   const Box3 box = mesh.bounds();
-  Body b{0.5 * (box.min + box.max), 0.0,
-         stone.model_from_stone.translation_mm.z - box.min.z};
+  Body b{0.5 * (box.min + box.max), 0.0, stone.model_from_stone.translation_mm.z - box.min.z};
   for (const Vec3& v : mesh.vertices_mm) b.around_mm = std::fmax(b.around_mm, norm(v - b.middle));
   return b;
 }
@@ -58,8 +57,8 @@ Vec3 pose_error(Vec3 p, const PoseEstimate& pose, const SetUp& set_up) {
   const RigidTransform& start = set_up.model_from_file;
   const Vec3 c = set_up.centre_mm;
   const Vec3 shift = pose.shift_mm + (c - start.inverse().point(c));
-  const Vec3 turn = 1e-6 * pose.turn_urad +
-                    2.0 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
+  const Vec3 turn =
+      1e-6 * pose.turn_urad + 2.0 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
   return shift + cross(turn, p - c);
 }
 Vec3 corrected(Vec3 p, const PoseEstimate& pose, const SetUp& set_up) {
@@ -85,8 +84,8 @@ Sighted sighted(const Measurements& m, const Diagnosis& d, const StonesSeen& sto
     if (const auto n = static_cast<double>(set_up.used); n > most) {
       most = n;
       // What has no name beside the causes moves stones as it moves the ground about them.
-      const double floor = std::hypot(
-          kLeastPose_mm, d.remainder.found ? d.remainder.structured_rms : 0.0);
+      const double floor =
+          std::hypot(kLeastPose_mm, d.remainder.found ? d.remainder.structured_rms : 0.0);
       all.pose.centre_mm = set_up.centre_mm;
       const auto square = [&](double sigma) { return sigma * sigma + floor * floor; };
       const Vec3 s = d.poses[u].shift_sigma_mm, t = 1e-6 * d.poses[u].turn_sigma_urad;
@@ -134,12 +133,14 @@ std::vector<KnownCause> known_of(const std::vector<Cause>& causes) {
   std::vector<KnownCause> known;
   for (const Cause& cause : causes) {
     known.push_back({cause.effect, cause.law, {}, cause.fixed});
-    for (const Estimate& e : cause.parameters) known.back().parameters.emplace_back(e.name, e.value);
+    for (const Estimate& e : cause.parameters)
+      known.back().parameters.emplace_back(e.name, e.value);
   }
   return known;
 }
 
-double value_of(const std::vector<std::pair<std::string, double>>& values, const std::string& name) {
+double value_of(const std::vector<std::pair<std::string, double>>& values,
+                const std::string& name) {
   for (const auto& [n, v] : values)
     if (n == name) return v;
   return 0.0;
@@ -286,8 +287,7 @@ class Against {
   /// depth says nothing: what is off by more counts as if it were off by kCut standard deviations.
   [[nodiscard]] Result<double> rms(const std::vector<PlacedStone>& plan,
                                    const std::vector<PlacedStone>& near, std::size_t* count) const {
-    MAQUETTE_TRY(const auto beyond,
-                 scan::beyond_stones(seen_.points, seen_.views, ground_, plan));
+    MAQUETTE_TRY(const auto beyond, scan::beyond_stones(seen_.points, seen_.views, ground_, plan));
     std::vector<Body> bodies;
     for (const PlacedStone& s : near) bodies.push_back(body_of(s));
     double sum = 0.0;
@@ -307,8 +307,7 @@ class Against {
   /// The points as rays would measure them of the plan, with noise; by view.
   [[nodiscard]] Result<std::vector<std::vector<Vec3>>> simulated(
       const std::vector<PlacedStone>& plan, std::uint64_t seed) const {
-    MAQUETTE_TRY(const auto beyond,
-                 scan::beyond_stones(seen_.points, seen_.views, ground_, plan));
+    MAQUETTE_TRY(const auto beyond, scan::beyond_stones(seen_.points, seen_.views, ground_, plan));
     std::vector<std::vector<Vec3>> all;
     std::size_t i = 0;
     for (const scan::Viewpoint& view : seen_.views) {
@@ -385,7 +384,7 @@ Size mean_rise(const std::vector<scan::StoneFinding>& found, const std::vector<d
 struct Resized {
   Resize by;
   double sigma = 0.0;
-  double left = 0.0;  ///< what the other law would still gain
+  double left = 0.0;    ///< what the other law would still gain
   bool either = false;  ///< the other law does as well: stones of one size
 };
 

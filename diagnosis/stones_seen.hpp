@@ -14,8 +14,8 @@
 
 namespace maquette::diagnosis {
 
-/// How far from a stone's middle points say something of it, in radii of the ball that holds it: its
-/// shadow is as long as that.
+/// How far from a stone's middle points say something of it, in radii of the ball that holds it:
+/// its shadow is as long as that.
 inline constexpr double kAboutStone = 5.0;
 
 struct StonesSeen {

@@ -67,10 +67,11 @@ struct Search {
 /// Makes the bank's residuals those that a model of these members is fitted to.
 using Settle = std::function<void(const std::vector<Member>&)>;
 
-/// The same causes with forms refined anew, each beside all others: a moment or a length that was
-/// found while others were missing is a little off.
+/// The same causes with forms refined anew on the blocks of `sets`, each beside all others: a
+/// moment or a length that was found while others were missing is a little off.
 [[nodiscard]] std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,
-                                           const Settle& settle);
+                                           const Settle& settle,
+                                           const std::vector<int>& sets = {kChoose});
 
 struct Confirmed {
   Member member;

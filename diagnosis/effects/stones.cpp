@@ -22,7 +22,8 @@ void add_stones(std::vector<Effect>& all) {
   Effect shrink;
   shrink.name = "stone.shrink";
   shrink.says = "stones came out smaller or larger than they were ordered";
-  shrink.source = "laser sintering: 0.127 mm or 0.2 %, whichever is more; shrinkage 2 to 4 % left in";
+  shrink.source =
+      "laser sintering: 0.127 mm or 0.2 %, whichever is more; shrinkage 2 to 4 % left in";
   shrink.acts_on = "stones";
   shrink.depends_on = "size of the stone";
   shrink.looks_like = {"coating.thickness", "stone.pose"};

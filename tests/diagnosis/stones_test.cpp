@@ -96,8 +96,8 @@ struct World {
   ScratchFolder folder;
   CaseInput input;
   std::vector<Ellipsoid> stones;
-  double coat_mm = 0.0;        ///< on the ground, as declared
-  double stretch_x = 0.0;      ///< by the machine
+  double coat_mm = 0.0;    ///< on the ground, as declared
+  double stretch_x = 0.0;  ///< by the machine
   std::uint64_t seed = 1;
 
   explicit World(std::uint64_t with_seed = 1) : seed(with_seed) {
@@ -142,8 +142,8 @@ struct World {
       const std::uint64_t key = mix64(seed * 100 + number);
       scan::Cloud cloud;
       for (std::uint64_t i = 0; cloud.points_mm.size() < kPoints; ++i) {
-        const Vec3 aim{kSide_mm * random_uniform(key, 2 * i), kSide_mm * random_uniform(key, 2 * i + 1),
-                       6.0};
+        const Vec3 aim{kSide_mm * random_uniform(key, 2 * i),
+                       kSide_mm * random_uniform(key, 2 * i + 1), 6.0};
         const Vec3 way = normalized(aim - station);
         // Down through the waves: steps, then halves.
         const auto over = [&](double t) {
@@ -152,7 +152,8 @@ struct World {
         };
         double low = (14.0 - station.z) / way.z, high = low;
         while (over(high) > 0.0) low = high, high += 0.2;
-        for (int k = 0; k < 40; ++k) (over(0.5 * (low + high)) > 0.0 ? low : high) = 0.5 * (low + high);
+        for (int k = 0; k < 40; ++k)
+          (over(0.5 * (low + high)) > 0.0 ? low : high) = 0.5 * (low + high);
         double t = high;
         for (const Ellipsoid& e : stones)
           if (const auto met = e.met(station, way); met && *met < t) t = *met;

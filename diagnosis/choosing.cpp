@@ -124,19 +124,6 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
   return moved;
 }
 
-/// Lost motion alone is followed at the width that is found, and answers there as it does: with
-/// the secant of another width what the machine or the scanner does to the ridges has a say. So
-/// does a ball that runs out.
-Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
-  if (follows_any(now, true)) return now;
-  for (int round = 0; round < kSizeRounds; ++round) {
-    residuals.about(now);
-    if (!resize(now, search, bank, residuals, &Form::at_size)) break;
-  }
-  residuals.about(now);
-  return now;
-}
-
 /// Of a lag and lost motion in one machine sizes are what their forms are made of: what the two do
 /// together hangs on both, and on which is nearer to the tool.
 Members in_one_machine(const Members& start, const Search& search, Bank& bank,
@@ -163,6 +150,16 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
 }
 
 }  // namespace
+
+Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
+  if (follows_any(now, true)) return now;
+  for (int round = 0; round < kSizeRounds; ++round) {
+    residuals.about(now);
+    if (!resize(now, search, bank, residuals, &Form::at_size)) break;
+  }
+  residuals.about(now);
+  return now;
+}
 
 bool follows_any(const Members& members, bool lag) {
   return std::any_of(members.begin(), members.end(), [&](const Member& k) {

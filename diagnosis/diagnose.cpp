@@ -143,15 +143,17 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
 
 /// Which causes there are is settled; when and at what length each acted is said by all blocks. On
 /// those for choosing alone the moment of a step may be off by half a pass, and its size with it.
-/// What is made of its own size is left as it is.
+/// What is made of its own size is made anew of the one beside those causes.
 void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
              std::vector<detail::Confirmed>& confirmed) {
-  const auto of_a_size = [](const detail::Confirmed& c) {
-    return c.member.form.of_size || c.member.form.at_size || c.member.form.columns[0].follows;
-  };
-  if (confirmed.empty() || std::any_of(confirmed.begin(), confirmed.end(), of_a_size)) return;
-  const Members sharp =
-      detail::polished(search, bank, detail::members_of(confirmed), residuals.settle(), kAll);
+  if (confirmed.empty()) return;
+  const bool of_a_size =
+      std::any_of(confirmed.begin(), confirmed.end(), [](const detail::Confirmed& c) {
+        return c.member.form.of_size || c.member.form.at_size || c.member.form.columns[0].follows;
+      });
+  Members sharp = detail::members_of(confirmed);
+  sharp = of_a_size ? detail::at_own_size(std::move(sharp), search, bank, residuals)
+                    : detail::polished(search, bank, std::move(sharp), residuals.settle(), kAll);
   for (std::size_t k = 0; k < sharp.size(); ++k) confirmed[k].member = sharp[k];
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/choosing.hpp"
@@ -21,8 +22,9 @@ constexpr double kCloseGain = 10.0, kCloseSquares = 4.0;
 /// A rival that gains less in an empty place is not worth a line.
 constexpr double kWorthALine = 20.0;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
-/// not named: what several causes look like is also what the error of a large one looks like.
-constexpr double kVagueShare = 0.25;
+/// not named: what several causes look like is also what the error of a large one looks like. (In
+/// amplitude a quarter: signatures are better than that, see kSignatureError.)
+constexpr double kVagueShare = 0.075;
 constexpr std::size_t kVagueRivals = 2;
 /// In -2 log likelihood: a rival closer than this is the same shape by another name (a part that
 /// has grown, a range that is too long), no second shape.
@@ -107,6 +109,15 @@ struct Equivalents {
   std::size_t shapes = 0;  ///< other than the member's own
 };
 
+/// An even film is part of one that is sprayed beside an even film. Cut anew: what the larger form
+/// has beyond it takes what others are wrong by while they are linearised about another size.
+bool is_part_of(const Form& part, const Form& whole) {
+  return std::all_of(part.columns.begin(), part.columns.end(), [&](const Column& c) {
+    return std::any_of(whole.columns.begin(), whole.columns.end(),
+                       [&](const Column& w) { return w.key == c.key; });
+  });
+}
+
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
 Equivalents equivalents_of(const Model& model, std::size_t k, const Search& search,
                            const Bank& bank, Linearised& residuals,
@@ -129,7 +140,8 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const Search& sear
     instead.push_back({other.effect, other.forms[found.form]});
     const Scored first = scored(residuals, instead);
     double worse = first.objective - linear.objective, apart = first.squares - linear.squares;
-    if (worse < kCloseGain * far || apart < kCloseSquares * far_squares) {
+    if (worse < kCloseGain * far || apart < kCloseSquares * far_squares ||
+        is_part_of(instead.back().form, model.members[k].form)) {
       residuals.about(instead);
       const Scored anew = scored(residuals, instead);
       worse = anew.objective - model.fit.objective;
@@ -226,8 +238,9 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
     if (several) vague += c.share;
     d.rejected.push_back(
         {c.effect,
-         several ? fmt::format("small beside the others, and {} other causes would do in its place",
-                               c.equivalent.size())
+         several ? fmt::format("small beside the others ({:.1f} % of the excess), and other causes "
+                               "would do in its place: {}",
+                               100.0 * c.share, fmt::join(c.equivalent, ", "))
                  : "smaller than what the signatures of the others may be wrong by"});
     confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
   }

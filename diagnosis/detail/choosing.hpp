@@ -14,6 +14,12 @@ namespace maquette::diagnosis::detail {
 [[nodiscard]] Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
                                        std::vector<Ranked>& ranking, const RunContext& run);
 
+/// Lost motion alone is followed at the width that is found, and answers there as it does: with
+/// the secant of another width what the machine or the scanner does to the ridges has a say. So
+/// does a ball that runs out. Residuals are about the model that comes back.
+[[nodiscard]] Members at_own_size(Members members, const Search& search, Bank& bank,
+                                  Linearised& residuals);
+
 /// Is a lag (or lost motion) among them?
 [[nodiscard]] bool follows_any(const Members& members, bool lag);
 

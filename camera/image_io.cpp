@@ -208,6 +208,8 @@ Result<LoadedImage> read_image(const fs::path& path) {
 
   LoadedImage image;
   image.eight_bit = spec.format == OIIO::TypeDesc::UINT8;
+  if (!spec.format.is_floating_point())
+    image.highest = std::ldexp(1.0, 8 * static_cast<int>(spec.format.size())) - 1.0;
   for (std::size_t k = 0; k < count; ++k) {
     image.names.push_back(spec.channelnames[k]);
     image.channels.emplace_back(spec.height, spec.width);

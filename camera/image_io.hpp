@@ -52,6 +52,7 @@ struct LoadedImage {
   std::vector<std::string> names;
   std::vector<Grid<float>> channels;
   bool eight_bit = false;
+  double highest = 0.0;  ///< whole number that 1 stands for in the file; 0: floating point
 };
 /// CORE_FILE_NOT_FOUND; CAMERA_IMAGE_NOT_READABLE: no image, or a damaged one;
 /// CAMERA_IMAGE_FORMAT: a deep, volume or too large image. Alpha is a channel like any

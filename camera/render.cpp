@@ -33,18 +33,22 @@ enum Stream : std::uint64_t { kPlace = 0, kLens = 1, kGather = 64, kBounce = 65,
 struct View {
   Vec3 eye;
   RigidTransform model_from_camera;
-  double pitch_mm, focal_mm, middle_x, middle_y;
+  double pitch_mm, focal_mm, middle_x, middle_y, aspect, skew;
 
   View(const CameraModel& camera, const RigidTransform& pose)
       : eye(pose.translation_mm),
         model_from_camera(pose),
         pitch_mm(1e-3 * camera.pixel_pitch_um),
         focal_mm(camera.focal_length_mm),
-        middle_x(0.5 * camera.width_px),
-        middle_y(0.5 * camera.height_px) {}
+        middle_x(std::isnan(camera.principal_x_px) ? 0.5 * camera.width_px : camera.principal_x_px),
+        middle_y(std::isnan(camera.principal_y_px) ? 0.5 * camera.height_px
+                                                   : camera.principal_y_px),
+        aspect(camera.aspect),
+        skew(camera.skew_px * pitch_mm / focal_mm) {}
   [[nodiscard]] Vec3 direction(double x_px, double y_px) const {
+    const double down = pitch_mm * (y_px - middle_y) / aspect;
     return normalized(model_from_camera.direction(
-        {pitch_mm * (x_px - middle_x), -pitch_mm * (y_px - middle_y), -focal_mm}));
+        {pitch_mm * (x_px - middle_x) - skew * down, -down, -focal_mm}));
   }
 };
 

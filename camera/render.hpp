@@ -11,17 +11,18 @@
 ///         (camera/lamp.hpp), and what a pixel's centre sees: depth, normal, angles, part
 ///
 /// Camera: looks along -z of its own frame, y up; pixel (0, 0) is the upper left,
-/// centres at half integers, principal point in the middle.
-/// Light: direct light of each lamp; soft shadows by stratified samples of the lens (Shirley and
-/// Chiu 1997, doi:10.1080/10867651.1997.10487479). Light of the surroundings (a room, panels) and,
-/// if asked for, one diffuse bounce by rays spread with the cosine; mirror-like foil sends them
-/// where its facets reflect. Shading is in double on the triangles' own normals; a face seen from
-/// its back is black.
+/// centres at half integers, principal point in the middle unless given. No distortion: `expose`
+/// bends. Light: direct light of each lamp; soft shadows by stratified samples of the lens (Shirley
+/// and Chiu 1997, doi:10.1080/10867651.1997.10487479). Light of the surroundings (a room, panels)
+/// and, if asked for, one diffuse bounce by rays spread with the cosine; mirror-like foil sends
+/// them where its facets reflect. Shading is in double on the triangles' own normals; a face seen
+/// from its back is black.
 ///
 /// The same bits for any number of threads: every random number is a function of
 /// (seed, pixel, sample).
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <memory>
@@ -49,6 +50,10 @@ struct CameraModel {
   int width_px = 1024, height_px = 768;
   double pixel_pitch_um = 8.45;
   double focal_length_mm = 35.0;
+  /// From the upper left corner; NaN: the middle.
+  double principal_x_px = NAN, principal_y_px = NAN;
+  double aspect = 1.0;   ///< fy / fx
+  double skew_px = 0.0;  ///< entry (0, 1) of K
 };
 
 /// A mesh or a terrain with its material. What is pointed at must outlive the scene.

@@ -4,7 +4,7 @@
 # package names.
 find_package(Threads REQUIRED)
 find_package(TBB CONFIG REQUIRED)  # before OpenVDB, whose own FindTBB defines the same target
-find_package(Ceres 2.1 CONFIG QUIET)  # optional: tools/bench coregister; before OpenVDB, too
+find_package(Ceres 2.1 CONFIG REQUIRED)  # before OpenVDB, too
 find_package(fmt 9.1 CONFIG REQUIRED)
 find_package(tl-expected 1.0 CONFIG REQUIRED)  # package libexpected-dev
 find_package(OpenSSL REQUIRED COMPONENTS Crypto)

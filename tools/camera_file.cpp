@@ -287,9 +287,19 @@ Result<CameraFile> read_camera(const std::string& name_or_path,
   return camera;
 }
 
-Result<std::string> camera_file_text(const std::string& name_or_path) {
+Result<CameraFile> read_camera_text(const std::string& text, const std::string& place) {
   CameraText t;
-  MAQUETTE_TRY_VOID(read_text(t, name_or_path, {}));
+  Schema schema = schema_of(t);
+  MAQUETTE_TRY_VOID(read_schema_text(schema, text, place, fs::current_path()));
+  auto camera = camera_of(t);
+  if (!camera) return tl::unexpected(std::move(camera.error()).within(place));
+  return camera;
+}
+
+Result<std::string> camera_file_text(const std::string& name_or_path,
+                                     const std::vector<std::string>& overrides) {
+  CameraText t;
+  MAQUETTE_TRY_VOID(read_text(t, name_or_path, overrides));
   return schema_of(t).template_text();
 }
 

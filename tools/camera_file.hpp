@@ -28,7 +28,13 @@ struct CameraFile {
 [[nodiscard]] Result<CameraFile> read_camera(const std::string& name_or_path,
                                              const std::vector<std::string>& overrides = {});
 
+/// A camera whose file is not written yet. @param place  what messages call it
+/// @return as read_camera()
+[[nodiscard]] Result<CameraFile> read_camera_text(const std::string& text,
+                                                  const std::string& place);
+
 /// The commented file of a camera, every key with its value.
-[[nodiscard]] Result<std::string> camera_file_text(const std::string& name_or_path);
+[[nodiscard]] Result<std::string> camera_file_text(const std::string& name_or_path,
+                                                   const std::vector<std::string>& overrides = {});
 
 }  // namespace maquette::tools

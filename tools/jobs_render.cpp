@@ -3,6 +3,7 @@
 #include <deque>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 #include "camera/image_io.hpp"
@@ -260,6 +261,10 @@ Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
 /// Hash of all that decides what the frames show.
 Result<std::string> key_of(const Scene& s, const std::string& scene_text) {
   std::string all = fmt::format("{}\n{}\n", kVersion, scene_text);
+  if (!s.camera.empty())
+    all +=
+        fmt::format("{} {} {} {} {} {}\n", fmt::join(s.resolution_px, " "), s.pixel_pitch_um,
+                    s.focal_length_mm, fmt::join(s.principal_point_px, " "), s.aspect, s.skew_px);
   std::vector<fs::path> files{s.surface,    s.corrections,    s.stones,
                               s.trajectory, s.lamp_intensity, s.lamp_spectrum};
   for (const SceneMesh& o : s.parts.objects) files.push_back(o.mesh);
@@ -314,8 +319,13 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   run.progress(kBuildShare);
 
   const camera::CameraModel camera{static_cast<int>(s.resolution_px[0]),
-                                   static_cast<int>(s.resolution_px[1]), s.pixel_pitch_um,
-                                   s.focal_length_mm};
+                                   static_cast<int>(s.resolution_px[1]),
+                                   s.pixel_pitch_um,
+                                   s.focal_length_mm,
+                                   s.principal_point_px.empty() ? NAN : s.principal_point_px[0],
+                                   s.principal_point_px.empty() ? NAN : s.principal_point_px[1],
+                                   s.aspect,
+                                   s.skew_px};
   camera::RenderOptions options;
   options.samples_per_pixel = static_cast<int>(s.samples_per_pixel);
   options.lamp_samples = static_cast<int>(s.lamp_samples);

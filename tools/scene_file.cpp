@@ -3,10 +3,36 @@
 
 #include <fmt/format.h>
 
+#include "tools/camera_file.hpp"
+
 namespace maquette::tools {
 namespace {
 constexpr double kInf = INFINITY;
 }
+
+namespace {
+
+/// A camera's name, or its file beside the one that names it.
+std::string camera_beside(const std::string& name, const std::filesystem::path& from) {
+  const std::filesystem::path path(name);
+  return path.extension() == ".toml" && path.is_relative() ? (from.parent_path() / path).string()
+                                                           : name;
+}
+
+Result<camera::Shot> shot_of(const std::string& name, const std::filesystem::path& from) {
+  MAQUETTE_TRY(const CameraFile file, read_camera(camera_beside(name, from)));
+  return file.shot;
+}
+
+/// 0 if the camera has none.
+Result<double> read_noise_of(const std::string& name, const std::filesystem::path& from) {
+  MAQUETTE_TRY(const CameraFile file, read_camera(camera_beside(name, from)));
+  for (const camera::Effect& e : file.stack)
+    if (const auto* noise = std::get_if<camera::ReadNoise>(&e)) return noise->sigma_e;
+  return 0.0;
+}
+
+}  // namespace
 
 Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   auto scene = std::make_unique<Scene>();
@@ -20,7 +46,10 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
          "name of a [[material]], instead of albedo and reflectance"});
   t.add(
       {"stone_material", &s.stone_material, "the same for the stones; the surface's unless given"});
+  t.add({"camera", &s.camera,
+         "name or .toml (docs/camera.md), instead of the four keys that follow"});
   t.add({"resolution_px", &s.resolution_px, "width, height", 1, 100000});
+  t.add({"principal_point_px", &s.principal_point_px, "the middle unless given", -1e6, 1e6});
   t.add({"pixel_pitch_um", &s.pixel_pitch_um, "", 0.01, 1000});
   t.add({"focal_length_mm", &s.focal_length_mm, "", 0.1, 100000});
   t.add({"camera_position_mm", &s.camera_position_mm, ""});
@@ -65,6 +94,17 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   if (s.resolution_px.size() != 2)
     return fail(kConfigInvalid,
                 fmt::format("{}: resolution_px must be [width, height]", path.string()));
+  if (!s.principal_point_px.empty() && s.principal_point_px.size() != 2)
+    return fail(kConfigInvalid,
+                fmt::format("{}: principal_point_px must be [x, y]", path.string()));
+  if (!s.camera.empty()) {
+    MAQUETTE_TRY(const camera::Shot shot, shot_of(s.camera, path));
+    const camera::Intrinsics& k = shot.intrinsics;
+    s.resolution_px = {1.0 * k.width_px, 1.0 * k.height_px};
+    s.pixel_pitch_um = shot.pixel_pitch_um, s.focal_length_mm = shot.focal_length_mm;
+    s.principal_point_px = {k.cx_px, k.cy_px};
+    s.aspect = k.fy_px / k.fx_px, s.skew_px = k.skew_px;
+  }
   return scene;
 }
 
@@ -168,6 +208,9 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     CasePhoto& p = c.photos.emplace_back();
     Schema e;
     e.add({"image", &p.image, "", -kInf, kInf, {}, true});
+    e.add({"camera", &p.camera,
+           "name or .toml (docs/camera.md), instead of resolution, principal point, pitch, focal "
+           "length, full well and read noise"});
     e.add({"encoding", &p.encoding, "", -kInf, kInf, {"linear", "srgb"}});
     e.add({"resolution_px", &p.resolution_px, "width, height", 1, 100000});
     e.add({"principal_point_px", &p.principal_point_px, "the middle unless given", -1e6, 1e6});
@@ -205,6 +248,21 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
       return fail(kConfigInvalid,
                   fmt::format("{}: {}: from_mm and to_mm must be two different places [x, y]",
                               path.string(), line.name));
+  }
+  for (CasePhoto& p : c.photos) {
+    if (p.camera.empty()) continue;
+    MAQUETTE_TRY(const camera::Shot shot, shot_of(p.camera, path));
+    const camera::Intrinsics& k = shot.intrinsics;
+    if (k.fx_px != k.fy_px || k.skew_px != 0.0)
+      return fail(kConfigInvalid,
+                  fmt::format("{}: {}: camera '{}' has skew or pixels that are not square; a "
+                              "diagnosis knows square ones only: resample the photograph",
+                              path.string(), p.image.string(), p.camera));
+    p.resolution_px = {1.0 * k.width_px, 1.0 * k.height_px};
+    p.principal_point_px = {k.cx_px, k.cy_px};
+    p.pixel_pitch_um = shot.pixel_pitch_um, p.focal_length_mm = shot.focal_length_mm;
+    p.full_well_e = shot.full_well_e;
+    MAQUETTE_TRY(p.read_noise_e, read_noise_of(p.camera, path));
   }
   if (c.scans.empty() && c.probes.empty() && c.photos.empty())
     return fail(kConfigInvalid,

@@ -26,8 +26,11 @@ struct Scene {
   std::filesystem::path stones;                  ///< plan: laid on the surface
   std::string surface_material, stone_material;  ///< names; empty: albedo and reflectance below
   SceneParts parts;
+  std::string camera;  ///< name or .toml; empty: resolution, pitch and focal length below
   std::vector<double> resolution_px{1024, 768};
   double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
+  std::vector<double> principal_point_px;  ///< empty: the middle
+  double aspect = 1.0, skew_px = 0.0;      ///< of `camera`
   Vec3 camera_position_mm{100.0, -400.0, 700.0};
   Quaternion camera_quaternion_wxyz{1, 0, 0, 0};
   Vec3 camera_target_mm{NAN, NAN, NAN};  ///< instead of the quaternion
@@ -84,6 +87,7 @@ struct CaseCause {
 };
 struct CasePhoto {
   std::filesystem::path image;
+  std::string camera;  ///< name or .toml; empty: resolution and what follows
   std::string encoding = "linear", reflectance = "lambert", surface = "as_milled";
   std::vector<double> resolution_px{1024, 768}, principal_point_px;
   double pixel_pitch_um = 8.45, focal_length_mm = 35.0;

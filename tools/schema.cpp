@@ -464,7 +464,10 @@ std::string Schema::template_text() const {
     const std::string name = inside.empty() ? k.name : k.name.substr(inside.size() + 1);
     std::string allowed = allowed_text(k);
     const auto* path = std::get_if<fs::path*>(&k.target);
-    const bool none = path != nullptr && (*path)->empty();  // no file may be named so
+    const auto* list = std::get_if<std::vector<double>*>(&k.target);
+    // No file may be named so, and a list that is given has a number.
+    const bool none =
+        (path != nullptr && (*path)->empty()) || (list != nullptr && (*list)->empty());
     out += fmt::format("{}{} = {}  # {} ({})\n", none ? "# " : "", name, value_text(k.target),
                        k.doc, allowed);
   }

@@ -43,6 +43,13 @@ Result<void> check_camera(const CameraModel& camera, const RigidTransform& pose)
     return fail(kCameraOutOfRange,
                 fmt::format("pixel pitch {} um and focal length {} mm must be positive",
                             camera.pixel_pitch_um, camera.focal_length_mm));
+  if (!(camera.aspect > 0.0) || !std::isfinite(camera.aspect) || !std::isfinite(camera.skew_px) ||
+      std::isinf(camera.principal_x_px) || std::isinf(camera.principal_y_px))
+    return fail(
+        kCameraOutOfRange,
+        fmt::format("aspect {}, skew {} or principal point ({}, {}) of the camera makes no "
+                    "sense",
+                    camera.aspect, camera.skew_px, camera.principal_x_px, camera.principal_y_px));
   const Quaternion& q = pose.rotation;
   const double length = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
   if (!finite(pose.translation_mm) || !std::isfinite(length))

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
+#include "camera/detail/distortion_laws.hpp"
 #include "camera/effects/sampling.hpp"
 
 namespace maquette::camera {
@@ -20,18 +21,12 @@ const std::vector<double>& coefficients_of(const Distortion& e, std::size_t band
 }
 
 double quotient(const std::vector<double>& k, double r) {
-  double sum = 0.0;
-  for (std::size_t i = k.size(); i-- > 0;) sum = (sum + k[i]) * r;
-  return 1.0 + sum;
+  return detail::quotient_law<double>(k, r);
 }
 
 Vec2 brown_conrady(const std::vector<double>& k, Vec2 p) {
-  const auto at = [&](std::size_t i) { return i < k.size() ? k[i] : 0.0; };
-  const double r2 = p.x * p.x + p.y * p.y, r4 = r2 * r2, r6 = r4 * r2;
-  const double radial =
-      (1.0 + at(0) * r2 + at(1) * r4 + at(4) * r6) / (1.0 + at(5) * r2 + at(6) * r4 + at(7) * r6);
-  return {p.x * radial + 2.0 * at(2) * p.x * p.y + at(3) * (r2 + 2.0 * p.x * p.x),
-          p.y * radial + at(2) * (r2 + 2.0 * p.y * p.y) + 2.0 * at(3) * p.x * p.y};
+  const auto [x, y] = detail::brown_conrady_law<double>(k, p.x, p.y);
+  return {x, y};
 }
 
 /// p with f(p) = goal, by Newton with numerical derivatives.

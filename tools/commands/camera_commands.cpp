@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// expose, stack, compare
+// expose, stack, calibrate, compare
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -8,6 +8,7 @@
 
 #include "tools/camera_file.hpp"
 #include "tools/commands/camera_commands.hpp"
+#include "tools/jobs_calibrate.hpp"
 #include "tools/jobs_compare.hpp"
 #include "tools/jobs_expose.hpp"
 
@@ -71,6 +72,26 @@ Command add_stack(CLI::App& root, const CommonOptions& common) {
             o->job.seed = seed_of(common);
             return finish(console, "stack",
                           [&](const RunContext& run) { return stack_job(o->job, o->out, run); });
+          }};
+}
+
+Command add_calibrate(CLI::App& root, const CommonOptions&) {
+  struct Choice {
+    fs::path file, out = "calibrated";
+  };
+  auto o = std::make_shared<Choice>();
+  auto* app = root.add_subcommand(
+      "calibrate",
+      "A camera file from measurements: sensor from bright and dark frames (EMVA 1288), lens from "
+      "target points, fall of light from flats, each with its uncertainty (docs/camera.md).\n"
+      "Example: maquette calibrate calibration.toml --out calibrated");
+  app->add_option("file", o->file, "calibration.toml: which frames and points")->required();
+  app->add_option("--out", o->out, "folder: camera.toml, calibration.json, calibration.html")
+      ->capture_default_str();
+  return {app, [o](Console& console) {
+            return finish(console, "calibrate", [&](const RunContext& run) {
+              return calibrate_job(o->file, o->out, run);
+            });
           }};
 }
 

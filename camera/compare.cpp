@@ -54,7 +54,8 @@ const Channel& partner(const std::vector<Channel>& channels, std::size_t k,
   return others[k];
 }
 
-/// srgb8() by its thresholds: the first guess from a table, then up to the right number.
+/// srgb8() by its thresholds: the first guess from a table, then at most one up. A step of the
+/// table is 1.2e-4, thresholds lie at least 3e-4 apart.
 class SrgbCodes {
  public:
   SrgbCodes() {
@@ -68,20 +69,22 @@ class SrgbCodes {
       from_[static_cast<std::size_t>(code)] =
           srgb8(static_cast<double>(up)) >= code ? up : std::nextafter(up, 2.0F);
     }
+    from_[256] = INFINITY;
     for (std::size_t i = 0; i < guess_.size(); ++i)
       guess_[i] = srgb8(static_cast<double>(i) / kSteps);
   }
   [[nodiscard]] float operator()(float v) const {
-    if (!(v > 0.0F)) return std::isnan(v) ? v : 0.0F;
-    if (v >= 1.0F) return 255.0F;
-    std::size_t code = guess_[static_cast<std::size_t>(static_cast<int>(v * kSteps))];
-    while (code < 255 && v >= from_[code + 1]) ++code;
-    return static_cast<float>(code);
+    const float inside = std::min(v > 0.0F ? v : 0.0F, 1.0F);
+    const auto guess = static_cast<std::size_t>(
+        guess_[static_cast<std::size_t>(static_cast<int>(inside * kSteps))]);
+    const auto code =
+        static_cast<float>(static_cast<int>(guess) + static_cast<int>(inside >= from_[guess + 1]));
+    return v == v ? code : v;
   }
 
  private:
   static constexpr int kSteps = 8192;
-  std::array<float, 256> from_{};
+  std::array<float, 257> from_{};
   std::array<std::uint8_t, kSteps + 1> guess_{};
 };
 
@@ -132,26 +135,33 @@ const Grid<float>* channel_of(const LoadedImage& image, std::string_view wanted)
   return nullptr;
 }
 
-/// Everything within `reach` of a 1 along one direction and then the other.
-void widen(Grid<std::uint8_t>& g, std::ptrdiff_t reach) {
-  for (const bool along : {true, false}) {
-    const Grid<std::uint8_t> before = g;
-    const std::ptrdiff_t lines = along ? g.rows() : g.cols(), length = along ? g.cols() : g.rows();
-    for (std::ptrdiff_t line = 0; line < lines; ++line) {
-      std::ptrdiff_t last = -reach - 1;
-      const auto at = [&](std::ptrdiff_t i) { return along ? before(line, i) : before(i, line); };
-      const auto set = [&](std::ptrdiff_t i) { (along ? g(line, i) : g(i, line)) = 1; };
-      for (std::ptrdiff_t i = 0; i < length; ++i) {
-        if (at(i) != 0) last = i;
-        if (i - last <= reach) set(i);
+/// Everything within `reach` of a 1 along rows, then along columns; both go through memory row by
+/// row.
+void widen(Grid<std::uint8_t>& g, int reach) {
+  const auto cols = static_cast<std::size_t>(g.cols());
+  for (std::ptrdiff_t r = 0; r < g.rows(); ++r) {
+    std::uint8_t* row = g.row(r).data();
+    for (const bool forwards : {true, false}) {
+      int since = reach + 1;
+      for (std::size_t k = 0; k < cols; ++k) {
+        std::uint8_t& v = row[forwards ? k : cols - 1 - k];
+        since = (v & 1U) != 0 ? 0 : since + 1;
+        if (since <= reach) v |= 2U;
       }
-      last = length + reach;
-      for (std::ptrdiff_t i = length; i-- > 0;) {
-        if (at(i) != 0) last = i;
-        if (last - i <= reach) set(i);
+    }
+    for (std::size_t c = 0; c < cols; ++c) row[c] = row[c] != 0 ? 1 : 0;
+  }
+  for (const bool downwards : {true, false}) {
+    std::vector<int> since(cols, reach + 1);
+    for (std::ptrdiff_t k = 0; k < g.rows(); ++k) {
+      std::uint8_t* row = g.row(downwards ? k : g.rows() - 1 - k).data();
+      for (std::size_t c = 0; c < cols; ++c) {
+        since[c] = (row[c] & 1U) != 0 ? 0 : since[c] + 1;
+        row[c] = static_cast<std::uint8_t>(row[c] | (since[c] <= reach ? 2 : 0));
       }
     }
   }
+  for (std::uint8_t& v : g.cells()) v = v != 0 ? 1 : 0;
 }
 
 Mask mask_of(const LoadedImage& rendered, std::ptrdiff_t rows, std::ptrdiff_t cols,
@@ -191,53 +201,130 @@ struct Sums {
           count[k] += o.count[k];
     for (std::size_t i = 0; i < 256; ++i) real[i] += o.real[i], rendered[i] += o.rendered[i];
   }
-  void add_row(const float* a, const float* b, const std::uint8_t* kind, std::size_t n, float share,
-               float* mean, float* mean_absolute) {
+};
+
+/// Rounded, from 0 to 255; 0 for what is no number.
+std::uint8_t byte_of(float v) {
+  const float up = v + 0.5F;
+  return static_cast<std::uint8_t>(
+      static_cast<int>(up > 0.0F ? (up < 255.0F ? up : 255.0F) : 0.0F));
+}
+
+/// Kinds of pixel that a row of the mask has.
+struct RowKinds {
+  bool all_ones = true, edges = false;
+};
+RowKinds kinds_of(std::span<const std::uint8_t> row) {
+  std::uint8_t both = 1, any = 0;
+  for (const std::uint8_t k : row)
+    both = static_cast<std::uint8_t>(both & (k == 1 ? 1 : 0)), any |= k;
+  return {both != 0, (any & 2U) != 0};
+}
+
+/// Differences of one row, eight at a time; 0 where a pixel does not count.
+struct RowWork {
+  static constexpr std::size_t kLanes = 8;
+  std::vector<float> a, b, d;
+  std::vector<std::uint8_t> bin_a, bin_b, counts;
+
+  explicit RowWork(std::size_t cols)
+      : a(padded(cols)),
+        b(padded(cols)),
+        d(padded(cols)),
+        bin_a(padded(cols)),
+        bin_b(padded(cols)),
+        counts(padded(cols)) {}
+  static std::size_t padded(std::size_t cols) { return (cols + kLanes - 1) / kLanes * kLanes; }
+
+  /// d and what counts, of pixels of kind `part` + 1 (all, if the row has no other).
+  void subtract(const std::uint8_t* kind, std::size_t n, std::size_t part, bool all) {
+    const auto wanted = static_cast<std::uint8_t>(part + 1);
     for (std::size_t i = 0; i < n; ++i) {
-      const float d = a[i] - b[i];
-      if (kind[i] == 0 || !std::isfinite(d)) continue;
-      const std::size_t part = kind[i] - 1U;
-      const auto e = static_cast<double>(d);
-      absolute[part] += std::abs(e), square[part] += e * e, sum[part] += e;
-      ++count[part];
-      mean[i] += share * d;
-      mean_absolute[i] += share * std::abs(d);
-      ++real[static_cast<std::size_t>(static_cast<int>(std::clamp(a[i] + 0.5F, 0.0F, 255.0F)))];
-      ++rendered[static_cast<std::size_t>(static_cast<int>(std::clamp(b[i] + 0.5F, 0.0F, 255.0F)))];
+      const float e = a[i] - b[i];
+      const bool in = (e - e == 0.0F) && (all || kind[i] == wanted);
+      d[i] = in ? e : 0.0F;
+      counts[i] = in ? 1 : 0;
+    }
+  }
+  void sum_up(std::size_t n, std::size_t part, Sums& to) const {
+    std::array<double, kLanes> absolute{}, square{}, sum{};
+    for (std::size_t i = 0; i < n; i += kLanes)
+      for (std::size_t l = 0; l < kLanes; ++l) {
+        const auto e = static_cast<double>(d[i + l]);
+        absolute[l] += std::abs(e), square[l] += e * e, sum[l] += e;
+      }
+    std::uint32_t count = 0;
+    for (std::size_t i = 0; i < n; ++i) count += counts[i];
+    for (std::size_t l = 0; l < kLanes; ++l)
+      to.absolute[part] += absolute[l], to.square[part] += square[l], to.sum[part] += sum[l];
+    to.count[part] += count;
+  }
+  /// Two tables in turn, so that equal neighbours do not wait for each other.
+  void count_bins(std::size_t n, bool all, std::array<std::array<std::uint32_t, 256>, 4>& bins) {
+    for (std::size_t i = 0; i < n; ++i) {
+      bin_a[i] = byte_of(a[i]), bin_b[i] = byte_of(b[i]);
+    }
+    if (all) {
+      std::size_t i = 0;
+      for (; i + 1 < n; i += 2) {
+        ++bins[0][bin_a[i]], ++bins[1][bin_b[i]];
+        ++bins[2][bin_a[i + 1]], ++bins[3][bin_b[i + 1]];
+      }
+      if (i < n) ++bins[0][bin_a[i]], ++bins[1][bin_b[i]];
+    } else {
+      for (std::size_t i = 0; i < n; ++i)
+        bins[0][bin_a[i]] += counts[i], bins[1][bin_b[i]] += counts[i];
     }
   }
 };
-
-std::uint8_t byte_of(float v) {
-  return static_cast<std::uint8_t>(std::clamp(std::lround(v), 0L, 255L));
-}
 
 /// All channels, in strips of rows whose sums are added in their order.
 std::vector<Sums> sum_up(const Pairs& pairs, const Mask& mask, Comparison& result) {
   constexpr std::ptrdiff_t kStrip = 32;
   const std::ptrdiff_t rows = mask.kind.rows(), strips = (rows + kStrip - 1) / kStrip;
   const auto cols = static_cast<std::size_t>(mask.kind.cols());
+  const bool pictures = !result.difference.empty();
   std::vector<std::vector<Sums>> parts(static_cast<std::size_t>(strips));
   const float share = 1.0F / static_cast<float>(pairs.pairs.size());
   tbb::parallel_for(std::ptrdiff_t{0}, strips, [&](std::ptrdiff_t strip) {
     auto& sums = parts[static_cast<std::size_t>(strip)];
     sums.resize(pairs.pairs.size());
-    std::vector<float> a(cols), b(cols), mean(cols), absolute(cols);
+    RowWork work(cols);
+    std::vector<float> mean(cols), absolute(cols);
+    std::vector<std::array<std::array<std::uint32_t, 256>, 4>> bins(pairs.pairs.size());
     for (std::ptrdiff_t r = strip * kStrip; r < std::min((strip + 1) * kStrip, rows); ++r) {
+      const std::uint8_t* kind = mask.kind.row(r).data();
+      const RowKinds kinds = kinds_of(mask.kind.row(r));
       std::fill(mean.begin(), mean.end(), 0.0F);
       std::fill(absolute.begin(), absolute.end(), 0.0F);
       for (std::size_t k = 0; k < pairs.pairs.size(); ++k) {
-        pairs.real_row(pairs.pairs[k], r, a.data());
-        pairs.rendered_row(pairs.pairs[k], r, b.data());
-        sums[k].add_row(a.data(), b.data(), mask.kind.row(r).data(), cols, share, mean.data(),
-                        absolute.data());
+        pairs.real_row(pairs.pairs[k], r, work.a.data());
+        pairs.rendered_row(pairs.pairs[k], r, work.b.data());
+        for (std::size_t part = 0; part < (kinds.edges ? 2U : 1U); ++part) {
+          const std::size_t before = sums[k].count[part];
+          work.subtract(kind, cols, part, kinds.all_ones);
+          work.sum_up(cols, part, sums[k]);
+          work.count_bins(cols, sums[k].count[part] - before == cols, bins[k]);
+          if (!pictures) continue;
+          for (std::size_t c = 0; c < cols; ++c) {
+            mean[c] += share * work.d[c];
+            absolute[c] += share * std::abs(work.d[c]);
+          }
+        }
       }
+      if (!pictures) continue;
+      std::uint8_t* difference = result.difference.row(r).data();
+      std::uint8_t* distance = result.absolute.row(r).data();
       for (std::size_t c = 0; c < cols; ++c) {
-        const std::uint8_t shade = byte_of(128.0F + mean[c]);
-        result.difference.row(r)[c] = {shade, shade, shade};
-        result.absolute.row(r)[c] = byte_of(absolute[c]);
+        difference[c] = byte_of(128.0F + mean[c]);
+        distance[c] = byte_of(absolute[c]);
       }
     }
+    for (std::size_t k = 0; k < sums.size(); ++k)
+      for (std::size_t i = 0; i < 256; ++i) {
+        sums[k].real[i] = bins[k][0][i] + bins[k][2][i];
+        sums[k].rendered[i] = bins[k][1][i] + bins[k][3][i];
+      }
   });
   std::vector<Sums> all(pairs.pairs.size());
   for (const auto& part : parts)
@@ -421,8 +508,10 @@ Result<Comparison> compare_images(const LoadedImage& real, const LoadedImage& re
   Comparison result;
   result.state = state_of(pairs, options.match);
   result.background_pixels = mask.background;
-  result.difference = Grid<Rgb8>(rows, cols);
-  result.absolute = Grid<std::uint8_t>(rows, cols);
+  if (options.pictures) {
+    result.difference = Grid<std::uint8_t>(rows, cols);
+    result.absolute = Grid<std::uint8_t>(rows, cols);
+  }
   const std::vector<Sums> all = sum_up(pairs, mask, result);
   double square = 0.0;
   for (std::size_t k = 0; k < all.size(); ++k) {

@@ -37,9 +37,9 @@ struct Comparison {
   std::size_t background_pixels = 0;  ///< left out: the rendering's depth is infinite
   std::optional<PartComparison> shadow_edges, rest;  ///< where the rendering has `lit`
   double ssim = NAN, flip = NAN;                     ///< means; NaN: not asked for
-  std::string state;            ///< what was done to make the two comparable, for people
-  Grid<Rgb8> difference;        ///< 128 + signed difference of the mean channel
-  Grid<std::uint8_t> absolute;  ///< mean of the channels' absolute differences
+  std::string state;              ///< what was done to make the two comparable, for people
+  Grid<std::uint8_t> difference;  ///< 128 + signed difference of the mean channel; empty: not asked
+  Grid<std::uint8_t> absolute;    ///< mean of the channels' absolute differences
 };
 
 enum class Match {
@@ -51,6 +51,7 @@ struct CompareOptions {
   Match match = Match::none;
   bool background = false;  ///< compare pixels without depth too
   bool perceptual = false;  ///< ssim and flip: some seconds for 12 Mpixel
+  bool pictures = true;     ///< difference and absolute, too
   int edge_px = 3;          ///< pixels this near to an edge of light and shadow are of the edge
 };
 

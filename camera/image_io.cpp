@@ -18,6 +18,7 @@ namespace {
 
 /// 1 Gpixel is 4 GB a channel; what is larger is a damaged header.
 constexpr std::int64_t kMaxPixels = std::int64_t{1} << 30;
+constexpr int kRowsAtOnce = 64;
 
 Result<void> write_file(OIIO::ImageSpec spec, const void* pixels, OIIO::TypeDesc type,
                         const fs::path& path, const Metadata& metadata) {
@@ -142,6 +143,9 @@ Result<void> write_whole_numbers(
                        static_cast<int>(count),
                        bits == 8 ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::UINT16);
   if (jpeg) spec.attribute("Compression", "jpeg:95");
+  // Runs of filtered bytes only (Z_RLE): photographs are noise, in which there is nothing to search
+  // for. A third of the time, nine tenths of the size.
+  if (extension == ".png") spec.attribute("compression", "rle");
   if (bits == 16) return write_file(spec, numbers.data(), OIIO::TypeDesc::UINT16, path, metadata);
   std::vector<std::uint8_t> bytes(numbers.size());
   for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<std::uint8_t>(numbers[i]);
@@ -200,12 +204,6 @@ Result<LoadedImage> read_image(const fs::path& path) {
                                           path.string(), spec.width, spec.height, spec.depth,
                                           spec.nchannels, spec.deep ? ", deep" : "", kMaxPixels));
   const auto count = static_cast<std::size_t>(spec.nchannels);
-  const auto size = static_cast<std::size_t>(spec.width) * static_cast<std::size_t>(spec.height);
-  std::vector<float> pixels(size * count);
-  if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data()))
-    return because(in->geterror());
-  in->close();
-
   LoadedImage image;
   image.eight_bit = spec.format == OIIO::TypeDesc::UINT8;
   if (!spec.format.is_floating_point())
@@ -213,9 +211,29 @@ Result<LoadedImage> read_image(const fs::path& path) {
   for (std::size_t k = 0; k < count; ++k) {
     image.names.push_back(spec.channelnames[k]);
     image.channels.emplace_back(spec.height, spec.width);
-    const auto cells = image.channels.back().cells();
-    for (std::size_t i = 0; i < size; ++i) cells[i] = pixels[i * count + k];
   }
+  // Some rows at a time, so that they are taken apart while they are in the cache; tiles whole.
+  const int step = spec.tile_width > 0 ? spec.height : kRowsAtOnce;
+  std::vector<float> pixels(static_cast<std::size_t>(std::min(step, spec.height)) *
+                            static_cast<std::size_t>(spec.width) * count);
+  for (int top = 0; top < spec.height; top += step) {
+    const int end = std::min(top + step, spec.height);
+    const bool read =
+        spec.tile_width > 0
+            ? in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data())
+            : in->read_scanlines(0, 0, spec.y + top, spec.y + end, 0, 0, spec.nchannels,
+                                 OIIO::TypeDesc::FLOAT, pixels.data());
+    if (!read) return because(in->geterror());
+    const std::size_t first = static_cast<std::size_t>(top) * static_cast<std::size_t>(spec.width);
+    const std::size_t n =
+        static_cast<std::size_t>(end - top) * static_cast<std::size_t>(spec.width);
+    for (std::size_t k = 0; k < count; ++k) {
+      float* to = image.channels[k].cells().data() + first;
+      const float* from = pixels.data() + k;
+      for (std::size_t i = 0; i < n; ++i) to[i] = from[i * count];
+    }
+  }
+  in->close();
   return image;
 }
 

@@ -15,6 +15,14 @@ Table::Cell number(double v, int digits = 3) {
   return {std::isnan(v) ? "-" : fmt::format("{:.{}f}", v, digits), true};
 }
 
+/// As photographs are written: quickly, for differences of noise are noise.
+Result<void> write_photograph(const Grid<std::uint8_t>& bytes, const fs::path& path) {
+  Grid<float> values(bytes.rows(), bytes.cols());
+  std::copy(bytes.cells().begin(), bytes.cells().end(), values.cells().begin());
+  constexpr double kWhite = 255.0;
+  return camera::write_whole_numbers({{"Y", &values}}, kWhite, 8, path);
+}
+
 std::string page_of(const CompareJob& job, const camera::Comparison& c, const fs::path& folder) {
   Document d;
   d.push_back(Heading{1, "Photograph against rendering"});
@@ -47,12 +55,14 @@ std::string page_of(const CompareJob& job, const camera::Comparison& c, const fs
       "{} pixels compared, {} of the background left out.{}{}", c.pixels, c.background_pixels,
       std::isnan(c.ssim) ? "" : fmt::format(" SSIM {:.4f}.", c.ssim),
       std::isnan(c.flip) ? "" : fmt::format(" FLIP {:.4f}.", c.flip))});
-  d.push_back(Picture{folder / "difference.png",
-                      "signed difference: grey is none, brighter where "
-                      "the photograph is brighter"});
-  d.push_back(Picture{folder / "absolute.png",
-                      "absolute difference: (real - rendered) + (rendered - "
-                      "real), each cut at zero"});
+  if (job.options.pictures) {
+    d.push_back(Picture{folder / "difference.png",
+                        "signed difference: grey is none, brighter where "
+                        "the photograph is brighter"});
+    d.push_back(Picture{folder / "absolute.png",
+                        "absolute difference: (real - rendered) + (rendered - "
+                        "real), each cut at zero"});
+  }
   return "<!doctype html><meta charset=\"utf-8\"><title>compare</title><style>body{font:15px "
          "sans-serif;max-width:70em;margin:1em auto;padding:0 1em}img{max-width:100%}td,th{padding:"
          "2px 10px;text-align:left}</style>\n" +
@@ -73,13 +83,17 @@ Result<JobResult> compare_job(const CompareJob& job, const fs::path& folder, con
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
   JobResult result;
-  result.outputs = {folder / "compare.json", folder / "difference.png", folder / "absolute.png",
-                    folder / "compare.html"};
+  result.outputs = {folder / "compare.json", folder / "compare.html"};
   result.figures_json = camera::to_json(*comparison);
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json));
-  MAQUETTE_TRY_VOID(camera::write_png(comparison->difference, result.outputs[1]));
-  MAQUETTE_TRY_VOID(camera::write_png(comparison->absolute, result.outputs[2]));
-  MAQUETTE_TRY_VOID(write_file(result.outputs[3], page_of(job, *comparison, folder)));
+  if (job.options.pictures) {
+    for (const auto& [name, picture] : {std::pair{"difference.png", &comparison->difference},
+                                        {"absolute.png", &comparison->absolute}}) {
+      result.outputs.push_back(folder / name);
+      MAQUETTE_TRY_VOID(write_photograph(*picture, result.outputs.back()));
+    }
+  }
+  MAQUETTE_TRY_VOID(write_file(result.outputs[1], page_of(job, *comparison, folder)));
   result.note = fmt::format("mean difference {:.2f}/255", comparison->mean_abs_diff_255);
   if (comparison->mean_abs_diff_255 > job.max_mean_255)
     result.unmet = fmt::format("the mean difference of {:.3f}/255 is more than {}/255",

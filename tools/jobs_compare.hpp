@@ -19,7 +19,8 @@ struct CompareJob {
   double max_mean_255 = INFINITY;  ///< unmet if exceeded
 };
 
-/// compare.json, compare.html, difference.png (128 + signed), absolute.png.
+/// compare.json, compare.html; difference.png (128 + signed), absolute.png unless
+/// CompareOptions::pictures is off.
 [[nodiscard]] Result<JobResult> compare_job(const CompareJob& job,
                                             const std::filesystem::path& folder,
                                             const RunContext& run);

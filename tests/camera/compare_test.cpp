@@ -65,9 +65,9 @@ TEST(CompareImages, HasTheKnownMeans) {
   EXPECT_NEAR(c->channels[2].bias_255, 1, 1e-5);
   EXPECT_NEAR(c->mean_abs_diff_255, (1.75 + 2 + 1) / 3, 1e-5);
   // mean of (-3, -2, 1), (0, -2, 1), (4, -2, 1): -4/3, -1/3, 1
-  EXPECT_EQ(c->difference(0, 0)[0], 127);
-  EXPECT_EQ(c->difference(0, 1)[1], 128);
-  EXPECT_EQ(c->difference(0, 2)[2], 129);
+  EXPECT_EQ(c->difference(0, 0), 127);
+  EXPECT_EQ(c->difference(0, 1), 128);
+  EXPECT_EQ(c->difference(0, 2), 129);
 }
 
 TEST(CompareImages, OfARenderAndItsOwnPngIsZero) {

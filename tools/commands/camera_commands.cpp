@@ -113,14 +113,14 @@ Command add_compare(CLI::App& root, const CommonOptions&) {
       ->capture_default_str()
       ->check(CLI::IsMember({"none", "exposure", "white-balance"}));
   app->add_flag("--background", o->job.options.background, "compare pixels beside the part, too");
-  app->add_flag("--fast", o->fast, "without SSIM and FLIP");
+  app->add_flag("--fast", o->fast, "figures of differences only: without SSIM, FLIP and pictures");
   app->add_option("--edge-px", o->job.options.edge_px, "width of shadow edges to each side")
       ->capture_default_str()
       ->check(CLI::Range(0, 1000));
   app->add_option("--max-mean-255", o->job.max_mean_255, "exit code 1 if the mean is more");
   app->add_option("--out", o->out, "folder")->capture_default_str();
   return {app, [o](Console& console) {
-            o->job.options.perceptual = !o->fast;
+            o->job.options.perceptual = o->job.options.pictures = !o->fast;
             o->job.options.match = o->match == "exposure"        ? camera::Match::exposure
                                    : o->match == "white-balance" ? camera::Match::white_balance
                                                                  : camera::Match::none;

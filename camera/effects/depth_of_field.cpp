@@ -80,18 +80,26 @@ class Areas {
   std::vector<float> inverse_;
 };
 
-/// Signed radius in pixels of each pixel's circle.
+/// Signed radius in pixels of each pixel's circle: circle_of_confusion_mm() as a - b / z, which has
+/// no case of its own for what is infinitely far.
 Grid<float> radii(const Shot& shot, const Frame& frame, double focus_mm) {
   Grid<float> r(frame.depth_mm.rows(), frame.depth_mm.cols());
+  const double aperture = shot.focal_length_mm / shot.f_number;
+  const bool far = std::isinf(focus_mm);
+  const double scale = 0.5 / (1e-3 * shot.pixel_pitch_um) * aperture * shot.focal_length_mm;
+  const double at_infinity = far ? 0.0 : scale / (focus_mm - shot.focal_length_mm);
+  const double by_depth = far ? scale : at_infinity * focus_mm;
+  const Intrinsics& k = shot.intrinsics;
   tbb::parallel_for(std::ptrdiff_t{0}, r.rows(), [&](std::ptrdiff_t row) {
-    for (std::ptrdiff_t c = 0; c < r.cols(); ++c) {
-      const Vec2 t =
-          tangents(shot.intrinsics, {static_cast<double>(c) + 0.5, static_cast<double>(row) + 0.5});
-      const double z =
-          static_cast<double>(frame.depth_mm(row, c)) / std::sqrt(1.0 + t.x * t.x + t.y * t.y);
-      const double diameter =
-          circle_of_confusion_mm(shot.focal_length_mm, shot.f_number, focus_mm, z);
-      r(row, c) = static_cast<float>(0.5 * diameter / (1e-3 * shot.pixel_pitch_um));
+    const Vec2 first = tangents(k, {0.5, static_cast<double>(row) + 0.5});
+    const double step = 1.0 / k.fx_px, off_axis = 1.0 + first.y * first.y;
+    const float* depth = frame.depth_mm.row(row).data();
+    float* to = r.row(row).data();
+    const int cols = static_cast<int>(r.cols());
+    for (int c = 0; c < cols; ++c) {
+      const double x = first.x + step * static_cast<double>(c);
+      const double inverse_z = std::sqrt(off_axis + x * x) / static_cast<double>(depth[c]);
+      to[c] = static_cast<float>(at_infinity - by_depth * inverse_z);
     }
   });
   return r;
@@ -102,9 +110,17 @@ Grid<float> reaching(const Grid<float>& radius) {
   const std::ptrdiff_t rows = (radius.rows() + kTile - 1) / kTile;
   const std::ptrdiff_t cols = (radius.cols() + kTile - 1) / kTile;
   Grid<float> own(rows, cols), all(rows, cols);
-  for (std::ptrdiff_t r = 0; r < radius.rows(); ++r)
-    for (std::ptrdiff_t c = 0; c < radius.cols(); ++c)
-      own(r / kTile, c / kTile) = std::max(own(r / kTile, c / kTile), std::abs(radius(r, c)));
+  tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t i) {
+    for (std::ptrdiff_t r = i * kTile; r < std::min((i + 1) * kTile, radius.rows()); ++r) {
+      const auto row = radius.row(r);
+      for (std::ptrdiff_t j = 0; j < cols; ++j) {
+        float most = own(i, j);
+        for (std::ptrdiff_t c = j * kTile; c < std::min((j + 1) * kTile, radius.cols()); ++c)
+          most = std::max(most, std::abs(row[static_cast<std::size_t>(c)]));
+        own(i, j) = most;
+      }
+    }
+  });
   const std::ptrdiff_t far = static_cast<std::ptrdiff_t>(2.0F * kLargestRadiusPx) / kTile + 1;
   tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t i) {
     for (std::ptrdiff_t j = 0; j < cols; ++j)

@@ -104,8 +104,8 @@ bool bends(const Distortion& e, std::size_t band) {
   return of_band(e.band_scale, band) != 0.0;
 }
 
-Grid<float> warped(const Grid<float>& from, const Map& map, bool nearest) {
-  Grid<float> to(from.rows(), from.cols());
+/// @param to  of the same size; everything in it is written
+void warp(const Grid<float>& from, const Map& map, bool nearest, Grid<float>& to) {
   tbb::parallel_for(std::ptrdiff_t{0}, to.rows(), [&](std::ptrdiff_t r) {
     const double py = static_cast<double>(r) + 0.5;
     for (std::ptrdiff_t start = 0; start < to.cols(); start += map.step) {
@@ -115,7 +115,18 @@ Grid<float> warped(const Grid<float>& from, const Map& map, bool nearest) {
       const Vec2 b = map.at(static_cast<double>(start + map.step), py);
       const double dx = (b.x - a.x) / static_cast<double>(map.step);
       const double dy = (b.y - a.y) / static_cast<double>(map.step);
-      for (std::ptrdiff_t c = start; c < end; ++c) {
+      std::ptrdiff_t c = start;
+      constexpr auto kLanes = static_cast<std::ptrdiff_t>(kSampleLanes);
+      for (; !nearest && c + kLanes <= end; c += kLanes) {
+        std::array<float, kSampleLanes> x, y;
+        for (std::size_t l = 0; l < kSampleLanes; ++l) {
+          const double along =
+              static_cast<double>(static_cast<int>(c - start) + static_cast<int>(l)) + 0.5;
+          x[l] = static_cast<float>(a.x + along * dx), y[l] = static_cast<float>(a.y + along * dy);
+        }
+        bicubic_lanes(from, x.data(), y.data(), &to(r, c));
+      }
+      for (; c < end; ++c) {
         const double along = static_cast<double>(c - start) + 0.5;
         const double x = a.x + along * dx, y = a.y + along * dy;
         if (nearest) {
@@ -130,7 +141,6 @@ Grid<float> warped(const Grid<float>& from, const Map& map, bool nearest) {
       }
     }
   });
-  return to;
 }
 
 }  // namespace
@@ -213,15 +223,21 @@ void apply(const Distortion& e, const Shot& shot, Frame& frame) {
   std::optional<Map> middle;
   bool alike = e.red.empty() && e.blue.empty() && e.band_scale.size() == 1;
   std::optional<Map> map;
+  Grid<float> spare;
   for (std::size_t b = 0; b < frame.bands.size(); ++b) {
     // Grey light goes the way of the middle band.
     const std::size_t band = frame.bands.size() == 1 ? (e.band_scale.size() == 1 ? 1 : 1) : b;
     if (!bends(e, std::min(band, std::size_t{2}))) continue;
     if (!map || !alike) map = map_of(e, shot.intrinsics, band);
-    frame.bands[b] = warped(frame.bands[b], *map, false);
+    if (spare.empty()) spare = Grid<float>(frame.bands[b].rows(), frame.bands[b].cols());
+    warp(frame.bands[b], *map, false, spare);
+    std::swap(frame.bands[b], spare);  // the next band goes where this one was
     if (band == 1) middle = map;
   }
-  if (!frame.depth_mm.empty() && middle) frame.depth_mm = warped(frame.depth_mm, *middle, true);
+  if (!frame.depth_mm.empty() && middle) {
+    warp(frame.depth_mm, *middle, true, spare);
+    std::swap(frame.depth_mm, spare);
+  }
 }
 
 }  // namespace maquette::camera

@@ -53,4 +53,44 @@ namespace maquette::camera {
   return value > 0.0F ? value : 0.0F;
 }
 
+/// bicubic() at kSampleLanes places at once, the same bits.
+inline constexpr std::size_t kSampleLanes = 8;
+inline void bicubic_lanes(const Grid<float>& g, const float* x, const float* y, float* to) {
+  constexpr std::size_t n = kSampleLanes;
+  std::array<float, n> s, t;
+  std::array<int, n> c, r;
+  int inside = 1;
+  const int last_c = static_cast<int>(g.cols()) - 3, last_r = static_cast<int>(g.rows()) - 3;
+  for (std::size_t l = 0; l < n; ++l) {
+    const float u = x[l] - 0.5F, v = y[l] - 0.5F;
+    const float fu = std::floor(u), fv = std::floor(v);
+    c[l] = static_cast<int>(fu), r[l] = static_cast<int>(fv);
+    s[l] = u - fu, t[l] = v - fv;
+    inside &= static_cast<int>(c[l] >= 1) & static_cast<int>(r[l] >= 1) &
+              static_cast<int>(c[l] <= last_c) & static_cast<int>(r[l] <= last_r);
+  }
+  if (inside == 0) {
+    for (std::size_t l = 0; l < n; ++l) to[l] = bicubic(g, x[l], y[l]);
+    return;
+  }
+  std::array<std::array<float, n>, 4> wx, wy;
+  for (std::size_t l = 0; l < n; ++l) {
+    const auto a = cubic_weights(s[l]), b = cubic_weights(t[l]);
+    for (std::size_t k = 0; k < 4; ++k) wx[k][l] = a[k], wy[k][l] = b[k];
+  }
+  using Four = float __attribute__((vector_size(16)));
+  for (std::size_t l = 0; l < n; ++l) {
+    const float* at = &g(r[l] - 1, c[l] - 1);
+    Four sum{};
+    for (std::size_t k = 0; k < 4; ++k, at += g.cols()) {
+      Four row;
+      std::memcpy(&row, at, sizeof row);
+      sum += row * wy[k][l];
+    }
+    const float value =
+        (sum[0] * wx[0][l] + sum[1] * wx[1][l]) + (sum[2] * wx[2][l] + sum[3] * wx[3][l]);
+    to[l] = value > 0.0F ? value : 0.0F;
+  }
+}
+
 }  // namespace maquette::camera

@@ -45,12 +45,23 @@ Result<void> check_frame(const Frame& frame, const Shot& shot) {
   if (!frame.depth_mm.empty() && (frame.depth_mm.rows() != rows || frame.depth_mm.cols() != cols))
     return fail(kFrame, fmt::format("depth has {} x {} pixels, the picture {} x {}",
                                     frame.depth_mm.cols(), frame.depth_mm.rows(), cols, rows));
-  for (const Grid<float>& band : frame.bands)
-    for (std::size_t i = 0; i < band.cells().size(); ++i)
-      if (!std::isfinite(band.cells()[i]))
-        return fail(kFrame, fmt::format("radiance at row {}, column {} is not a finite number",
-                                        i / static_cast<std::size_t>(cols),
-                                        i % static_cast<std::size_t>(cols)));
+  std::vector<unsigned char> wrong(static_cast<std::size_t>(rows), 0);
+  for (const Grid<float>& band : frame.bands) {
+    tbb::parallel_for(0, rows, [&](int r) {
+      int bad = 0;
+      for (const float v : band.row(r)) bad |= static_cast<int>(!(v - v == 0.0F));
+      wrong[static_cast<std::size_t>(r)] = bad != 0 ? 1 : 0;
+    });
+    const auto first = std::find(wrong.begin(), wrong.end(), 1);
+    if (first == wrong.end()) continue;
+    const auto row = first - wrong.begin();
+    const auto values = band.row(row);
+    const auto col =
+        std::find_if(values.begin(), values.end(), [](float v) { return !std::isfinite(v); }) -
+        values.begin();
+    return fail(kFrame,
+                fmt::format("radiance at row {}, column {} is not a finite number", row, col));
+  }
   return {};
 }
 

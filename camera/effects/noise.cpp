@@ -53,8 +53,14 @@ RowFunction added_normal(const NoiseStream& stream, double sigma) {
     const NormalTable& table = normal_table();
     for (std::size_t b = 0; b < bands.size(); ++b) {
       const std::uint64_t first = draw_number(row, 0, b);
-      for (std::size_t c = 0; c < bands[b].size(); ++c)
-        bands[b][c] += sigma * normal_at(table, stream, first + c);
+      const std::size_t cols = bands[b].size();
+      std::array<float, kDraws> z;
+      for (std::size_t c = 0; c < cols; c += kDraws) {
+        const std::size_t n = std::min(kDraws, cols - c);
+        normals_at(table, stream, first + c, n, z.data());
+        float* to = bands[b].data() + c;
+        for (std::size_t i = 0; i < n; ++i) to[i] += sigma * z[i];
+      }
     }
   };
 }

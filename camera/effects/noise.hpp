@@ -10,6 +10,7 @@
 /// the true quantile up to 6 sigma (tests). Poisson counts by inversion below 30 expected, above by
 /// the Cornish-Fisher expansion of the quantile (Abramowitz and Stegun 26.2.49).
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -63,6 +64,17 @@ struct NormalTable {
 [[nodiscard]] inline float normal_at(const NormalTable& table, const NoiseStream& stream,
                                      std::uint64_t number) {
   return normal_from(table, static_cast<std::uint32_t>(stream.bits(number) >> 32));
+}
+
+/// Draws `first` to `first` + n - 1 of a stream as standard normal deviates, n <= kDraws: the same
+/// as normal_at() one by one.
+inline constexpr std::size_t kDraws = 64;
+inline void normals_at(const NormalTable& table, const NoiseStream& stream, std::uint64_t first,
+                       std::size_t n, float* to) {
+  std::array<std::uint32_t, kDraws> bits;
+  for (std::size_t i = 0; i < n; ++i)
+    bits[i] = static_cast<std::uint32_t>(stream.bits(first + i) >> 32);
+  for (std::size_t i = 0; i < n; ++i) to[i] = normal_from(table, bits[i]);
 }
 
 /// Adds normal noise of `sigma` to every pixel.

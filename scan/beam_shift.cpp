@@ -16,7 +16,7 @@ namespace maquette::scan {
 namespace {
 
 constexpr std::size_t kChunk = 1024;
-constexpr std::size_t kMostRays = 32;
+constexpr std::size_t kMostRays = 64;
 constexpr double kSide = 3.0;
 
 /// Mean range of the rays minus that of the middle, and the depth in the beam beyond a plane's.
@@ -41,8 +41,8 @@ std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
              std::span(ground).first(n + 1), std::span(hits).first(n + 1));
   if (!hits[n]) return std::nullopt;
   const double middle = hits[n]->range_mm;
-  double energy = 0.0, length = 0.0, sum = 0.0, square = 0.0, along_x = 0.0, along_y = 0.0;
-  double xx = 0.0, yy = 0.0, met = 0.0;
+  double energy = 0.0, length = 0.0;
+  detail::BeamDepth depth;
   for (std::size_t i = 0; i < n; ++i) {
     if (!hits[i]) continue;
     const double t = hits[i]->range_mm - middle;
@@ -50,17 +50,10 @@ std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
     const double answer = samples[i].weight * hits[i]->cos_incidence * nearness * nearness;
     energy += answer;
     length += answer * t;
-    sum += t;
-    square += t * t;
-    along_x += t * samples[i].x;
-    along_y += t * samples[i].y;
-    xx += samples[i].x * samples[i].x;
-    yy += samples[i].y * samples[i].y;
-    met += 1.0;
+    depth.add(t, samples[i].x, samples[i].y);
   }
   if (!(energy > 0.0)) return std::nullopt;
-  const double tilt = along_x * along_x / xx + along_y * along_y / yy;
-  return Blur{length / energy, std::sqrt(std::fmax(0.0, (square - sum * sum / met - tilt) / met))};
+  return Blur{length / energy, depth.beyond_plane_mm()};
 }
 
 }  // namespace
@@ -76,13 +69,16 @@ Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
   for (const Viewpoint& view : views) {
     const std::size_t end = std::min(points.size(), first + view.points);
     if (view.beam_diameter_mm > 0.0) {
-      const auto samples = detail::rays_of(view);
+      const auto samples = detail::rays_of(view), finer = detail::edge_rays_of(view);
       oneapi::tbb::parallel_for(
           std::size_t{0}, (end - first + kChunk - 1) / kChunk, [&](std::size_t k) {
             if (run.stopped()) return;
             const std::size_t from = first + k * kChunk;
             for (std::size_t i = from; i < std::min(end, from + kChunk); ++i) {
-              const auto blur = blur_at(detail::sight_of(view, points[i]), view, samples, i, scene);
+              const detail::Sight sight = detail::sight_of(view, points[i]);
+              auto blur = blur_at(sight, view, samples, i, scene);
+              if (blur && blur->depth_mm > detail::kEdgeOfNoise * noise_mm)
+                blur = blur_at(sight, view, finer, i, scene);
               if (!blur) continue;
               // Where the middle itself goes by a steep side, all hangs on where that side stands.
               const double doubt = std::hypot(blur->depth_mm, kSide * blur->shift_mm);

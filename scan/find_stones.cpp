@@ -213,15 +213,17 @@ detail::StoneRanges ranges_of(std::span<const Vec3> points, const std::vector<st
     const std::size_t i = about[k];
     const Viewpoint& view = views.of(i);
     const detail::Sight sight = detail::sight_of(view, points[i]);
-    const auto samples = detail::rays_of(view);
-    rays.resize(samples.size());
-    detail::spread(sight, view, samples, i, rays);
-    seen.ranges.push_back({i, sight.range_mm, seen.rays.size(), rays.size()});
-    for (std::size_t j = 0; j < rays.size(); ++j) {
-      const auto hit = ground.trace(rays[j].origin_mm, rays[j].direction);
-      const double cosine = hit ? -dot(hit->normal, rays[j].direction) : 0.0;
-      seen.rays.push_back({rays[j].origin_mm, rays[j].direction, samples[j].weight,
-                           hit ? hit->distance_mm : INFINITY, std::fmax(0.0, cosine)});
+    const auto samples = detail::rays_of(view), finer = detail::edge_rays_of(view);
+    seen.ranges.push_back({i, sight.range_mm, seen.rays.size(), samples.size(), finer.size()});
+    for (const auto* some : {&samples, &finer}) {
+      rays.resize(some->size());
+      detail::spread(sight, view, *some, i, rays);
+      for (std::size_t j = 0; j < rays.size(); ++j) {
+        const auto hit = ground.trace(rays[j].origin_mm, rays[j].direction);
+        const double cosine = hit ? -dot(hit->normal, rays[j].direction) : 0.0;
+        seen.rays.push_back({rays[j].origin_mm, rays[j].direction, (*some)[j],
+                             hit ? hit->distance_mm : INFINITY, std::fmax(0.0, cosine)});
+      }
     }
   }
   return seen;

@@ -69,32 +69,19 @@ Result<void> fit_rest(Way& way, std::optional<Vec3> station, const Significance&
   return {};
 }
 
-}  // namespace
-
-Result<std::vector<RigidTransform>> refit(std::span<Vec3> points, std::span<ScanPose> scans,
-                                          std::span<const std::optional<Vec3>> stations,
-                                          const heightmap::ModelField& surface,
-                                          const Significance& found, const Search& search,
-                                          const RunContext& run) {
-  MAQUETTE_CHECK(stations.size() == scans.size(), "{} scans, {} stations", scans.size(),
-                 stations.size());
-  std::vector<RigidTransform> steps(scans.size());
-  if (found.findings.empty()) return steps;
+std::vector<Way> ways_of(std::span<Vec3> points, std::span<const ScanPose> scans) {
   std::vector<Way> ways;
   std::size_t first = 0;
   for (const ScanPose& s : scans) {
     ways.push_back({points.subspan(first, s.points), {}, {}});
     first += s.points;
-    Way& way = ways.back();
-    way.step = detail::majority_step(way.points, surface);
-    move(way.points, way.step);
   }
-  for (int round = 0; round < kRounds; ++round) {
-    if (std::all_of(ways.begin(), ways.end(), [](const Way& w) { return w.at_rest; })) break;
-    MAQUETTE_TRY(const Significance now, search());
-    for (std::size_t k = 0; k < ways.size(); ++k)
-      if (!ways[k].at_rest) MAQUETTE_TRY_VOID(fit_rest(ways[k], stations[k], now, surface, run));
-  }
+  return ways;
+}
+
+/// Poses follow where there is a fit; elsewhere points go back.
+std::vector<RigidTransform> finish(std::span<Way> ways, std::span<ScanPose> scans) {
+  std::vector<RigidTransform> steps(scans.size());
   for (std::size_t k = 0; k < ways.size(); ++k) {
     if (!ways[k].fit) {
       move(ways[k].points, ways[k].step.inverse());
@@ -106,6 +93,43 @@ Result<std::vector<RigidTransform>> refit(std::span<Vec3> points, std::span<Scan
     take_over(pose, *ways[k].fit);
   }
   return steps;
+}
+
+}  // namespace
+
+Result<std::vector<RigidTransform>> refit_corrected(std::span<Vec3> points,
+                                                    std::span<ScanPose> scans,
+                                                    std::span<const std::optional<Vec3>> stations,
+                                                    const heightmap::ModelField& surface,
+                                                    const RunContext& run) {
+  MAQUETTE_CHECK(stations.size() == scans.size(), "{} scans, {} stations", scans.size(),
+                 stations.size());
+  std::vector<Way> ways = ways_of(points, scans);
+  for (std::size_t k = 0; k < ways.size(); ++k)
+    MAQUETTE_TRY_VOID(fit_rest(ways[k], stations[k], {}, surface, run));
+  return finish(ways, scans);
+}
+
+Result<std::vector<RigidTransform>> refit(std::span<Vec3> points, std::span<ScanPose> scans,
+                                          std::span<const std::optional<Vec3>> stations,
+                                          const heightmap::ModelField& surface,
+                                          const Significance& found, const Search& search,
+                                          const RunContext& run) {
+  MAQUETTE_CHECK(stations.size() == scans.size(), "{} scans, {} stations", scans.size(),
+                 stations.size());
+  if (found.findings.empty()) return std::vector<RigidTransform>(scans.size());
+  std::vector<Way> ways = ways_of(points, scans);
+  for (Way& way : ways) {
+    way.step = detail::majority_step(way.points, surface);
+    move(way.points, way.step);
+  }
+  for (int round = 0; round < kRounds; ++round) {
+    if (std::all_of(ways.begin(), ways.end(), [](const Way& w) { return w.at_rest; })) break;
+    MAQUETTE_TRY(const Significance now, search());
+    for (std::size_t k = 0; k < ways.size(); ++k)
+      if (!ways[k].at_rest) MAQUETTE_TRY_VOID(fit_rest(ways[k], stations[k], now, surface, run));
+  }
+  return finish(ways, scans);
 }
 
 }  // namespace maquette::scan

@@ -45,4 +45,13 @@ using Search = std::function<Result<Significance>()>;
     std::span<const std::optional<Vec3>> stations, const heightmap::ModelField& surface,
     const Significance& found, const Search& search, const RunContext& run = {});
 
+/// Best fits once more with all points, which have been corrected since: what a beam's width does
+/// to ranges (beam_shift.hpp) has no mean of zero, and goes into the pose of a fit made before.
+/// @return the step of each scan; identity where the corrected points do not tell its pose.
+///   CORE_CANCELLED
+[[nodiscard]] Result<std::vector<RigidTransform>> refit_corrected(
+    std::span<Vec3> points_mm, std::span<ScanPose> scans,
+    std::span<const std::optional<Vec3>> stations, const heightmap::ModelField& surface,
+    const RunContext& run = {});
+
 }  // namespace maquette::scan

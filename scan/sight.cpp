@@ -42,6 +42,31 @@ std::vector<BeamSample> rays_of(const Viewpoint& view) {
   return samples;
 }
 
+std::vector<BeamSample> edge_rays_of(const Viewpoint& view) {
+  constexpr int kRays = 48;
+  return view.beam_diameter_mm > 0.0 ? beam_samples(kRays) : std::vector<BeamSample>{};
+}
+
+void BeamDepth::add(double depth_mm, double x, double y) {
+  met_ += 1.0;
+  sum_ += depth_mm;
+  square_ += depth_mm * depth_mm;
+  along_x_ += depth_mm * x;
+  along_y_ += depth_mm * y;
+  xx_ += x * x;
+  yy_ += y * y;
+}
+
+double BeamDepth::whole_mm() const {
+  return met_ > 0.0 ? std::sqrt(std::fmax(0.0, (square_ - sum_ * sum_ / met_) / met_)) : 0.0;
+}
+
+double BeamDepth::beyond_plane_mm() const {
+  if (!(xx_ > 0.0 && yy_ > 0.0)) return 0.0;
+  const double tilt = along_x_ * along_x_ / xx_ + along_y_ * along_y_ / yy_;
+  return std::sqrt(std::fmax(0.0, (square_ - sum_ * sum_ / met_ - tilt) / met_));
+}
+
 void spread(const Sight& sight, const Viewpoint& view, std::span<const BeamSample> samples,
             std::uint64_t point, std::span<Ray> rays) {
   const double turn =

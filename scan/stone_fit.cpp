@@ -21,6 +21,8 @@ constexpr std::size_t kLeastRanges = 25;
 constexpr int kMostIterations = 25;
 // Seen flatter than this (the mean cosine) a range says more of the facet than of the stone.
 constexpr double kLeastCosine = 0.25;
+// Half of a beam must meet the stone. By the share that few rays find, this is surely less.
+constexpr double kMaybeOnStone = 0.25;
 constexpr std::size_t kAngles = 4;
 constexpr int kScaleIterations = 5;  // later, and near its rest, the limit is kept
 constexpr double kAtRestSigmas = 0.05;
@@ -37,55 +39,72 @@ struct Residual {
   std::size_t point = 0;
 };
 
+/// What a beam would measure of stone and ground, and how that hangs on the stone's pose and size.
+struct Expected {
+  double share = 0.0, energy = 0.0, on_stone = 0.0;
+  double length_mm = 0.0;  ///< beyond the measured range, times energy
+  Eigen::Matrix<double, kAll, 1> by = Eigen::Matrix<double, kAll, 1>::Zero();
+  BeamDepth depth;
+
+  void add(const BeamSample& sample, double cosine, double beyond_mm) {
+    energy += sample.weight * cosine;
+    length_mm += sample.weight * cosine * beyond_mm;
+    depth.add(beyond_mm, sample.x, sample.y);
+  }
+};
+
+Expected expected_of(std::span<const StoneRanges::Ray> rays, double range_mm,
+                     const StoneScene& stone, const heightmap::ModelField& ground,
+                     const StoneFrame& frame, const RigidTransform& pose,
+                     const RigidTransform& back, double seam_mm) {
+  Expected e;
+  for (const StoneRanges::Ray& ray : rays) {
+    const double weight = ray.sample.weight;
+    e.share += weight;
+    const auto hit =
+        stone.trace(back.point(ray.from_mm), back.direction(ray.direction), ray.ground_mm);
+    if (!hit) {
+      if (!std::isinf(ray.ground_mm)) e.add(ray.sample, ray.ground_cos, ray.ground_mm - range_mm);
+      continue;
+    }
+    const Vec3 normal = pose.direction(hit->normal);
+    const double cosine = -dot(normal, ray.direction);
+    if (!(cosine > 0.0)) continue;
+    const Vec3 place = ray.from_mm + hit->distance_mm * ray.direction;
+    const double under = heightmap::height_at(ground, place.x, place.y);
+    if (!(place.z - under < seam_mm)) e.on_stone += weight * cosine;
+    e.add(ray.sample, cosine, hit->distance_mm - range_mm);
+    // A facet that moves by m along its normal shortens the ray by m / cosine: its weight's
+    // cosine goes.
+    const Vec3 turn = (1.0 / frame.arm_mm) * cross(place - frame.middle_mm, normal);
+    e.by.head<6>() += weight * Vector6{normal.x, normal.y, normal.z, turn.x, turn.y, turn.z};
+    e.by(6) += weight * dot(normal, place - frame.middle_mm);
+    e.by(7) += weight;
+  }
+  return e;
+}
+
 std::vector<Residual> residuals_at(const StoneRanges& seen, const StoneScene& stone,
                                    const heightmap::ModelField& ground, const StoneFrame& frame,
                                    const RigidTransform& pose, const StoneNoise& noise) {
   const RigidTransform back = pose.inverse();
+  const std::span<const StoneRanges::Ray> all(seen.rays);
   std::vector<Residual> residuals;
   for (const StoneRanges::Range& range : seen.ranges) {
-    double energy = 0.0, length = 0.0, on_stone = 0.0, share = 0.0;
-    // Depth within the beam, each ray the same: also where only the outermost pass an edge.
-    double sum = 0.0, square = 0.0, met = 0.0;
-    const auto add = [&](double weight, double beyond) {
-      energy += weight;
-      length += weight * beyond;
-      sum += beyond;
-      square += beyond * beyond;
-      met += 1.0;
+    const auto expected = [&](std::size_t first, std::size_t rays) {
+      return expected_of(all.subspan(first, rays), range.range_mm, stone, ground, frame, pose, back,
+                         noise.seam_mm);
     };
+    Expected e = expected(range.first, range.rays);
+    if (e.on_stone < kMaybeOnStone * e.energy) continue;
+    if (range.edge_rays > 0 && e.depth.beyond_plane_mm() > kEdgeOfNoise * noise.range_mm)
+      e = expected(range.first + range.rays, range.edge_rays);
+    if (!(e.energy > kLeastCosine * e.share) || e.on_stone < 0.5 * e.energy) continue;
+    const double larger = std::hypot(1.0, kBeamShape * e.depth.whole_mm() / noise.range_mm);
     Residual r;
-    r.by.setZero();
-    for (std::size_t i = range.first; i < range.first + range.rays; ++i) {
-      const StoneRanges::Ray& ray = seen.rays[i];
-      share += ray.share;
-      const auto hit =
-          stone.trace(back.point(ray.from_mm), back.direction(ray.direction), ray.ground_mm);
-      if (!hit) {
-        if (std::isinf(ray.ground_mm)) continue;
-        add(ray.share * ray.ground_cos, ray.ground_mm - range.range_mm);
-        continue;
-      }
-      const Vec3 normal = pose.direction(hit->normal);
-      const double cosine = -dot(normal, ray.direction);
-      if (!(cosine > 0.0)) continue;
-      const Vec3 place = ray.from_mm + hit->distance_mm * ray.direction;
-      const double under = heightmap::height_at(ground, place.x, place.y);
-      if (!(place.z - under < noise.seam_mm)) on_stone += ray.share * cosine;
-      add(ray.share * cosine, hit->distance_mm - range.range_mm);
-      // A facet that moves by m along its normal shortens the ray by m / cosine: its weight's
-      // cosine goes.
-      const Vec3 turn = (1.0 / frame.arm_mm) * cross(place - frame.middle_mm, normal);
-      r.by.head<6>() += ray.share * Vector6{normal.x, normal.y, normal.z, turn.x, turn.y, turn.z};
-      r.by(6) += ray.share * dot(normal, place - frame.middle_mm);
-      r.by(7) += ray.share;
-    }
-    if (!(energy > kLeastCosine * share) || on_stone < 0.5 * energy) continue;
-    const double mean = length / energy;
-    const double depth = std::sqrt(std::fmax(0.0, square / met - sum * sum / (met * met)));
-    const double larger = std::hypot(1.0, kBeamShape * depth / noise.range_mm);
-    r.cosine = energy / share;
-    r.by /= energy * larger;
-    r.mm = -mean / larger;
+    r.cosine = e.energy / e.share;
+    r.by = e.by / (e.energy * larger);
+    r.mm = -e.length_mm / (e.energy * larger);
     r.point = range.point;
     residuals.push_back(r);
   }

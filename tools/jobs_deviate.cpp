@@ -169,7 +169,7 @@ struct AsMeasured {
 Result<void> fit_again(Comparison& c, MeasuredPart& all, AsMeasured& before,
                        const NominalPart& nominal, const Case& input, const RunContext& run) {
   const auto& findings = c.findings().findings;
-  // A pose on datums is nobody's to change, and a part that lies off as a whole has no rest.
+  // Of a pose on datums as above, and a part that lies off as a whole has no rest.
   if (!all.part.empty() || nominal.mesh || findings.empty() || findings.front().whole_part)
     return {};
   const auto search = [&]() -> Result<scan::Significance> {
@@ -208,6 +208,11 @@ Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nomina
   }
   // Only now do points lie where their beams' middles meet the part, under overhangs or not.
   leave_out_overhung(all, nominal, input, noise);
+  // Nor were best fits made to such points. A pose on datums is nobody's to change.
+  if (c.beam && all.part.empty() && !input.scale) {
+    MAQUETTE_TRY(const auto steps, fit_without_beams(all, nominal.to_meet(), run));
+    before.follow(steps);
+  }
   MAQUETTE_TRY_VOID(judge(c, all, nominal, input, run));
   MAQUETTE_TRY_VOID(fit_again(c, all, before, nominal, input, run));
   if (nominal.ground) {

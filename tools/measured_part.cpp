@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <utility>
 
 #include <fmt/format.h>
@@ -261,6 +262,28 @@ std::vector<TriMesh> stones_of(const NominalPart& nominal) {
   return stones;
 }
 
+/// Of each scan; nothing where there are several.
+std::vector<std::optional<Vec3>> stations_of_scans(const MeasuredPart& all) {
+  const std::vector<std::size_t> of_view = scans_of_views(all);
+  std::vector<std::optional<Vec3>> stations(all.scans.size());
+  std::vector<int> views(all.scans.size(), 0);
+  for (std::size_t v = 0; v < all.views.size(); ++v) {
+    // Noise by range and incidence is that of one place.
+    stations[of_view[v]] = views[of_view[v]]++ == 0 ? all.views[v].station_mm : std::nullopt;
+  }
+  return stations;
+}
+
+/// What is known of the scans beside their points and poses follows these.
+void follow(MeasuredPart& all, std::span<const RigidTransform> steps) {
+  const std::vector<std::size_t> of_view = scans_of_views(all);
+  for (std::size_t v = 0; v < all.views.size(); ++v)
+    if (all.views[v].station_mm)
+      all.views[v].station_mm = steps[of_view[v]].point(*all.views[v].station_mm);
+  for (std::size_t k = 0; k < all.scans.size(); ++k)
+    all.figures[k].best = all.scans[k].registration;
+}
+
 }  // namespace
 
 std::vector<std::size_t> scans_of_views(const MeasuredPart& all) {
@@ -342,20 +365,17 @@ Result<std::vector<RigidTransform>> fit_without_findings(MeasuredPart& all,
                                                          const scan::Significance& found,
                                                          const scan::Search& search,
                                                          const RunContext& run) {
-  const std::vector<std::size_t> of_view = scans_of_views(all);
-  std::vector<std::optional<Vec3>> stations(all.scans.size());
-  std::vector<int> views(all.scans.size(), 0);
-  for (std::size_t v = 0; v < all.views.size(); ++v) {
-    // Noise by range and incidence is that of one place.
-    stations[of_view[v]] = views[of_view[v]]++ == 0 ? all.views[v].station_mm : std::nullopt;
-  }
-  MAQUETTE_TRY(auto steps,
-               scan::refit(all.cloud.points_mm, all.scans, stations, surface, found, search, run));
-  for (std::size_t v = 0; v < all.views.size(); ++v)
-    if (all.views[v].station_mm)
-      all.views[v].station_mm = steps[of_view[v]].point(*all.views[v].station_mm);
-  for (std::size_t k = 0; k < all.scans.size(); ++k)
-    all.figures[k].best = all.scans[k].registration;
+  MAQUETTE_TRY(auto steps, scan::refit(all.cloud.points_mm, all.scans, stations_of_scans(all),
+                                       surface, found, search, run));
+  follow(all, steps);
+  return steps;
+}
+
+Result<std::vector<RigidTransform>> fit_without_beams(MeasuredPart& all, const ModelField& surface,
+                                                      const RunContext& run) {
+  MAQUETTE_TRY(auto steps, scan::refit_corrected(all.cloud.points_mm, all.scans,
+                                                 stations_of_scans(all), surface, run));
+  follow(all, steps);
   return steps;
 }
 

@@ -92,6 +92,10 @@ struct MeasuredPart {
     MeasuredPart& all, const heightmap::ModelField& surface, const scan::Significance& found,
     const scan::Search& search, const RunContext& run);
 
+/// Best fits once more, to points whose beams have been taken out; else as fit_without_findings().
+[[nodiscard]] Result<std::vector<RigidTransform>> fit_without_beams(
+    MeasuredPart& all, const heightmap::ModelField& surface, const RunContext& run);
+
 /// Leaves out what stands under the overhangs of planned stones.
 void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,
                         double noise_mm);

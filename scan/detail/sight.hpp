@@ -28,6 +28,28 @@ struct Sight {
 /// Shares of energy of a viewpoint's rays: one, or 19.
 [[nodiscard]] std::vector<BeamSample> rays_of(const Viewpoint& view);
 
+/// Of beams that pass an edge. What part of the energy goes by is known to a twelfth by 19 rays,
+/// differently for each beam; and whoever then chooses by them the beams that count, or weighs by
+/// them, chooses those whose error has one sign. 48 know it to a fiftieth. None for single rays.
+[[nodiscard]] std::vector<BeamSample> edge_rays_of(const Viewpoint& view);
+
+/// Depth within a beam, each of its rays the same: also where only the outermost pass an edge.
+class BeamDepth {
+ public:
+  void add(double depth_mm, double x, double y);
+  [[nodiscard]] double whole_mm() const;
+  /// What a plane does not explain. Rays that know means of smooth surfaces do not know those of
+  /// what remains, if it is large.
+  [[nodiscard]] double beyond_plane_mm() const;
+
+ private:
+  double met_ = 0.0, sum_ = 0.0, square_ = 0.0;
+  double along_x_ = 0.0, along_y_ = 0.0, xx_ = 0.0, yy_ = 0.0;
+};
+
+/// More of the noise than that beyond a plane is an edge.
+inline constexpr double kEdgeOfNoise = 0.25;
+
 /// One ray for each sample. The pattern is turned by an angle that belongs to the point.
 void spread(const Sight& sight, const Viewpoint& view, std::span<const BeamSample> samples,
             std::uint64_t point, std::span<Ray> rays);

@@ -10,6 +10,8 @@
 /// the stone) keeps noise to one side: at 0.2 mm it lifted a stone of 9 mm by 0.015 mm and tilted
 /// it by a degree. Residuals along the line of sight, Tukey's weights; a beam's range is the mean
 /// of its rays' ranges by energy and cosine, which is what phases say while they differ by little.
+/// Beams that pass an edge are followed by more rays (sight.hpp): few err, and the same few say how
+/// much a beam counts and how the pose moves it, so that stones came out low.
 /// Covariance: sandwich, by angle of incidence.
 
 #include <span>
@@ -29,7 +31,7 @@ namespace maquette::scan::detail {
 struct StoneRanges {
   struct Ray {
     Vec3 from_mm, direction;
-    double share = 1.0;      ///< of the beam's energy
+    BeamSample sample;       ///< place in the beam and share of its energy
     double ground_mm = 0.0;  ///< distance of the ground; infinite: none
     double ground_cos = 0.0;
   };
@@ -37,6 +39,7 @@ struct StoneRanges {
     std::size_t point = 0;  ///< index in the list of points
     double range_mm = 0.0;
     std::size_t first = 0, rays = 0;
+    std::size_t edge_rays = 0;  ///< after those: for where the beam passes an edge
   };
   std::vector<Ray> rays;
   std::vector<Range> ranges;

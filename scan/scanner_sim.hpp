@@ -14,8 +14,10 @@
 ///             divergence: radius^2 = waist^2 + (divergence / 2 range)^2. It is sampled by
 ///             `footprint_rays` skew rays, which lie on the hyperboloids of such a beam at any
 ///             range; 7 rays are the quadrature of degree 5 of the Gaussian plane (Stroud
-///             1971, E2r2 5-1), 1 is a beam without width, any other number lies on a
-///             spiral with the beam's second moments. The pattern is turned at random
+///             1971, E2r2 5-1) and no beam where an edge cuts them (its points lie too near by
+///             0.01 to 0.025 mm beside stones, which scans of 50 points a mm^2 show), 1 is a
+///             beam without width, any other number lies on a spiral with the beam's second
+///             moments; 61 leave nothing at edges. The pattern is turned at random
 ///             from point to point. Each ray answers with reflectance cos(incidence) / range^2.
 /// Range       phase_range() of these answers: mixed pixels at edges. Then systematic errors,
 ///             then noise, then rounding to range_resolution_mm.

@@ -2,6 +2,7 @@
 #include "diagnosis/case_input.hpp"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <numeric>
@@ -32,6 +33,7 @@ constexpr double kGrazing = 0.1;  // least cosine of incidence at which a beam's
 constexpr double kOblique = 0.25;
 constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after settling
 constexpr double kStone_mm = 1e-3;        // higher than the ground: a stone
+constexpr double kProbeSigma_mm = 0.005;  // where the table does not say
 constexpr double kBesideStone_mm = 3.0;   // a beam's width and what stones hide
 constexpr double kOtherProgram_mm = 0.5;  // robust spread of cut minus design
 
@@ -135,6 +137,35 @@ std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
   const std::size_t dropped = all.size() - kept;
   all.resize(kept);
   return dropped;
+}
+
+/// Have rows with heights been measured along the surface, too? A touched point whose ball has been
+/// taken off lies on the normal through its nominal place; along the surface it says nothing, or
+/// how well that place was approached. A mark scatters there as it does along the normal, beside
+/// what moves all of them alike.
+bool are_marks(const std::vector<ProbeRow>& rows, const SimulatedSurface& surface) {
+  constexpr double kLeast = 0.3, kMost = 20.0;  // of the stated standard deviation
+  std::vector<std::array<double, 6>> found;     // 1, x, y; sideways x and y; sigma
+  for (const ProbeRow& row : rows) {
+    const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
+    if (!place || !row.z_mm) continue;
+    const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,
+                 *row.z_mm - row.z_nominal_mm.value_or(place->height_mm)};
+    const Vec3 sideways = d - dot(d, place->normal) * place->normal;
+    found.push_back({1.0, row.x_nominal_mm, row.y_nominal_mm, sideways.x, sideways.y,
+                     row.sigma_mm.value_or(kProbeSigma_mm)});
+  }
+  if (found.size() < 4) return false;
+  Eigen::MatrixXd all(static_cast<Eigen::Index>(found.size()), 6);
+  for (std::size_t i = 0; i < found.size(); ++i)
+    all.row(static_cast<Eigen::Index>(i)) =
+        Eigen::Map<const Eigen::RowVectorXd>(found[i].data(), 6);
+  const Eigen::MatrixXd alike = all.leftCols(3).colPivHouseholderQr().solve(all.middleCols(3, 2));
+  const Eigen::MatrixXd rest = all.middleCols(3, 2) - all.leftCols(3) * alike;
+  std::vector<double> spread;
+  for (Eigen::Index i = 0; i < rest.rows(); ++i) spread.push_back(rest.row(i).norm() / all(i, 5));
+  const double middle = median(std::move(spread));
+  return middle > kLeast && middle < kMost;
 }
 
 /// Nodes of the design that have a stone within reach of a beam that grazes it.
@@ -420,6 +451,12 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     set_up.points = rows.size();
     const auto index = static_cast<std::uint32_t>(m.set_ups.size());
     const std::size_t from = m.observations.size();
+    const bool marks = are_marks(rows, surface);
+    if (marks)
+      m.notes.push_back(
+          fmt::format("{}: places are taken as measured along the surface, too: they "
+                      "scatter there about as much as sigma_mm says",
+                      set_up.name));
     for (const ProbeRow& row : rows) {
       auto seen = surface.observe(row.x_nominal_mm, row.y_nominal_mm);
       if (!seen || on_stone(row.x_nominal_mm, row.y_nominal_mm)) continue;
@@ -427,13 +464,22 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       o.milled_minus_design_mm = 0.0;  // a nominal height is what it is
       o.set_up = index;
       const double z = row.z_nominal_mm.value_or(o.place.z + input.coat_mm * o.normal.z);
-      o.sigma_mm = row.sigma_mm.value_or(0.005);
+      o.sigma_mm = row.sigma_mm.value_or(kProbeSigma_mm);
       const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,
                    row.z_mm ? *row.z_mm - z : 0.0};
       if (row.z_mm) {
         o.along = o.normal;
         o.residual_mm = dot(o.normal, d);
-        if (std::abs(o.residual_mm) <= input.reach_mm) m.observations.push_back(o);
+        if (!(std::abs(o.residual_mm) <= input.reach_mm)) continue;
+        m.observations.push_back(o);
+        if (!marks) continue;
+        o.on_surface = false;
+        for (const Vec3 side : {normalized(cross(o.normal, Vec3{0.0, 1.0, 0.0})),
+                                normalized(cross(o.normal, Vec3{-1.0, 0.0, 0.0}))}) {
+          o.along = side;
+          o.residual_mm = dot(side, d);
+          m.observations.push_back(o);
+        }
       } else if (std::hypot(d.x, d.y) <= input.reach_mm) {
         o.on_surface = false;
         o.along = {1.0, 0.0, 0.0};

@@ -5,7 +5,8 @@
 /// Probed or CMM points: CSV with a header line. Columns by name, in any order, any case; comma,
 /// semicolon or tab: x_nominal_mm, y_nominal_mm, [z_nominal_mm], x_mm, y_mm, [z_mm], [sigma_mm].
 /// Empty lines and lines that begin with # are passed over; other columns are ignored.
-/// Without z_mm a row is a mark in plan; with it a point of the surface.
+/// Without z_mm a row is a mark in plan; with it a point of the surface, and where the rows scatter
+/// along the surface about as much as sigma_mm says, marks on it.
 
 #include <filesystem>
 #include <optional>

@@ -129,9 +129,11 @@ Result<void> shift_seats(const std::vector<KnownCause>& known, const Measurement
 
 namespace {
 
+/// Causes that are seen in poses only are in those poses already.
 std::vector<KnownCause> known_of(const std::vector<Cause>& causes) {
   std::vector<KnownCause> known;
   for (const Cause& cause : causes) {
+    if (cause.law == kPoseLaw) continue;
     known.push_back({cause.effect, cause.law, {}, cause.fixed});
     for (const Estimate& e : cause.parameters)
       known.back().parameters.emplace_back(e.name, e.value);

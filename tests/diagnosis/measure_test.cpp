@@ -45,6 +45,45 @@ struct Files {
   }
 };
 
+/// Probed at 15 x 15 places with noise; a part that leans by 1 mrad.
+std::string probed(const heightmap::ModelField& design, double along, double sideways) {
+  std::string text = "x_nominal_mm,y_nominal_mm,z_nominal_mm,x_mm,y_mm,z_mm,sigma_mm\n";
+  for (std::uint64_t i = 0; i < 225; ++i) {
+    const double x = 3.0 + 3.8 * static_cast<double>(i % 15),
+                 y = 3.0 + 3.8 * static_cast<double>(i / 15),
+                 z = heightmap::height_at(design, x, y);
+    const auto at = [&](double dx, double dy) {
+      return heightmap::height_at(design, x + dx, y + dy);
+    };
+    const Vec3 n =
+        normalized(Vec3{at(-0.1, 0.0) - at(0.1, 0.0), at(0.0, -0.1) - at(0.0, 0.1), 0.2});
+    const Vec3 lean{1e-3 * y, 0.0, 0.0};
+    const Vec3 off = sideways > 0.0 ? lean : dot(lean, n) * n;
+    const Vec3 p = Vec3{x, y, z} + off + along * random_normal(11, i) * n +
+                   sideways * Vec3{random_normal(12, i), random_normal(13, i), 0.0};
+    text += fmt::format("{},{},{},{},{},{},0.003\n", x, y, z, p.x, p.y, p.z);
+  }
+  return text;
+}
+
+// Marks measured in space say where they are along the surface, too; points that were touched, or
+// approached only to a tenth of a millimetre, do not.
+TEST(Measure, MarksInSpaceCountAlongTheSurface) {
+  struct Kind {
+    const char* name;
+    double along, sideways;
+    std::size_t a_row;
+  };
+  for (const Kind& kind : {Kind{"marks", 0.003, 0.003, 3}, Kind{"touched", 0.003, 0.0, 1},
+                           Kind{"approached", 0.003, 0.1, 1}}) {
+    Files f;
+    f.input.probes.push_back(f.text("cmm.csv", probed(f.design, kind.along, kind.sideways)));
+    const auto m = measure(f.input);
+    ASSERT_THAT(m, Succeeds()) << kind.name;
+    EXPECT_EQ(m->observations.size(), 225 * kind.a_row) << kind.name;
+  }
+}
+
 TEST(Measure, GivesResidualsAlongTheNormal) {
   Files f;
   auto cloud = points_on(f.design, 20'000, 1);

@@ -3,13 +3,12 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <string_view>
 
 #include <fmt/format.h>
 
-#include "core/files.hpp"
+#include "tools/row_file.hpp"
 #include "tools/schema.hpp"
 
 namespace maquette::tools {
@@ -77,43 +76,22 @@ Result<CalibrationFile> read_calibration(const std::filesystem::path& path) {
 }
 
 Result<TargetTable> read_targets(const std::filesystem::path& path) {
-  MAQUETTE_TRY(const std::string file, read_file(path));
-  std::string_view text = file;
   TargetTable table;
-  for (int number = 1; !text.empty(); ++number) {
-    const auto end = text.find('\n');
-    std::string_view line = text.substr(0, end);
-    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-    if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-    const auto wrong = [&](const std::string& what) {
-      return fail(kTargetFile, fmt::format("{}: line {}: {}", path.string(), number, what));
-    };
-    if (number == 1) {
-      if (line != "X_mm,Y_mm,Z_mm,u_px,v_px,image")
-        return wrong("the head X_mm,Y_mm,Z_mm,u_px,v_px,image expected");
-      continue;
-    }
-    if (line.empty() || line.front() == '#') continue;
+  const auto row = [&](std::string_view line, int number, const auto& wrong) -> Result<void> {
     std::array<double, 5> v{};
-    const char* at = line.data();
-    const char* const last = at + line.size();
-    for (std::size_t i = 0; i < v.size(); ++i) {
-      const auto read = std::from_chars(at, last, v[i]);
-      if (read.ec != std::errc{} || read.ptr == last || *read.ptr != ',' || !std::isfinite(v[i]))
-        return wrong(
-            fmt::format("five finite numbers and a picture's name expected; column {} is "
-                        "none",
-                        i + 1));
-      at = read.ptr + 1;
-    }
-    const std::string image(at, last);
+    if (const std::size_t column = take_numbers(line, v, false))
+      return wrong(fmt::format(
+          "five finite numbers and a picture's name expected; column {} is none", column));
+    const std::string image(line);
     if (image.empty()) return wrong("the picture's name is missing");
     auto known = std::find(table.images.begin(), table.images.end(), image);
     if (known == table.images.end()) known = table.images.insert(known, image);
     table.points.push_back(
         {{v[0], v[1], v[2]}, {v[3], v[4]}, static_cast<int>(known - table.images.begin())});
     table.lines.push_back(number);
-  }
+    return {};
+  };
+  MAQUETTE_TRY_VOID(each_row(path, "X_mm,Y_mm,Z_mm,u_px,v_px,image", kTargetFile, row));
   if (table.points.empty())
     return fail(kTargetFile,
                 fmt::format("{}: no point; one row a point and picture expected", path.string()));

@@ -13,6 +13,10 @@
 
 namespace maquette::diagnosis::detail {
 
+/// What two renderings of one lamp may differ by all over (a disc that is brought to the stated
+/// irradiance, or not), relative.
+inline constexpr double kLeastBrightness = 0.003;
+
 /// A plain number of the state, its derivative between -step and step.
 [[nodiscard]] inline PhotoParameter number(std::string key, std::string name, double step,
                                            double PhotoState::*member) {

@@ -3,14 +3,6 @@
 
 namespace maquette::diagnosis::detail {
 
-namespace {
-
-/// What two renderings of one lamp may differ by (a disc that is brought to the stated irradiance,
-/// or not), relative.
-constexpr double kLeast = 0.003;
-
-}  // namespace
-
 void add_photo_exposure(std::vector<Effect>& all) {
   Effect e;
   e.name = "photo.exposure";
@@ -30,7 +22,7 @@ void add_photo_exposure(std::vector<Effect>& all) {
     for (const Scope& scope : scopes_of(scene)) {
       forms.push_back({"factor" + scope.says,
                        {number_in(scope, "exposure", "relative", 0.01, &PictureState::exposure)}});
-      forms.back().least = kLeast;
+      forms.back().least = kLeastBrightness;
       if (!forms.back().parameters[0].photo || scene.photos.size() < 2) continue;
       each.parameters.push_back(forms.back().parameters[0]);
       each.parameters.back().name += scope.key;

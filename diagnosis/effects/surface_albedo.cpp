@@ -17,6 +17,7 @@ void add_surface_albedo(std::vector<Effect>& all) {
   e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
     std::vector<PhotoForm> forms{
         {"even", {number("albedo", "relative", 0.01, &PhotoState::albedo)}}};
+    forms.back().least = kLeastBrightness;
     for (const int waves : {1, 2, 3, 5, 7, 9, kAlbedoWaves}) {
       PhotoForm form{fmt::format("a map of {} waves a side", waves), {}, {}, 0};
       for (int j = 0; j <= waves; ++j)

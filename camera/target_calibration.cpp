@@ -10,6 +10,7 @@
 #include <Eigen/Dense>
 
 #include "camera/detail/distortion_laws.hpp"
+#include "camera/detail/normal_matrix.hpp"
 #include "camera/detail/quiet_ceres.hpp"
 #include "camera/detail/target_poses.hpp"
 
@@ -225,10 +226,6 @@ std::optional<Unknowns> begin(const Problem& problem, const Intrinsics& start, d
   return x;
 }
 
-/// Columns of unit length: what is left of the smallest eigenvalue says whether all can be told
-/// apart; 1e-10 of a normal matrix is 1e-5 of a parameter beside those that imitate it.
-constexpr double kLeastEigenvalue = 1e-10;
-
 Result<void> set_covariance(const Problem& problem, Unknowns& x, TargetCalibration& out) {
   ceres::Problem ceres_problem;
   problem.build(ceres_problem, x, 0.0);
@@ -239,37 +236,27 @@ Result<void> set_covariance(const Problem& problem, Unknowns& x, TargetCalibrati
   ceres::CRSMatrix jacobian;
   std::vector<double> residuals;
   ceres_problem.Evaluate(options, nullptr, &residuals, nullptr, &jacobian);
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(jacobian.num_cols, jacobian.num_cols);
-  for (std::size_t r = 0; r + 1 < jacobian.rows.size(); ++r)
-    for (int i = jacobian.rows[r]; i < jacobian.rows[r + 1]; ++i)
-      for (int j = jacobian.rows[r]; j < jacobian.rows[r + 1]; ++j) {
-        const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(j);
-        normal(jacobian.cols[a], jacobian.cols[b]) += jacobian.values[a] * jacobian.values[b];
-      }
+  const detail::NormalMatrix normal(jacobian);
   double square = 0.0;
   for (const double v : residuals) square += v * v;
-  const auto dof = static_cast<double>(residuals.size()) - static_cast<double>(normal.cols());
+  const auto dof = static_cast<double>(residuals.size()) - static_cast<double>(jacobian.num_cols);
   out.noise_px = std::sqrt(square / std::max(1.0, dof));
-  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled);
   const auto shared = static_cast<Eigen::Index>(out.names.size());
-  if (!(solver.eigenvalues()(0) > kLeastEigenvalue)) {
+  if (!normal.tells_all()) {
     Eigen::Index worst = 0;
-    solver.eigenvectors().col(0).head(shared).cwiseAbs().maxCoeff(&worst);
+    normal.solver.eigenvectors().col(0).head(shared).cwiseAbs().maxCoeff(&worst);
     return fail(kCalibrationTargets,
                 fmt::format("the pictures do not say what {} is: other unknowns make up for it. "
                             "Take pictures at other angles and distances with the target all over "
                             "the picture, or leave it out of the estimate",
                             out.names[static_cast<std::size_t>(worst)]));
   }
-  const Eigen::MatrixXd inverse = solver.eigenvectors() *
-                                  solver.eigenvalues().cwiseInverse().asDiagonal() *
-                                  solver.eigenvectors().transpose();
+  const Eigen::MatrixXd inverse = normal.inverse();
   for (Eigen::Index i = 0; i < shared; ++i) {
     auto& row = out.covariance.emplace_back();
     for (Eigen::Index j = 0; j < shared; ++j)
-      row.push_back(out.noise_px * out.noise_px * scale(i) * inverse(i, j) * scale(j));
+      row.push_back(out.noise_px * out.noise_px * normal.scale(i) * inverse(i, j) *
+                    normal.scale(j));
   }
   return {};
 }

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <Eigen/Dense>
 
+#include "camera/detail/normal_matrix.hpp"
 #include "camera/detail/quiet_ceres.hpp"
 
 namespace maquette::camera {
@@ -163,35 +164,23 @@ Result<VignettingFit> fit_vignetting(const std::vector<FlatBlock>& blocks, const
   ceres::CRSMatrix jacobian;
   VignettingFit out;
   problem.Evaluate(options, nullptr, &out.off, nullptr, &jacobian);
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(jacobian.num_cols, jacobian.num_cols);
-  for (std::size_t r = 0; r + 1 < jacobian.rows.size(); ++r)
-    for (int i = jacobian.rows[r]; i < jacobian.rows[r + 1]; ++i)
-      for (int j = jacobian.rows[r]; j < jacobian.rows[r + 1]; ++j) {
-        const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(j);
-        normal(jacobian.cols[a], jacobian.cols[b]) += jacobian.values[a] * jacobian.values[b];
-      }
-  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled);
-  constexpr double kLeastEigenvalue = 1e-10;
-  if (!(solver.eigenvalues()(0) > kLeastEigenvalue))
+  const detail::NormalMatrix normal(jacobian);
+  if (!normal.tells_all())
     return fail(kCalibrationFrames,
                 fmt::format("the flats do not decide the parameters of the law '{}': {}", law,
                             barrel ? "the barrel cuts nothing there; take law = \"polynomial\""
                                    : "take flats that fill the picture"));
-  const Eigen::MatrixXd inverse = solver.eigenvectors() *
-                                  solver.eigenvalues().cwiseInverse().asDiagonal() *
-                                  solver.eigenvectors().transpose();
+  const Eigen::MatrixXd inverse = normal.inverse();
   double square = 0.0;
   for (const double v : out.off) square += v * v;
   const double variance =
-      square / (static_cast<double>(blocks.size()) - static_cast<double>(normal.cols()));
+      square / (static_cast<double>(blocks.size()) - static_cast<double>(jacobian.num_cols));
   out.rms = std::sqrt(square / static_cast<double>(blocks.size()));
   out.vignetting.cosine_power = cosine_power;
   const std::size_t count = barrel ? 2 : 3;
   for (std::size_t i = 0; i < count; ++i) {
     const auto k = static_cast<Eigen::Index>(i);
-    out.parameters.push_back({best.law[i], std::sqrt(variance * inverse(k, k)) * scale(k)});
+    out.parameters.push_back({best.law[i], std::sqrt(variance * inverse(k, k)) * normal.scale(k)});
   }
   if (barrel)
     out.vignetting.barrel_ratio = best.law[0], out.vignetting.barrel_shift = best.law[1];

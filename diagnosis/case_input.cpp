@@ -208,24 +208,26 @@ Grid<std::uint8_t> about_stones(const heightmap::ModelField& ground,
   return about;
 }
 
-/// The plan and the ground about it; points are added by set-up.
+/// The plan with what is known of it, and the ground about it; points are added by set-up.
+/// @param about  becomes what is about the stones
 Result<StonesSeen> read_stones(const CaseInput& input, const heightmap::ModelField& ground,
-                               const SimulatedSurface& surface) {
+                               const SimulatedSurface& surface, Grid<std::uint8_t>& about) {
   StonesSeen seen;
-  MAQUETTE_TRY(seen.plan, meshing::read_stone_plan(input.stones));
+  MAQUETTE_TRY(seen.plan.stones, meshing::read_stone_plan(input.stones));
+  for (const auto& stone : seen.plan.stones) {
+    const Vec3 at = stone.model_from_stone.translation_mm;
+    seen.plan.seats.push_back(surface.observe(at.x, at.y));
+  }
+  MAQUETTE_TRY_VOID(detail::apply_known(input.known, seen.plan));
   seen.ground = ground;
   seen.coat_mm = input.coat_mm;
-  const auto about = about_stones(ground, seen.plan);
+  about = about_stones(ground, seen.plan.stones);
   oneapi::tbb::parallel_for(std::ptrdiff_t{0}, about.rows(), [&](std::ptrdiff_t r) {
     for (std::ptrdiff_t c = 0; c < about.cols(); ++c)
       if (about(r, c) != 0)
         if (const auto at = surface.at(ground.x_mm(c), ground.y_mm(r)))
           seen.ground.z_mm(r, c) = static_cast<float>(at->height_mm + input.coat_mm / at->normal.z);
   });
-  for (const auto& stone : seen.plan) {
-    const Vec3 at = stone.model_from_stone.translation_mm;
-    seen.seats.push_back(surface.observe(at.x, at.y));
-  }
   return seen;
 }
 
@@ -284,9 +286,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
   std::optional<StonesSeen> seen_stones;
   Grid<std::uint8_t> about;
   if (!input.stones.empty() && !input.ground.empty()) {
-    MAQUETTE_TRY(seen_stones, read_stones(input, ground, surface));
-    MAQUETTE_TRY_VOID(detail::apply_known(input.known, *seen_stones));
-    about = about_stones(ground, seen_stones->plan);
+    MAQUETTE_TRY(seen_stones, read_stones(input, ground, surface, about));
   } else if (!input.stones.empty()) {
     m.notes.push_back("stones without ground (the design without them) cannot be judged");
   }
@@ -512,7 +512,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                             layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
   MAQUETTE_TRY_VOID(take_off(input.known, m));
   if (seen_stones) {
-    MAQUETTE_TRY_VOID(detail::shift_seats(input.known, m, *seen_stones));
+    MAQUETTE_TRY_VOID(detail::shift_seats(input.known, m, seen_stones->plan));
     m.stones = std::make_shared<const StonesSeen>(std::move(*seen_stones));
   }
   run.progress(0.7);

@@ -77,6 +77,9 @@ struct Measurements {
   std::shared_ptr<const StonesSeen> stones;  ///< null: the case has none, or no plan of them
 };
 
+/// About which the poses of the set-ups turn.
+[[nodiscard]] std::vector<Vec3> centres_of(const Measurements& measurements);
+
 /// Takes what known causes move off the residuals. @return DIAGNOSIS_UNKNOWN_CAUSE
 [[nodiscard]] Result<void> take_off(const std::vector<KnownCause>& known,
                                     Measurements& measurements);

@@ -24,9 +24,7 @@ double& axis_of(Vec3& v, char axis) {
 
 /// The curve that was fitted, at even stops.
 std::vector<cnc::MachineErrors::Straightness> tables(const Cause& cause, const Scene& scene) {
-  KnownCause known{cause.effect, cause.law, {}, cause.fixed};
-  for (const Estimate& e : cause.parameters) known.parameters.emplace_back(e.name, e.value);
-  const auto terms = restore({known}, scene, {});
+  const auto terms = restore({as_known(cause)}, scene, {});
   std::vector<cnc::MachineErrors::Straightness> all;
   if (!terms) return all;
   const int along = cause.effect.back() == 'x' ? 0 : 1;

@@ -188,25 +188,14 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   // Poses stay as wrong as they were found to be: what their files say and what the fit moved.
   for (std::size_t i = 0; i < kept; ++i) {
     const Observation& o = few.observations[i];
-    const PoseEstimate& p = d.poses[o.set_up];
-    const RigidTransform& start = m.set_ups[o.set_up].model_from_file;
-    const Vec3 centre = m.set_ups[o.set_up].centre_mm;
-    const Vec3 shift = p.shift_mm - theirs + (centre - start.inverse().point(centre));
-    const Vec3 turn =
-        p.turn_urad + 2e6 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
-    noise[i] += dot(level_along(o), shift + cross(1e-6 * turn, o.place - centre));
+    const Vec3 off = detail::pose_error(o.place, d.poses[o.set_up], m.set_ups[o.set_up]);
+    noise[i] += dot(level_along(o), off - theirs);
   }
-  std::vector<Vec3> centres;
-  for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
   const auto terms = [&](bool of_poses) -> Result<std::vector<KnownTerm>> {
     std::vector<KnownCause> known;
     for (const Cause& cause : d.causes)
-      if ((cause.law == kPoseLaw) == of_poses) {
-        known.push_back({cause.effect, cause.law, {}, cause.fixed});
-        for (const Estimate& e : cause.parameters)
-          known.back().parameters.emplace_back(e.name, e.value);
-      }
-    return restore(known, m.scene, centres);
+      if ((cause.law == kPoseLaw) == of_poses) known.push_back(as_known(cause));
+    return restore(known, m.scene, centres_of(m));
   };
   MAQUETTE_TRY(const auto in_residuals, terms(false));
   MAQUETTE_TRY(const auto in_poses, terms(true));

@@ -68,6 +68,9 @@ struct Cause {
   std::vector<std::pair<std::string, double>> raw{};
 };
 
+/// The cause as a model has it that knows it.
+[[nodiscard]] KnownCause as_known(const Cause& cause);
+
 struct Rejected {
   std::string effect, why;
 };

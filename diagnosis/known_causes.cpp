@@ -9,6 +9,7 @@
 
 #include "diagnosis/case_input.hpp"
 #include "diagnosis/detail/lag_and_slack.hpp"
+#include "diagnosis/diagnose.hpp"
 #include "diagnosis/effect.hpp"
 #include "diagnosis/extended_model.hpp"
 
@@ -53,6 +54,18 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
 }
 
 }  // namespace
+
+KnownCause as_known(const Cause& cause) {
+  KnownCause known{cause.effect, cause.law, {}, cause.fixed};
+  for (const Estimate& e : cause.parameters) known.parameters.emplace_back(e.name, e.value);
+  return known;
+}
+
+std::vector<Vec3> centres_of(const Measurements& m) {
+  std::vector<Vec3> centres;
+  for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
+  return centres;
+}
 
 Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, const Scene& of,
                                        const std::vector<Vec3>& centres) {
@@ -145,9 +158,7 @@ double moved_mm(const Observation& o, const std::vector<KnownTerm>& terms, doubl
 }
 
 Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
-  std::vector<Vec3> centres;
-  for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
-  MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres));
+  MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres_of(m)));
   for (Observation& o : m.observations) o.residual_mm -= moved_mm(o, terms, m.scene.ball_radius_mm);
   return {};
 }

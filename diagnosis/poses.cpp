@@ -68,6 +68,15 @@ bool shift_unknown(const std::vector<Cause>& causes, char axis) {
   });
 }
 
+Vec3 pose_error(Vec3 p, const PoseEstimate& pose, const SetUp& set_up) {
+  const RigidTransform& start = set_up.model_from_file;
+  const Vec3 c = set_up.centre_mm;
+  const Vec3 shift = pose.shift_mm + (c - start.inverse().point(c));
+  const Vec3 turn =
+      1e-6 * pose.turn_urad + 2.0 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
+  return shift + cross(turn, p - c);
+}
+
 void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<Member>& members,
                      const std::vector<Candidate>& candidates, const Fit& fit, Diagnosis& d) {
   const std::size_t n = d.poses.size();

@@ -8,18 +8,13 @@
 
 #include "core/chi_squared.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/poses.hpp"
 #include "diagnosis/extended_model.hpp"
 #include "scan/find_stones.hpp"
 
 namespace maquette::diagnosis {
 
 using meshing::PlacedStone;
-
-const PlacedStone* stone_of(const StonesSeen& stones, int number) {
-  const auto found = std::find_if(stones.plan.begin(), stones.plan.end(),
-                                  [&](const PlacedStone& s) { return s.number == number; });
-  return found == stones.plan.end() ? nullptr : &*found;
-}
 
 namespace detail {
 namespace {
@@ -52,29 +47,14 @@ struct Sighted {
   scan::Registration pose;
 };
 
-/// How far the pose of a file leaves a point of it off, in the model frame.
-Vec3 pose_error(Vec3 p, const PoseEstimate& pose, const SetUp& set_up) {
-  const RigidTransform& start = set_up.model_from_file;
-  const Vec3 c = set_up.centre_mm;
-  const Vec3 shift = pose.shift_mm + (c - start.inverse().point(c));
-  const Vec3 turn =
-      1e-6 * pose.turn_urad + 2.0 * Vec3{start.rotation.x, start.rotation.y, start.rotation.z};
-  return shift + cross(turn, p - c);
-}
-Vec3 corrected(Vec3 p, const PoseEstimate& pose, const SetUp& set_up) {
-  return p - pose_error(p, pose, set_up);
-}
-Vec3 displaced(Vec3 p, const PoseEstimate& pose, const SetUp& set_up) {
-  return p + pose_error(p, pose, set_up);
-}
-
 Sighted sighted(const Measurements& m, const Diagnosis& d, const StonesSeen& stones) {
   Sighted all;
   double most = -1.0;
   for (std::size_t u = 0; u < stones.points_mm.size(); ++u) {
     const SetUp& set_up = m.set_ups[u];
-    const auto in_model = [&](Vec3 p) {
-      return corrected(set_up.model_from_file.point(p), d.poses[u], set_up);
+    const auto in_model = [&](Vec3 of_file) {
+      const Vec3 p = set_up.model_from_file.point(of_file);
+      return p - pose_error(p, d.poses[u], set_up);
     };
     for (const Vec3& p : stones.points_mm[u]) all.points.push_back(in_model(p));
     scan::Viewpoint& view = all.views.emplace_back();
@@ -113,17 +93,15 @@ Vec3 seat_shift(Observation seat, const std::vector<KnownTerm>& terms, double ba
 }  // namespace
 
 Result<void> shift_seats(const std::vector<KnownCause>& known, const Measurements& m,
-                         StonesSeen& stones) {
-  std::vector<Vec3> centres;
-  for (const SetUp& s : m.set_ups) centres.push_back(s.centre_mm);
-  MAQUETTE_TRY(const auto all, restore(known, m.scene, centres));
+                         StonePlan& plan) {
+  MAQUETTE_TRY(const auto all, restore(known, m.scene, centres_of(m)));
   std::vector<KnownTerm> terms;
   std::copy_if(all.begin(), all.end(), std::back_inserter(terms),
                [](const KnownTerm& t) { return !t.scanner; });
-  for (std::size_t k = 0; k < stones.plan.size() && !terms.empty(); ++k)
-    if (stones.seats[k])
-      stones.plan[k].model_from_stone.translation_mm +=
-          seat_shift(*stones.seats[k], terms, m.scene.ball_radius_mm);
+  for (std::size_t k = 0; k < plan.stones.size() && !terms.empty(); ++k)
+    if (plan.seats[k])
+      plan.stones[k].model_from_stone.translation_mm +=
+          seat_shift(*plan.seats[k], terms, m.scene.ball_radius_mm);
   return {};
 }
 
@@ -132,12 +110,8 @@ namespace {
 /// Causes that are seen in poses only are in those poses already.
 std::vector<KnownCause> known_of(const std::vector<Cause>& causes) {
   std::vector<KnownCause> known;
-  for (const Cause& cause : causes) {
-    if (cause.law == kPoseLaw) continue;
-    known.push_back({cause.effect, cause.law, {}, cause.fixed});
-    for (const Estimate& e : cause.parameters)
-      known.back().parameters.emplace_back(e.name, e.value);
-  }
+  for (const Cause& cause : causes)
+    if (cause.law != kPoseLaw) known.push_back(as_known(cause));
   return known;
 }
 
@@ -430,32 +404,31 @@ Cause shrink_cause(const Resized& resized, const Sizes& sizes, bool coat) {
 
 }  // namespace
 
-Result<void> apply_known(const std::vector<KnownCause>& known, StonesSeen& stones) {
+Result<void> apply_known(const std::vector<KnownCause>& known, StonePlan& plan) {
   for (const KnownCause& k : known) {
     const Effect* effect = find_effect(k.effect);
     if (effect == nullptr || effect->needs != Needs::stones) continue;
     if (k.effect == "stone.shrink") {
       if (k.parameters.empty()) continue;
       const Resize by{k.parameters[0].first, k.parameters[0].second, value_of(k.fixed, "rests")};
-      stones.plan = by.of_all(stones.plan);
+      plan.stones = by.of_all(plan.stones);
       continue;
     }
     const int number = static_cast<int>(std::lround(value_of(k.fixed, "stone")));
-    const PlacedStone* stone = stone_of(stones, number);
-    if (stone == nullptr)
+    const auto stone = std::find_if(plan.stones.begin(), plan.stones.end(),
+                                    [&](const PlacedStone& s) { return s.number == number; });
+    if (stone == plan.stones.end())
       return fail(kUnknownCause, fmt::format("[[cause]] {}: the plan has no stone {}; fixed_names "
                                              "= [\"stone\"], fixed_values = [its number]",
                                              k.effect, number));
-    const auto at = stone - stones.plan.data();
     if (k.effect == "stone.missing") {
-      stones.plan.erase(stones.plan.begin() + at);
-      stones.seats.erase(stones.seats.begin() + at);
+      plan.seats.erase(plan.seats.begin() + (stone - plan.stones.begin()));
+      plan.stones.erase(stone);
       continue;
     }
     const auto value = [&](const char* name) { return value_of(k.parameters, name); };
-    stones.plan[static_cast<std::size_t>(at)] =
-        moved_stone(*stone, {value("dx_mm"), value("dy_mm"), value("dz_mm")},
-                    {value("turn_x_mrad"), value("turn_y_mrad"), value("turn_z_mrad")});
+    *stone = moved_stone(*stone, {value("dx_mm"), value("dy_mm"), value("dz_mm")},
+                         {value("turn_x_mrad"), value("turn_y_mrad"), value("turn_z_mrad")});
   }
   return {};
 }
@@ -467,20 +440,21 @@ Result<void> add_stone_causes(const Measurements& m, Diagnosis& d, const RunCont
     return {};
   }
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
-  StonesSeen stones = *m.stones;
-  MAQUETTE_TRY_VOID(shift_seats(known_of(d.causes), m, stones));
+  const StonesSeen& stones = *m.stones;
+  StonePlan expected = stones.plan;
+  MAQUETTE_TRY_VOID(shift_seats(known_of(d.causes), m, expected));
   const double noise = std::sqrt(d.noise.point_mm2);
   const Against all(sighted(m, d, stones), stones, noise);
-  std::vector<PlacedStone> plan = stones.plan;
+  std::vector<PlacedStone> plan = expected.stones;
   MAQUETTE_TRY(auto found, all.find(plan));
   std::vector<Cause> causes;
 
   const Sizes sizes = sizes_of(found);
-  const double coat = coat_of(d, m.stones->coat_mm);
+  const double coat = coat_of(d, stones.coat_mm);
   if (sizes.stones > 0 && std::fmin(sizes.of(0).chance, sizes.of(1).chance) < kClaimLevel) {
     std::optional<Resized> best;
     for (const std::size_t law : {0U, 1U}) {
-      MAQUETTE_TRY(auto resized, settle_size(all, stones.plan, law, sizes.of(law).value));
+      MAQUETTE_TRY(auto resized, settle_size(all, expected.stones, law, sizes.of(law).value));
       if (!resized) continue;
       const bool as_good = best && std::abs(resized->left - best->left) < kAsGood;
       if (!best || resized->left < best->left) best = std::move(resized);
@@ -495,7 +469,7 @@ Result<void> add_stone_causes(const Measurements& m, Diagnosis& d, const RunCont
             "stones have a film of {:.3g} mm, within the coat of {:.3g} mm", value, coat));
       else
         causes.push_back(shrink_cause(*best, sizes, coat > 0.0));
-      plan = best->by.of_all(stones.plan);
+      plan = best->by.of_all(expected.stones);
       MAQUETTE_TRY(found, all.find(plan));
     }
   }
@@ -547,8 +521,8 @@ Result<void> add_stone_causes(const Measurements& m, Diagnosis& d, const RunCont
         s.model_from_stone = again[k].actual_from_planned * s.model_from_stone;
       as_found.push_back(std::move(s));
     }
-    MAQUETTE_TRY(report.rms_before, rest.rms(stones.plan, stones.plan, &report.points));
-    MAQUETTE_TRY(report.rms_after, rest.rms(as_found, stones.plan, nullptr));
+    MAQUETTE_TRY(report.rms_before, rest.rms(expected.stones, expected.stones, &report.points));
+    MAQUETTE_TRY(report.rms_after, rest.rms(as_found, expected.stones, nullptr));
     report.rms_noise = noise;
     const double excess = std::fmax(1e-12, report.rms_before * report.rms_before - noise * noise);
     const double left = std::fmax(0.0, report.rms_after * report.rms_after - noise * noise);
@@ -564,18 +538,18 @@ Result<StonesSeen> simulated_stones(const Measurements& m, const Diagnosis& d, b
                                     std::uint64_t seed) {
   StonesSeen stones = *m.stones;
   const Against all(sighted(m, d, stones), *m.stones, std::sqrt(d.noise.point_mm2));
-  StonesSeen standing = stones;
+  StonePlan standing = stones.plan;
   if (causes) {
     const std::vector<KnownCause> known = known_of(d.causes);
     MAQUETTE_TRY_VOID(shift_seats(known, m, standing));
     MAQUETTE_TRY_VOID(apply_known(known, standing));
   }
-  MAQUETTE_TRY(auto points, all.simulated(standing.plan, seed));
+  MAQUETTE_TRY(auto points, all.simulated(standing.stones, seed));
   // Back into the frame of each file, as wrong as its pose was found to be.
   for (std::size_t u = 0; u < points.size(); ++u) {
     const SetUp& set_up = m.set_ups[u];
     const RigidTransform back = set_up.model_from_file.inverse();
-    for (Vec3& p : points[u]) p = back.point(displaced(p, d.poses[u], set_up));
+    for (Vec3& p : points[u]) p = back.point(p + pose_error(p, d.poses[u], set_up));
   }
   stones.points_mm = std::move(points);
   std::fill(stones.beams_mm.begin(), stones.beams_mm.end(), 0.0);

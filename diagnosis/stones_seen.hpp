@@ -18,11 +18,15 @@ namespace maquette::diagnosis {
 /// its shadow is as long as that.
 inline constexpr double kAboutStone = 5.0;
 
-struct StonesSeen {
-  std::vector<meshing::PlacedStone> plan;
+struct StonePlan {
+  std::vector<meshing::PlacedStone> stones;
   /// Where each stone's seat is, as a mark that the machine has made; none: the program was not
   /// there.
   std::vector<std::optional<Observation>> seats;
+};
+
+struct StonesSeen {
+  StonePlan plan;
   heightmap::ModelField ground;  ///< without stones; as cut, with the declared coat
   /// Points about the stones by set-up, each in the frame of its file.
   std::vector<std::vector<Vec3>> points_mm;
@@ -30,8 +34,5 @@ struct StonesSeen {
   std::vector<double> beams_mm;                  ///< by set-up: width at the part; 0: a ray
   double coat_mm = 0.0;                          ///< as declared
 };
-
-/// @pre the numbers of the plan differ
-[[nodiscard]] const meshing::PlacedStone* stone_of(const StonesSeen& stones, int number);
 
 }  // namespace maquette::diagnosis

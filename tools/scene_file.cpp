@@ -7,27 +7,20 @@
 
 namespace maquette::tools {
 namespace {
+
 constexpr double kInf = INFINITY;
-}
 
-namespace {
-
-/// A camera's name, or its file beside the one that names it.
-std::string camera_beside(const std::string& name, const std::filesystem::path& from) {
+/// A camera by its name, or by its file beside the one that names it.
+Result<CameraFile> camera_of(const std::string& name, const std::filesystem::path& from) {
   const std::filesystem::path path(name);
-  return path.extension() == ".toml" && path.is_relative() ? (from.parent_path() / path).string()
-                                                           : name;
-}
-
-Result<camera::Shot> shot_of(const std::string& name, const std::filesystem::path& from) {
-  MAQUETTE_TRY(const CameraFile file, read_camera(camera_beside(name, from)));
-  return file.shot;
+  return read_camera(path.extension() == ".toml" && path.is_relative()
+                         ? (from.parent_path() / path).string()
+                         : name);
 }
 
 /// 0 if the camera has none.
-Result<double> read_noise_of(const std::string& name, const std::filesystem::path& from) {
-  MAQUETTE_TRY(const CameraFile file, read_camera(camera_beside(name, from)));
-  for (const camera::Effect& e : file.stack)
+double read_noise_of(const CameraFile& camera) {
+  for (const camera::Effect& e : camera.stack)
     if (const auto* noise = std::get_if<camera::ReadNoise>(&e)) return noise->sigma_e;
   return 0.0;
 }
@@ -98,7 +91,8 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
     return fail(kConfigInvalid,
                 fmt::format("{}: principal_point_px must be [x, y]", path.string()));
   if (!s.camera.empty()) {
-    MAQUETTE_TRY(const camera::Shot shot, shot_of(s.camera, path));
+    MAQUETTE_TRY(const CameraFile file, camera_of(s.camera, path));
+    const camera::Shot& shot = file.shot;
     const camera::Intrinsics& k = shot.intrinsics;
     s.resolution_px = {1.0 * k.width_px, 1.0 * k.height_px};
     s.pixel_pitch_um = shot.pixel_pitch_um, s.focal_length_mm = shot.focal_length_mm;
@@ -251,7 +245,8 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   }
   for (CasePhoto& p : c.photos) {
     if (p.camera.empty()) continue;
-    MAQUETTE_TRY(const camera::Shot shot, shot_of(p.camera, path));
+    MAQUETTE_TRY(const CameraFile file, camera_of(p.camera, path));
+    const camera::Shot& shot = file.shot;
     const camera::Intrinsics& k = shot.intrinsics;
     if (k.fx_px != k.fy_px || k.skew_px != 0.0)
       return fail(kConfigInvalid,
@@ -262,7 +257,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     p.principal_point_px = {k.cx_px, k.cy_px};
     p.pixel_pitch_um = shot.pixel_pitch_um, p.focal_length_mm = shot.focal_length_mm;
     p.full_well_e = shot.full_well_e;
-    MAQUETTE_TRY(p.read_noise_e, read_noise_of(p.camera, path));
+    p.read_noise_e = read_noise_of(file);
   }
   if (c.scans.empty() && c.probes.empty() && c.photos.empty())
     return fail(kConfigInvalid,

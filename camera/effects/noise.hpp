@@ -10,11 +10,14 @@
 /// the true quantile up to 6 sigma (tests). Poisson counts by inversion below 30 expected, above by
 /// the Cornish-Fisher expansion of the quantile (Abramowitz and Stegun 26.2.49).
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <string_view>
+#include <vector>
 
 #include "camera/effects/frame.hpp"
 #include "core/random.hpp"
@@ -75,6 +78,24 @@ inline void normals_at(const NormalTable& table, const NoiseStream& stream, std:
   for (std::size_t i = 0; i < n; ++i)
     bits[i] = static_cast<std::uint32_t>(stream.bits(first + i) >> 32);
   for (std::size_t i = 0; i < n; ++i) to[i] = normal_from(table, bits[i]);
+}
+
+/// Calls change(pixel, deviate) for each pixel of a row in each band, with its own draw.
+template <class Change>
+void with_normals(const NoiseStream& stream, std::ptrdiff_t row,
+                  const std::vector<std::span<float>>& bands, Change change) {
+  const NormalTable& table = normal_table();
+  for (std::size_t b = 0; b < bands.size(); ++b) {
+    const std::uint64_t first = draw_number(row, 0, b);
+    const std::size_t cols = bands[b].size();
+    std::array<float, kDraws> z;
+    for (std::size_t c = 0; c < cols; c += kDraws) {
+      const std::size_t n = std::min(kDraws, cols - c);
+      normals_at(table, stream, first + c, n, z.data());
+      float* to = bands[b].data() + c;
+      for (std::size_t i = 0; i < n; ++i) change(to[i], z[i]);
+    }
+  }
 }
 
 /// Adds normal noise of `sigma` to every pixel.

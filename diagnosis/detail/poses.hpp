@@ -22,6 +22,9 @@ namespace maquette::diagnosis::detail {
 /// an axis ('x', 'y', 'z', or 'r': each scan along its beam) by an amount that nobody knows.
 [[nodiscard]] bool shift_unknown(const std::vector<Cause>& causes, char axis);
 
+/// How far the pose of a file, as it was found, leaves a point of it off, in the model frame.
+[[nodiscard]] Vec3 pose_error(Vec3 point, const PoseEstimate& pose, const SetUp& set_up);
+
 void add_pose_causes(const Measurements& measurements, const Bank& bank,
                      const std::vector<Member>& members, const std::vector<Candidate>& candidates,
                      const Fit& fit, Diagnosis& diagnosis);

@@ -28,11 +28,11 @@ namespace maquette::diagnosis::detail {
 
 /// Brings causes that are known (extended.toml) into the plan.
 /// @return DIAGNOSIS_UNKNOWN_CAUSE for a stone that the plan has not
-[[nodiscard]] Result<void> apply_known(const std::vector<KnownCause>& known, StonesSeen& stones);
+[[nodiscard]] Result<void> apply_known(const std::vector<KnownCause>& known, StonePlan& plan);
 
 /// Seats go where known causes of the machine have moved the tip that made them.
 [[nodiscard]] Result<void> shift_seats(const std::vector<KnownCause>& known,
-                                       const Measurements& measurements, StonesSeen& stones);
+                                       const Measurements& measurements, StonePlan& plan);
 
 /// The same beams on simulated stones: the plan, with `causes` or without, at the poses of the
 /// diagnosis, with its noise.

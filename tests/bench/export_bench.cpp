@@ -99,22 +99,16 @@ void write_float_ply(const TriMesh& mesh, const fs::path& path) {
 
 void peer(const std::string& what, const std::string& command, const fs::path& made,
           std::size_t triangles) {
-  rusage before{}, after{};
-  ::getrusage(RUSAGE_CHILDREN, &before);
-  const Times start = now();
-  const int status = std::system(command.c_str());
-  const double wall = now().wall - start.wall;
-  ::getrusage(RUSAGE_CHILDREN, &after);
+  const Outside o = run_outside(command);
   std::error_code ec;
   const auto bytes = fs::file_size(made, ec);
-  if (status != 0 || ec) {
+  if (o.status != 0 || ec) {
     fmt::print("{:>8}: not there, or it failed\n", what);
     return;
   }
   fmt::print("{:>8}: {:.3f} bytes a triangle, {:.1f} s, {:.1f} CPU s\n", what,
-             static_cast<double>(bytes) / static_cast<double>(triangles), wall,
-             static_cast<double>(after.ru_utime.tv_sec - before.ru_utime.tv_sec) +
-                 1e-6 * static_cast<double>(after.ru_utime.tv_usec - before.ru_utime.tv_usec));
+             static_cast<double>(bytes) / static_cast<double>(triangles), o.times.wall,
+             o.times.cpu);
 }
 
 int bench(std::ptrdiff_t nodes) {

@@ -13,7 +13,6 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include "scan/deviate.hpp"
 #include "scan/mesh_distance.hpp"
@@ -56,15 +55,9 @@ std::optional<std::string> cloudcompare() {
 
 /// Runs it; CPU seconds.
 double run_cpu_s(const std::string& command) {
-  const auto children = [] {
-    rusage u{};
-    ::getrusage(RUSAGE_CHILDREN, &u);
-    return static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-           1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
-  };
-  const double before = children();
-  if (std::system((command + " > log.txt 2>&1").c_str()) != 0) fmt::print("it failed\n");
-  return children() - before;
+  const Outside o = run_outside(command + " > log.txt 2>&1");
+  if (o.status != 0) fmt::print("it failed\n");
+  return o.times.cpu;
 }
 
 /// @return false if it does not fit on the disk

@@ -11,18 +11,21 @@
 
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <functional>
+#include <string>
 
 namespace maquette::testing_support {
 
-inline rusage used_so_far() {
+/// @param whose  RUSAGE_CHILDREN: of programs that have ended
+inline rusage used_so_far(int whose = RUSAGE_SELF) {
   rusage u{};
-  ::getrusage(RUSAGE_SELF, &u);
+  ::getrusage(whose, &u);
   return u;
 }
 
-inline double cpu_seconds() {
-  const rusage u = used_so_far();
+inline double cpu_seconds(int whose = RUSAGE_SELF) {
+  const rusage u = used_so_far(whose);
   return static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
          1e-6 * static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
 }
@@ -33,6 +36,17 @@ struct Times {
 inline Times now() {
   const auto wall = std::chrono::steady_clock::now().time_since_epoch();
   return {std::chrono::duration<double>(wall).count(), cpu_seconds()};
+}
+
+/// What a program took, and how it ended: as std::system says.
+struct Outside {
+  Times times;
+  int status = 0;
+};
+inline Outside run_outside(const std::string& command) {
+  const double cpu = cpu_seconds(RUSAGE_CHILDREN), wall = now().wall;
+  const int status = std::system(command.c_str());
+  return {{now().wall - wall, cpu_seconds(RUSAGE_CHILDREN) - cpu}, status};
 }
 
 /// The most that the process has held.

@@ -207,10 +207,9 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
       MAQUETTE_TRY(auto stones, detail::simulated_stones(m, d, moved_stones, mix64(seed + 7)));
       few.stones = std::make_shared<const StonesSeen>(std::move(stones));
     }
-    for (std::size_t i = 0; i < kept; ++i) {
-      Observation& o = few.observations[i];
-      o.residual_mm = noise[i] + sign * moved_mm(o, with, m.scene.ball_radius_mm);
-    }
+    const auto moved = moved_mm(few.observations, with, m.scene.ball_radius_mm);
+    for (std::size_t i = 0; i < kept; ++i)
+      few.observations[i].residual_mm = noise[i] + sign * moved[i];
     return diagnose(few, seed, quiet);
   };
   MAQUETTE_TRY(const Diagnosis null, again(in_poses, -1.0, false));

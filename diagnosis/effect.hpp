@@ -35,6 +35,13 @@ struct Follows {
   double size_mm = 0.0;  ///< lag or width
 };
 
+/// Causes that take a mean over a width (a film that levels, a spot): what other causes move is
+/// levelled with the surface.
+struct Levels {
+  double sigma_mm = 0.0;     ///< standard deviation of the Gaussian that is the mean's weight
+  bool by_the_spot = false;  ///< the scanner's, of ranges and after the film; else of heights
+};
+
 /// mm of residual for one unit of a coefficient.
 struct Column {
   std::string key;  ///< columns of one key are the same column
@@ -44,6 +51,7 @@ struct Column {
   /// several together can be cut anew (recut_mm) where `value` is to first order. Empty: others.
   std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
   std::optional<Follows> follows{};
+  std::optional<Levels> levels{};
 };
 
 struct Form {

@@ -32,10 +32,16 @@ struct KnownTerm {
   bool scanner = false;  ///< moves points, not the part
   /// Of causes that act through the cut, as of Column.
   std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
+  std::optional<Levels> levels{};  ///< as of Column
 };
 /// By how much an observation moves by all of them, those that act through the cut cut together.
 [[nodiscard]] double moved_mm(const Observation& o, const std::vector<KnownTerm>& terms,
                               double ball_radius_mm);
+/// The same of all observations of a case, and what those of them that level (a film, a spot) make
+/// of what the others move.
+[[nodiscard]] std::vector<double> moved_mm(const std::vector<Observation>& all,
+                                           const std::vector<KnownTerm>& terms,
+                                           double ball_radius_mm);
 /// Causes as functions of an observation.
 /// @param centres  of each set-up's points, about which scanner.registration turns
 /// @return DIAGNOSIS_UNKNOWN_CAUSE for a name, law or scan that is not there

@@ -6,9 +6,11 @@
 #include <optional>
 
 #include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/case_input.hpp"
 #include "diagnosis/detail/lag_and_slack.hpp"
+#include "diagnosis/detail/levelled_changes.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "diagnosis/effect.hpp"
 #include "diagnosis/extended_model.hpp"
@@ -130,7 +132,7 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
       const double coefficient = k.parameters[c].second / form->columns[c].parameter.per_column;
       if (const auto& what = form->columns[c].follows) followed.push_back({*what, coefficient});
       terms.push_back({coefficient, form->columns[c].value, effect->acts_on == "scanner",
-                       form->columns[c].cut});
+                       form->columns[c].cut, form->columns[c].levels});
     }
   }
   for (auto& change : both.changes(followed))
@@ -157,9 +159,29 @@ double moved_mm(const Observation& o, const std::vector<KnownTerm>& terms, doubl
          });
 }
 
+std::vector<double> moved_mm(const std::vector<Observation>& all,
+                             const std::vector<KnownTerm>& terms, double ball_radius_mm) {
+  std::vector<double> moved(all.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+    moved[i] = moved_mm(all[i], terms, ball_radius_mm);
+  });
+  std::vector<detail::LevellingTerm> means;
+  for (const KnownTerm& t : terms)
+    if (t.levels)
+      means.push_back({*t.levels, t.coefficient,
+                       [&](std::size_t i) { return t.coefficient * t.value(all[i]); }});
+  if (means.empty() || means.size() == terms.size()) return moved;
+  std::vector<double> change = moved;
+  for (std::size_t i = 0; i < all.size(); ++i)
+    for (const auto& mean : means) change[i] -= mean.moved_mm(i);
+  detail::add_levelled(all, std::move(change), means, moved);
+  return moved;
+}
+
 Result<void> take_off(const std::vector<KnownCause>& known, Measurements& m) {
   MAQUETTE_TRY(const auto terms, restore(known, m.scene, centres_of(m)));
-  for (Observation& o : m.observations) o.residual_mm -= moved_mm(o, terms, m.scene.ball_radius_mm);
+  const auto moved = moved_mm(m.observations, terms, m.scene.ball_radius_mm);
+  for (std::size_t i = 0; i < moved.size(); ++i) m.observations[i].residual_mm -= moved[i];
   return {};
 }
 

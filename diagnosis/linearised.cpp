@@ -39,11 +39,14 @@ void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients
 
 void Linearised::about(const Members& model) {
   Keys keys, cut;
+  bool levels = false;
   for (const Member& k : model)
     for (const Column& c : k.form.columns) {
       keys.push_back(c.key);
       if (c.cut) cut.push_back(c.key);
+      levels |= c.levels.has_value();
     }
+  if (levels && model.size() > 1) cut = keys;  // what any of them moves is levelled
   if (cut == about_) return;
   about_ = std::move(cut);
   Eigen::VectorXd last;

@@ -121,8 +121,23 @@ std::vector<Member> without(std::vector<Member> members, std::size_t k) {
 
 std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,
                              const Settle& settle, const std::vector<int>& sets) {
+  const auto levels = [](const Member& m) { return m.form.columns[0].levels.has_value(); };
   for (std::size_t k = 0; k < members.size(); ++k) {
     const auto same = candidate_of(search, members[k].effect);
+    if (levels(members[k]) && members.size() > 1) {
+      // Beside others the length that a film levels over shows once what it makes of them is known.
+      settle(members);
+      const double now = score_of(bank, members, sets, true);
+      const auto others = without(members, k);
+      const BestForm found = best_form(bank, others, *same, sets, true, screen(bank, others, sets));
+      if (found.objective < now) {
+        const Member before = members[k];
+        members[k].form = same->forms[found.form];
+        settle(members);
+        if (std::isfinite(now) && !(score_of(bank, members, sets, true) < now)) members[k] = before;
+      }
+      continue;
+    }
     Candidate coarse{same->effect, {}};
     for (const Form& f : same->forms)
       if (f.finer) coarse.forms.push_back(f);

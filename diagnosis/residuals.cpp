@@ -3,10 +3,10 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
+#include "diagnosis/detail/levelled_changes.hpp"
 #include "diagnosis/detail/squares.hpp"
 
 namespace maquette::diagnosis::detail {
-
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
                                   const Eigen::VectorXd& coefficients, double ball_radius_mm,
@@ -15,13 +15,21 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     const Column& column;
     double coefficient;
     const std::vector<float>* signature;
+    [[nodiscard]] double at(std::size_t i) const {
+      return coefficient * static_cast<double>((*signature)[i]);
+    }
   };
-  std::vector<Term> terms;
   const auto model = columns_of(bank, members);
+  const auto column = [&](std::size_t k) -> const Column& {
+    return bank.columns[static_cast<std::size_t>(model[k])];
+  };
+  bool levels = false;
+  for (std::size_t k = 0; k < model.size(); ++k) levels |= column(k).levels.has_value();
+  // Of causes that act through the cut, of those that level, and of all others where any levels.
+  std::vector<Term> cut, levelling, others;
   for (std::size_t k = 0; k < model.size(); ++k) {
-    const Column& c = bank.columns[static_cast<std::size_t>(model[k])];
-    const double coefficient = coefficients(static_cast<Eigen::Index>(k));
-    if (!c.cut) continue;
+    const Column& c = column(k);
+    if (!c.cut && (!levels || static_cast<int>(k) < bank.nuisances)) continue;
     std::vector<float>& signature = known[c.key];
     if (signature.empty()) {
       signature.resize(all.size());
@@ -29,25 +37,37 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
         signature[i] = static_cast<float>(c.value(all[i]));
       });
     }
-    terms.push_back({c, coefficient, &signature});
+    (c.cut      ? cut
+     : c.levels ? levelling
+                : others)
+        .push_back({c, coefficients(static_cast<Eigen::Index>(k)), &signature});
   }
-  std::vector<double> beyond(all.size(), 0.0);
+  std::vector<double> beyond(all.size(), 0.0), change(levels ? all.size() : 0, 0.0);
   std::vector<FollowedTerm> followed;
-  for (const Term& t : terms)
+  for (const Term& t : cut)
     if (t.column.follows) followed.push_back({*t.column.follows, t.coefficient});
   const auto pairs = both.changes(followed);
-  if (terms.empty()) return beyond;
-  oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
-    const Observation& o = all[i];
-    double& d = beyond[i];
-    d = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
-      CutChange together;
-      for (const Term& t : terms) together += t.coefficient * t.column.cut(o, s, n);
-      for (const auto& pair : pairs) together += pair(s);
-      return together;
+  if (!cut.empty())
+    oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+      const Observation& o = all[i];
+      double& d = beyond[i];
+      d = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
+        CutChange together;
+        for (const Term& t : cut) together += t.coefficient * t.column.cut(o, s, n);
+        for (const auto& pair : pairs) together += pair(s);
+        return together;
+      });
+      if (levels) change[i] = d;
+      for (const Term& t : cut) d -= t.at(i);
     });
-    for (const Term& t : terms) d -= t.coefficient * static_cast<double>((*t.signature)[i]);
+  if (!levels) return beyond;
+  oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+    for (const Term& t : others) change[i] += t.at(i);
   });
+  std::vector<LevellingTerm> means;
+  for (const Term& t : levelling)
+    means.push_back({*t.column.levels, t.coefficient, [&t](std::size_t i) { return t.at(i); }});
+  add_levelled(all, std::move(change), means, beyond);
   return beyond;
 }
 

@@ -22,7 +22,7 @@ void add_coating_pooling(std::vector<Effect>& all) {
     for (std::size_t k = 0; k < kFilmLengths_mm.size(); ++k) {
       const double length = kFilmLengths_mm[k];
       const auto levelled = [](std::size_t at) {
-        return column(
+        Column c = column(
             fmt::format("pooling{}", at),
             {fmt::format("levelled_share_over_{:.2g}_mm", kFilmLengths_mm[at]), 1.0, 10.0},
             [=](const Observation& o) {
@@ -30,6 +30,8 @@ void add_coating_pooling(std::vector<Effect>& all) {
                          ? dot(o.along, o.normal) * o.normal.z * static_cast<double>(o.levelled[at])
                          : 0.0;
             });
+        c.levels = Levels{kFilmLengths_mm[at], false};
+        return c;
       };
       Form f{fmt::format("over {:.2g} mm", length), {levelled(k)}};
       f.sign = 1;

@@ -21,13 +21,16 @@ void add_scanner_spot_blur(std::vector<Effect>& all) {
     std::vector<Form> forms;
     for (std::size_t k = 0; k < kSpotWidths_mm.size(); ++k) {
       const auto spot = [](std::size_t width) {
-        return column(fmt::format("blur{}", width),
-                      {fmt::format("share_of_{:.2g}_mm", 2.0 * kSpotWidths_mm[width]), 1.0, 10.0},
-                      [=](const Observation& o) {
-                        return o.has_station && o.on_surface
-                                   ? dot(o.along, o.beam) * static_cast<double>(o.spot[width])
-                                   : 0.0;
-                      });
+        Column c =
+            column(fmt::format("blur{}", width),
+                   {fmt::format("share_of_{:.2g}_mm", 2.0 * kSpotWidths_mm[width]), 1.0, 10.0},
+                   [=](const Observation& o) {
+                     return o.has_station && o.on_surface
+                                ? dot(o.along, o.beam) * static_cast<double>(o.spot[width])
+                                : 0.0;
+                   });
+        c.levels = Levels{kSpotWidths_mm[width], true};
+        return c;
       };
       const double width = 2.0 * kSpotWidths_mm[k];
       Form f{fmt::format("spot of about {:.2g} mm", width), {spot(k)}};

@@ -51,7 +51,9 @@ constexpr double kFloorShare = 0.12, kFloorShareOfSensor = 0.01;
 /// What is smooth over the part and larger than that, of the pictures' mean, is no noise.
 constexpr double kSmooth = 3e-3;
 /// Penumbras narrower than that are not told from shadows' steps between rays, pixels.
-constexpr double kPenumbra_px = 0.5;
+constexpr double kPenumbra_px = 1.5;
+/// A size is named from that many of its standard errors on.
+constexpr double kSure = 4.0;
 /// What is not in a map's waves errs together in all of a place's pixels.
 constexpr double kMapOver = 30.0;
 /// Maps have that many parameters at least.
@@ -495,6 +497,34 @@ Held held_out(const Search& search, const PhotoFit& fit, const PhotoLinear& line
   return one.predicted < other.predicted ? one : other;
 }
 
+/// Standard errors of its parameters beside all others.
+std::vector<double> sigmas_of(const PhotoLinear& linear, const PhotoFit& fit,
+                              const PhotoMembers& members, std::size_t k) {
+  std::vector<int> columns = columns_of(linear, members, k);
+  const auto mine = linear.of(members[k].form);
+  columns.insert(columns.end(), mine.begin(), mine.end());
+  const Eigen::MatrixXd g = linear.sum(kAll);
+  const auto size = static_cast<Eigen::Index>(columns.size());
+  const Eigen::MatrixXd inverse =
+      detail::ridge_solve(g(columns, columns), Eigen::MatrixXd::Identity(size, size), 1e-9);
+  std::vector<double> sigmas;
+  const auto first = static_cast<Eigen::Index>(columns.size() - mine.size());
+  for (std::size_t i = 0; i < mine.size(); ++i) {
+    const auto at = first + static_cast<Eigen::Index>(i);
+    const double over = std::fmax(fit.noise.over, fit.over_of(linear, linear.residual, mine[i]));
+    sigmas.push_back(std::sqrt(std::fmax(0.0, inverse(at, at)) * fit.noise.factor * over));
+  }
+  return sigmas;
+}
+
+/// A size of its own that its standard error does not tell from none: what few pixels (edges of
+/// shadows) err by together gains much, and says little.
+bool is_unsure(const PhotoLinear& linear, const PhotoFit& fit, const PhotoMembers& members,
+               std::size_t k) {
+  return members[k].values.size() == 1 &&
+         std::abs(members[k].values[0]) < kSure * sigmas_of(linear, fit, members, k)[0];
+}
+
 /// Those that hold on other blocks and are large enough.
 PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, double level_of_light,
                        std::vector<double>& p_values, std::vector<Rejected>& rejected) {
@@ -522,11 +552,13 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
                          (members[k].effect->name == "lamp.size" &&
                           fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
                                                   members[k].values[0]) < kPenumbra_px);
-      if (p < kClaimLevel && !small) continue;
+      const bool unsure = is_unsure(linear, fit, members, k);
+      if (p < kClaimLevel && !small && !unsure) continue;
       if (!(gain < least)) continue;
       least = gain;
       worst = k;
-      why = small
+      why = !small && unsure ? "its size is not told from none: less than four standard errors"
+            : small
                 ? fmt::format(
                       "moves the picture by {:.4f} / 255 rms that no other does: no more than the "
                       "rendering may be wrong by",
@@ -546,21 +578,11 @@ PhotoMembers confirmed(PhotoMembers members, Search& search, PhotoFit& fit, doub
 
 std::vector<Estimate> sizes_of(const PhotoLinear& linear, const PhotoFit& fit,
                                const PhotoMembers& members, std::size_t k) {
-  std::vector<int> columns = columns_of(linear, members, k);
-  const auto mine = linear.of(members[k].form);
-  columns.insert(columns.end(), mine.begin(), mine.end());
-  const Eigen::MatrixXd g = linear.sum(kAll);
-  const auto size = static_cast<Eigen::Index>(columns.size());
-  const Eigen::MatrixXd inverse =
-      detail::ridge_solve(g(columns, columns), Eigen::MatrixXd::Identity(size, size), 1e-9);
+  const auto sigmas = sigmas_of(linear, fit, members, k);
   std::vector<Estimate> out;
-  const auto first = static_cast<Eigen::Index>(columns.size() - mine.size());
-  for (std::size_t i = 0; i < mine.size(); ++i) {
+  for (std::size_t i = 0; i < sigmas.size(); ++i) {
     const PhotoParameter& p = members[k].form.parameters[i];
-    const auto at = first + static_cast<Eigen::Index>(i);
-    const double over = std::fmax(fit.noise.over, fit.over_of(linear, linear.residual, mine[i]));
-    const double sigma = std::sqrt(std::fmax(0.0, inverse(at, at)) * fit.noise.factor * over);
-    const double value = members[k].values[i];
+    const double sigma = sigmas[i], value = members[k].values[i];
     const auto shown = [&](double v) { return p.shown ? p.shown(v) : v; };
     out.push_back({p.name, shown(value),
                    p.shown ? 0.5 * std::abs(shown(value + sigma) - shown(value - sigma)) : sigma});

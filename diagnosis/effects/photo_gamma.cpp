@@ -2,6 +2,10 @@
 #include "diagnosis/detail/photo_forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+/// Less bends full scale by a thousandth: no sensor is stated to be as linear (EMVA 1288: 1 %).
+constexpr double kLeastExponent = 0.003;
+}  // namespace
 
 void add_photo_gamma(std::vector<Effect>& all) {
   Effect e;
@@ -15,7 +19,9 @@ void add_photo_gamma(std::vector<Effect>& all) {
   e.correction = "develop the raw file without a tone curve";
   e.needs = Needs::photograph;
   e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
-    return {{"exponent", {number("gamma", "exponent_less_1", 0.01, &PhotoState::gamma)}}};
+    PhotoForm form{"exponent", {number("gamma", "exponent_less_1", 0.01, &PhotoState::gamma)}};
+    form.least = kLeastExponent;
+    return {std::move(form)};
   };
   all.push_back(std::move(e));
 }

@@ -25,8 +25,8 @@
 ///           points were seen from; zero where there is no plane or no scanner.
 /// Accuracy  The Z+F 5006h at 1.4 m, noise 0.24 mm, stones of 20 to 60 mm on rough ground, 0.4 to
 ///           1.8 mm between points: of the points that float five standard deviations from every
-///           surface in their beam 96 to 99 % are taken out with the station's grid, 93 to 96 %
-///           without; 70 to 92 % of what is taken out does meet two surfaces, the rest is seen
+///           surface in their beam 96 to 99 % are taken out with the station's grid, 97 %
+///           without; 93 to 97 % of what is taken out does meet two surfaces, the rest is seen
 ///           at the grazing rims of stones and on bends narrower than two beams (0.4 % of very
 ///           rough ground, nothing of a plain slope). A surface that shows less than some four
 ///           beams wide is not known well enough to tell: of points in narrow gaps between stones a

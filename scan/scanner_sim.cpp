@@ -15,6 +15,8 @@
 #include "core/random.hpp"
 #include "scan/detail/beam.hpp"
 #include "scan/detail/scan_scene.hpp"
+#include "scan/detail/sight.hpp"
+#include "scan/detail/stone_scene.hpp"
 #include "scan/phase_range.hpp"
 
 namespace maquette::scan {
@@ -28,6 +30,11 @@ constexpr double kGrey = 0.5;
 // Grey at a cosine of 0.01 and 3 m: what is darker is no noisier.
 constexpr double kLeastNoiseSignal = 0.01 * kGrey;
 constexpr std::int64_t kMostTogether = 8;
+// Farther out than that, in 1/e^2 radii, is a thousandth of a beam.
+constexpr double kOuterRing = 1.5;
+// Depth within a beam, beyond a plane's, that is no edge even if ranges had no noise. Otherwise the
+// noise is the limit: few rays err by a twentieth of the depth, with either sign.
+constexpr double kLeastEdgeMm = 0.02;
 // Of a line of sight that all directions of a column share: nearer to the vertical each goes alone.
 constexpr double kLeastSine = 0.02;
 // A cell of the terrain's profile costs as much as a sixteenth of a ray that goes alone.
@@ -56,6 +63,7 @@ Result<void> check_options(const ScanOptions& o) {
       {"largest_zenith_deg", s.largest_zenith_deg, 1.0, 180.0},
       {"least_signal", s.least_signal, 0.0, 1e6},
       {"footprint_rays", static_cast<double>(o.footprint_rays), 1.0, 10'000.0},
+      {"edge_rays", static_cast<double>(o.edge_rays), 0.0, 10'000.0},
       {"max_points", static_cast<double>(o.max_points), 16.0, 1e12},
       {"station x", o.station_mm.x, -kLargestCoordinateMm, kLargestCoordinateMm},
       {"station y", o.station_mm.y, -kLargestCoordinateMm, kLargestCoordinateMm},
@@ -94,6 +102,17 @@ Result<void> check_options(const ScanOptions& o) {
   return {};
 }
 
+TriMesh box_around(const Box3& of, double margin) {
+  const Vec3 out{margin, margin, margin}, a = of.min - out, b = of.max + out;
+  TriMesh m;
+  for (int i = 0; i < 8; ++i)
+    m.vertices_mm.push_back(
+        {(i & 1) != 0 ? b.x : a.x, (i & 2) != 0 ? b.y : a.y, (i & 4) != 0 ? b.z : a.z});
+  m.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                 {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  return m;
+}
+
 double sigma_of_signal(const assets::ScannerPreset& scanner, double signal) {
   return scanner.range_sigma_mm *
          std::pow(std::fmax(signal, kLeastNoiseSignal) / kGrey, -scanner.noise_exponent);
@@ -105,7 +124,7 @@ class Instrument {
   Instrument(const ScanOptions& options, const detail::ScanScene& scene, double farthest_mm)
       : o_(options),
         scene_(scene),
-        samples_(detail::beam_samples(options.footprint_rays)),
+        probes_(detail::beam_samples(options.footprint_rays)),
         waist_mm_(0.5 * options.scanner.beam_diameter_mm),
         divergence_rad_(1e-3 * options.scanner.beam_divergence_mrad),
         farthest_mm_(farthest_mm),
@@ -114,27 +133,43 @@ class Instrument {
             options.angular.collimation_rad == 0.0 && options.angular.trunnion_rad == 0.0 &&
             options.angular.eccentricity_h_rad == 0.0 &&
             options.angular.eccentricity_v_rad == 0.0) {
-    if (waist_mm_ == 0.0 && divergence_rad_ == 0.0) samples_ = detail::beam_samples(1);
-    double outermost = 0.0;
-    for (const detail::BeamSample& s : samples_)
-      outermost = std::max(outermost, std::hypot(s.x, s.y));
-    beam_radius_mm_ =
-        1.01 * outermost * detail::beam_radius_mm(waist_mm_, divergence_rad_, farthest_mm);
+    if (waist_mm_ == 0.0 && divergence_rad_ == 0.0) probes_ = Samples(detail::beam_samples(1));
+    if (probes_.rays.size() > 1 && options.edge_rays > options.footprint_rays) {
+      outer_ = Samples(outer_ring());
+      many_ = Samples(detail::beam_samples(options.edge_rays));
+    }
+    widest_mm_ = 1.01 * detail::beam_radius_mm(waist_mm_, divergence_rad_, farthest_mm);
   }
 
   /// No ray is farther from the beam's middle.
-  [[nodiscard]] double beam_radius_mm() const { return beam_radius_mm_; }
+  [[nodiscard]] double beam_radius_mm() const { return probes_.outermost * widest_mm_; }
+
+  /// To be called before measure().
+  /// @param fan_rad  between a direction and the middle of those measured together, at most
+  Result<void> find_stones(std::span<const TriMesh> stones, double fan_rad) {
+    if (many_.rays.empty()) return {};
+    const double margin = outer_.outermost * widest_mm_ + 1.01 * fan_rad * farthest_mm_;
+    for (const TriMesh& stone : stones)
+      if (!stone.triangles.empty()) around_stones_.push_back(box_around(stone.bounds(), margin));
+    MAQUETTE_TRY(around_scene_, detail::StoneScene::build(around_stones_));
+    return {};
+  }
 
   struct Zenith {
     double angle, sine, cosine;
   };
   enum class Outcome { nothing, lost, point };
-  /// What a few points need, kept for the next.
-  struct Beam {
-    std::vector<Vec3> shown, axes;
+  /// Rays and what they meet.
+  struct Rays {
     std::vector<detail::Ray> rays;
     std::vector<std::optional<heightmap::FieldHit>> ground;
     std::vector<std::optional<detail::Echo>> echoes;
+  };
+  /// What a few points need, kept for the next.
+  struct Beam {
+    std::vector<Vec3> shown, axes;
+    Rays probes, more;
+    std::vector<std::size_t> edges;
     std::vector<BeamReturn> returns;
   };
   struct Point {
@@ -147,44 +182,25 @@ class Instrument {
   /// @param ray  number of the first
   void measure(double azimuth, std::span<const Zenith> zenith, std::uint64_t ray, Beam& beam,
                std::span<Point> points, std::span<Outcome> outcomes) const {
-    const std::size_t n = zenith.size(), each = samples_.size();
+    const std::size_t n = zenith.size(), each = probes_.rays.size();
     const double cos_azimuth = std::cos(azimuth), sin_azimuth = std::sin(azimuth);
     beam.shown.clear();
     beam.axes.clear();
-    beam.rays.clear();
     for (std::size_t j = 0; j < n; ++j) {
       const Zenith& z = zenith[j];
       beam.shown.push_back({z.sine * cos_azimuth, z.sine * sin_azimuth, z.cosine});
       beam.axes.push_back(rotate(o_.station_rotation,
                                  exact_angles_ ? beam.shown[j] : aim(azimuth, z.angle, ray + j)));
-      if (each == 1) {
-        beam.rays.push_back({o_.station_mm, beam.axes[j]});
-        continue;
-      }
-      const double turn = kTurn * random_uniform(o_.seed ^ kTurnStream, ray + j);
-      const double cos_turn = std::cos(turn), sin_turn = std::sin(turn);
-      for (const detail::BeamSample& sample : samples_)
-        beam.rays.push_back(detail::skew_ray(o_.station_mm, beam.axes[j], waist_mm_,
-                                             divergence_rad_, sample, cos_turn, sin_turn));
     }
-    beam.ground.resize(n * each);
-    beam.echoes.resize(n * each);
-    if (n * each == 1) {
-      beam.echoes[0] = scene_.look(o_.station_mm, beam.axes[0]);
-    } else {
-      const Vec3 middle = beam.axes[n / 2];
-      double apart = 0.0;
-      for (const Vec3& axis : beam.axes) apart = std::max(apart, norm(axis - middle));
-      scene_.look({o_.station_mm, middle}, beam_radius_mm_ + 1.01 * apart * farthest_mm_, beam.rays,
-                  beam.ground, beam.echoes);
-    }
+    look(beam.axes, probes_, ray, beam.probes);
     for (std::size_t j = 0; j < n; ++j)
-      outcomes[j] = answer(beam, j * each, beam.shown[j], ray + j, points[j]);
+      outcomes[j] = answer(beam, beam.probes, probes_, j * each, beam.shown[j], ray + j, points[j]);
+    if (!many_.rays.empty()) look_again(ray, beam, points, outcomes);
   }
 
   /// Do the directions of a column lie in one vertical plane, each one ray over whole terrain?
   [[nodiscard]] bool columns_are_planes() const {
-    return samples_.size() == 1 && exact_angles_ && o_.station_rotation.x == 0.0 &&
+    return probes_.rays.size() == 1 && exact_angles_ && o_.station_rotation.x == 0.0 &&
            o_.station_rotation.y == 0.0 && scene_.whole();
   }
 
@@ -197,12 +213,13 @@ class Instrument {
     const Vec3 across = rotate(o_.station_rotation, horizontal);
     beam.shown.resize(n);
     beam.axes.resize(n);
-    beam.rays.resize(n);
-    beam.echoes.resize(n);
+    beam.probes.rays.resize(n);
+    beam.probes.echoes.resize(n);
+    auto& echoes = beam.probes.echoes;
     for (std::size_t j = 0; j < n; ++j) {
       beam.shown[j] = zenith[j].sine * horizontal + Vec3{0.0, 0.0, zenith[j].cosine};
       beam.axes[j] = zenith[j].sine * across + Vec3{0.0, 0.0, zenith[j].cosine};
-      beam.rays[j] = {o_.station_mm, beam.axes[j]};
+      beam.probes.rays[j] = {o_.station_mm, beam.axes[j]};
     }
     const auto steep = [](const Zenith& z) { return z.sine < kLeastSine; };
     const auto first = static_cast<std::size_t>(
@@ -211,27 +228,120 @@ class Instrument {
         std::find_if(zenith.begin() + static_cast<std::ptrdiff_t>(first), zenith.end(), steep) -
         zenith.begin());
     for (std::size_t j = 0; j < n; ++j)
-      if (j < first || j >= last) beam.echoes[j] = scene_.look(o_.station_mm, beam.axes[j]);
+      if (j < first || j >= last) echoes[j] = scene_.look(o_.station_mm, beam.axes[j]);
     scene_.look_across(o_.station_mm, across, std::span(beam.axes).subspan(first, last - first),
-                       std::span(beam.echoes).subspan(first, last - first));
+                       std::span(echoes).subspan(first, last - first));
     for (std::size_t j = 0; j < n; ++j)
-      outcomes[j] = answer(beam, j, beam.shown[j], ray + j, points[j]);
+      outcomes[j] = answer(beam, beam.probes, probes_, j, beam.shown[j], ray + j, points[j]);
   }
 
  private:
+  /// Rays that stand for a beam.
+  struct Samples {
+    Samples() = default;
+    explicit Samples(std::vector<detail::BeamSample> of) : rays(std::move(of)) {
+      for (const detail::BeamSample& s : rays)
+        outermost = std::max(outermost, std::hypot(s.x, s.y));
+    }
+    std::vector<detail::BeamSample> rays;
+    double outermost = 0.0;  // in units of the 1/e^2 radius
+  };
+
+  /// Where a beam's last hundredth is, between the directions of seven rays.
+  static std::vector<detail::BeamSample> outer_ring() {
+    std::vector<detail::BeamSample> ring;
+    for (int k = 0; k < 6; ++k)
+      ring.push_back({kOuterRing * std::cos(kTurn * (k + 0.5) / 6.0),
+                      kOuterRing * std::sin(kTurn * (k + 0.5) / 6.0), 0.0});
+    return ring;
+  }
+
+  /// Follows the beams along `axes`, which lie close together, in one walk over the terrain.
+  /// @param ray  number of the first; the next has the next
+  void look(std::span<const Vec3> axes, const Samples& samples, std::uint64_t ray, Rays& to) const {
+    const std::size_t n = axes.size(), all = n * samples.rays.size();
+    to.rays.clear();
+    for (std::size_t j = 0; j < n; ++j) add_rays(axes[j], samples, ray + j, to);
+    to.ground.resize(all);
+    to.echoes.resize(all);
+    if (all == 1) {
+      to.echoes[0] = scene_.look(o_.station_mm, axes[0]);
+      return;
+    }
+    double apart = 0.0;
+    for (const Vec3& axis : axes) apart = std::max(apart, norm(axis - axes[n / 2]));
+    scene_.look({o_.station_mm, axes[n / 2]},
+                samples.outermost * widest_mm_ + 1.01 * apart * farthest_mm_, to.rays, to.ground,
+                to.echoes);
+  }
+
+  void add_rays(Vec3 axis, const Samples& samples, std::uint64_t ray, Rays& to) const {
+    if (samples.rays.size() == 1) {
+      to.rays.push_back({o_.station_mm, axis});
+      return;
+    }
+    const double turn = kTurn * random_uniform(o_.seed ^ kTurnStream, ray);
+    const double cos_turn = std::cos(turn), sin_turn = std::sin(turn);
+    for (const detail::BeamSample& sample : samples.rays)
+      to.rays.push_back(detail::skew_ray(o_.station_mm, axis, waist_mm_, divergence_rad_, sample,
+                                         cos_turn, sin_turn));
+  }
+
+  [[nodiscard]] bool near_stones(Vec3 axis) const {
+    return around_scene_ && around_scene_->trace(o_.station_mm, axis, INFINITY).has_value();
+  }
+
+  /// Beams that pass an edge, with as many rays as that takes.
+  /// @param beam  with what its probes have met; points and outcomes of these, which are replaced
+  void look_again(std::uint64_t ray, Beam& beam, std::span<Point> points,
+                  std::span<Outcome> outcomes) const {
+    const std::size_t n = beam.axes.size();
+    const auto edge = [&](std::size_t j, bool ring) {
+      detail::BeamDepth depth;
+      double first = 0.0;
+      std::size_t met = 0, all = 0;
+      const auto add = [&](const Samples& samples, const Rays& seen) {
+        const std::size_t each = samples.rays.size();
+        for (std::size_t i = 0; i < each; ++i, ++all) {
+          const auto& echo = seen.echoes[j * each + i];
+          if (!echo) continue;
+          if (met++ == 0) first = echo->range_mm;
+          depth.add(echo->range_mm - first, samples.rays[i].x, samples.rays[i].y);
+        }
+      };
+      add(probes_, beam.probes);
+      if (ring) add(outer_, beam.more);
+      if (met == 0 || met < all) return met > 0;
+      const double signal =
+          outcomes[j] == Outcome::point ? static_cast<double>(points[j].intensity) : 0.0;
+      return depth.beyond_plane_mm() > std::fmax(kLeastEdgeMm, sigma_of_signal(o_.scanner, signal));
+    };
+    bool some = false;
+    for (std::size_t j = 0; j < n && !some; ++j) some = edge(j, false);
+    if (!some && !near_stones(beam.axes[n / 2])) return;
+    look(beam.axes, outer_, ray, beam.more);
+    beam.edges.clear();
+    for (std::size_t j = 0; j < n; ++j)
+      if (edge(j, true)) beam.edges.push_back(j);
+    for (const std::size_t j : beam.edges) {
+      look(std::span(beam.axes).subspan(j, 1), many_, ray + j, beam.more);
+      outcomes[j] = answer(beam, beam.more, many_, 0, beam.shown[j], ray + j, points[j]);
+    }
+  }
   /// What the detector makes of the echoes of one beam.
-  Outcome answer(Beam& beam, std::size_t first, Vec3 shown, std::uint64_t ray, Point& point) const {
+  Outcome answer(Beam& beam, const Rays& seen, const Samples& samples, std::size_t first,
+                 Vec3 shown, std::uint64_t ray, Point& point) const {
     beam.returns.clear();
     double energy = 0.0, cos_mean = 0.0, strongest = 0.0;
-    for (std::size_t i = 0; i < samples_.size(); ++i) {
-      const auto& echo = beam.echoes[first + i];
-      const detail::Ray& r = beam.rays[first + i];
+    for (std::size_t i = 0; i < samples.rays.size(); ++i) {
+      const auto& echo = seen.echoes[first + i];
+      const detail::Ray& r = seen.rays[first + i];
       if (!echo) continue;
       SurfaceLook look;
       if (o_.paint) look = o_.paint(r.origin_mm + echo->range_mm * r.direction, echo->stone);
       const double nearness = kReferenceRangeMm / echo->range_mm;
       const double amplitude =
-          samples_[i].weight * look.reflectance * echo->cos_incidence * nearness * nearness;
+          samples.rays[i].weight * look.reflectance * echo->cos_incidence * nearness * nearness;
       beam.returns.push_back({echo->range_mm, amplitude});
       energy += amplitude;
       cos_mean += amplitude * echo->cos_incidence;
@@ -277,8 +387,12 @@ class Instrument {
 
   const ScanOptions& o_;
   const detail::ScanScene& scene_;
-  std::vector<detail::BeamSample> samples_;
-  double waist_mm_, divergence_rad_, farthest_mm_, beam_radius_mm_ = 0.0;
+  // Boxes: whatever passes beside one is nowhere near its stone.
+  std::vector<TriMesh> around_stones_;
+  std::optional<detail::StoneScene> around_scene_;
+  Samples probes_, outer_, many_;  // the last two where edges are looked at again
+  double waist_mm_, divergence_rad_, farthest_mm_;
+  double widest_mm_ = 0.0;  // 1/e^2 radius of the beam at the farthest
   bool exact_angles_;
 };
 
@@ -313,7 +427,7 @@ Result<ScanFigures> scan_into(const detail::StationSink& sink, const ModelField&
   const Box3 model_box = scene.bounds();
   const double farthest = norm(model_box.max - model_box.min) +
                           norm(0.5 * (model_box.min + model_box.max) - options.station_mm);
-  const Instrument instrument(options, scene, farthest);
+  Instrument instrument(options, scene, farthest);
   const AngularErrors& e = options.angular;
   const double strays = 5.0 * e.encoder_noise_rad + std::abs(e.vertical_index_rad) +
                         std::abs(e.eccentricity_v_rad) + std::abs(e.eccentricity_h_rad) +
@@ -369,6 +483,8 @@ Result<ScanFigures> scan_into(const detail::StationSink& sink, const ModelField&
              : std::clamp<std::int64_t>(
                    static_cast<std::int64_t>(8.0 * surface.spacing.value() / (step * farthest)), 1,
                    kMostTogether);
+  MAQUETTE_TRY_VOID(
+      instrument.find_stones(stones, 0.5 * static_cast<double>(together) * step + 2.0 * strays));
   std::vector<Instrument::Zenith> zeniths;
   for (std::int64_t row = 0; row < grid.rows; ++row) {
     const double v = grid.zenith(row);

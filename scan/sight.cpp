@@ -53,7 +53,10 @@ void BeamDepth::add(double depth_mm, double x, double y) {
   square_ += depth_mm * depth_mm;
   along_x_ += depth_mm * x;
   along_y_ += depth_mm * y;
+  x_ += x;
+  y_ += y;
   xx_ += x * x;
+  xy_ += x * y;
   yy_ += y * y;
 }
 
@@ -62,8 +65,14 @@ double BeamDepth::whole_mm() const {
 }
 
 double BeamDepth::beyond_plane_mm() const {
-  if (!(xx_ > 0.0 && yy_ > 0.0)) return 0.0;
-  const double tilt = along_x_ * along_x_ / xx_ + along_y_ * along_y_ / yy_;
+  if (!(met_ > 0.0)) return 0.0;
+  // Least squares about the mean of those that met something: no pattern is quite even, and a
+  // steep plane is many times as deep as what is looked for.
+  const double xx = xx_ - x_ * x_ / met_, xy = xy_ - x_ * y_ / met_, yy = yy_ - y_ * y_ / met_;
+  const double tx = along_x_ - x_ * sum_ / met_, ty = along_y_ - y_ * sum_ / met_;
+  const double det = xx * yy - xy * xy;
+  if (!(det > 1e-9 * (xx + yy) * (xx + yy))) return 0.0;
+  const double tilt = (yy * tx * tx - 2.0 * xy * tx * ty + xx * ty * ty) / det;
   return std::sqrt(std::fmax(0.0, (square_ - sum_ * sum_ / met_ - tilt) / met_));
 }
 

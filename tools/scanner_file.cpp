@@ -52,7 +52,7 @@ Schema schema_of(PhaseShiftText& t) {
   s.add({"beam.diameter_mm", &p.beam_diameter_mm, "at exit, 1/e^2", 0, 1e3});
   s.add({"beam.divergence_mrad", &p.beam_divergence_mrad, "full angle, 1/e^2", 0, 100});
   s.add({"beam.footprint_rays", &t.rays,
-         "1: without width; 7: enough for smooth surfaces; 61: at edges, too", 1, 10000});
+         "1: without width; 7: of smooth surfaces, 61 at edges; more: everywhere", 1, 10000});
   s.section("angles", "errors, seconds of arc");
   s.add({"angles.encoder_noise_arcsec", &t.noise, "standard deviation, each circle", 0, 2e4});
   s.add({"angles.vertical_index_arcsec", &t.index, "", -2e4, 2e4});

@@ -33,7 +33,8 @@ struct Sight {
 /// them, chooses those whose error has one sign. 48 know it to a fiftieth. None for single rays.
 [[nodiscard]] std::vector<BeamSample> edge_rays_of(const Viewpoint& view);
 
-/// Depth within a beam, each of its rays the same: also where only the outermost pass an edge.
+/// Depth within a beam, each of its rays the same: also where only the outermost pass an edge. To
+/// be counted from near the beam's middle, for it is squared.
 class BeamDepth {
  public:
   void add(double depth_mm, double x, double y);
@@ -43,8 +44,8 @@ class BeamDepth {
   [[nodiscard]] double beyond_plane_mm() const;
 
  private:
-  double met_ = 0.0, sum_ = 0.0, square_ = 0.0;
-  double along_x_ = 0.0, along_y_ = 0.0, xx_ = 0.0, yy_ = 0.0;
+  double met_ = 0.0, sum_ = 0.0, square_ = 0.0, along_x_ = 0.0, along_y_ = 0.0;
+  double x_ = 0.0, y_ = 0.0, xx_ = 0.0, xy_ = 0.0, yy_ = 0.0;
 };
 
 /// More of the noise than that beyond a plane is an edge.

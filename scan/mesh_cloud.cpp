@@ -25,6 +25,9 @@ using detail::VoxelGrid;
 
 // Reach of a piece in voxels: nodes up to two voxels away feel it, by exp(-d^2 / voxel^2).
 constexpr std::int64_t kReach = 2;
+// A border of that many voxels' length is that of a gap some three voxels wide: among points
+// that lie as chance has it, four a voxel, such gaps are chance, too.
+constexpr double kPinholeVoxels = 16.0;
 
 /// The implicit function and the colour where it is known.
 struct Field {
@@ -250,6 +253,33 @@ MeshHole hole_of(const TriMesh& mesh, const std::vector<std::uint32_t>& loop) {
   return hole;
 }
 
+/// Loops that are pinholes: short, and their fans face as the triangles around them do. The outline
+/// of a stray piece is short, too, but its fan would be the piece's other side.
+std::vector<bool> are_pinholes(const TriMesh& mesh,
+                               const std::vector<std::vector<std::uint32_t>>& loops,
+                               const std::vector<MeshHole>& holes, double longest_mm) {
+  const auto& at = mesh.vertices_mm;
+  std::unordered_map<std::uint32_t, std::size_t> loop_at;
+  for (std::size_t k = 0; k < loops.size(); ++k)
+    if (holes[k].length_mm <= longest_mm)
+      for (const std::uint32_t v : loops[k]) loop_at.emplace(v, k);
+  std::vector<Vec3> around(loops.size());
+  for (const auto& t : mesh.triangles)
+    for (const std::uint32_t v : t)
+      if (const auto found = loop_at.find(v); found != loop_at.end())
+        around[found->second] += cross(at[t[1]] - at[t[0]], at[t[2]] - at[t[0]]);
+  std::vector<bool> pinholes(loops.size(), false);
+  for (std::size_t k = 0; k < loops.size(); ++k) {
+    if (holes[k].length_mm > longest_mm) continue;
+    Vec3 fan;
+    for (std::size_t i = 0; i < loops[k].size(); ++i)
+      fan += cross(at[loops[k][i]] - holes[k].middle_mm,
+                   at[loops[k][(i + 1) % loops[k].size()]] - holes[k].middle_mm);
+    pinholes[k] = dot(fan, around[k]) > 0.0;
+  }
+  return pinholes;
+}
+
 /// A fan from the middle of a loop.
 void fill_hole(const std::vector<std::uint32_t>& loop, Vec3 middle_mm, CloudMesh& result) {
   TriMesh& mesh = result.mesh;
@@ -310,9 +340,16 @@ Result<CloudMesh> mesh_cloud(const OpenCloud& open, const MeshCloudOptions& opti
 
   detail::part_fans(mesh, result.colours);
   drop_unused(mesh, result.colours);
-  for (const auto& loop : detail::border_loops(mesh)) {
-    result.holes.push_back(hole_of(mesh, loop));
-    if (options.closed) fill_hole(loop, result.holes.back().middle_mm, result);
+  const auto loops = detail::border_loops(mesh);
+  std::vector<MeshHole> holes;
+  for (const auto& loop : loops) holes.push_back(hole_of(mesh, loop));
+  const auto pinholes = are_pinholes(mesh, loops, holes, kPinholeVoxels * result.voxel_mm);
+  for (std::size_t k = 0; k < loops.size(); ++k) {
+    if (pinholes[k])
+      ++result.pinholes;
+    else
+      result.holes.push_back(holes[k]);
+    if (pinholes[k] || options.closed) fill_hole(loops[k], holes[k].middle_mm, result);
   }
   std::stable_sort(result.holes.begin(), result.holes.end(),
                    [](const MeshHole& a, const MeshHole& b) { return a.length_mm > b.length_mm; });

@@ -72,6 +72,7 @@ json mesh_json(const scan::CloudMesh& mesh, bool closed) {
           {"voxel_mm", mesh.voxel_mm},
           {"closed", closed},
           {"border_loops", mesh.holes.size()},
+          {"pinholes_closed", mesh.pinholes},
           {"border_loops_area_mm2", area},
           {"loops", holes}};
 }

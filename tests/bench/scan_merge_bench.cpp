@@ -114,9 +114,12 @@ int run(double million, const std::filesystem::path& folder, bool with_mesh) {
     square += (p.z - h) * (p.z - h);
     ++n;
   }
-  fmt::print("  {:.2f} M triangles, voxel {:.3f} mm, {} border loops, {:.4f} mm rms of height\n",
-             1e-6 * static_cast<double>(mesh->mesh.triangles.size()), mesh->voxel_mm,
-             mesh->holes.size(), std::sqrt(square / static_cast<double>(n)));
+  fmt::print(
+      "  {:.2f} M triangles, voxel {:.3f} mm, {} border loops, {} pinholes closed, {:.4f} mm rms "
+      "of "
+      "height\n",
+      1e-6 * static_cast<double>(mesh->mesh.triangles.size()), mesh->voxel_mm, mesh->holes.size(),
+      mesh->pinholes, std::sqrt(square / static_cast<double>(n)));
   return 0;
 }
 

@@ -6,6 +6,9 @@
 //                           facing out
 //   open, holes stated .... a plane with a square gap: two loops, their lengths and areas; closed:
 //                           no border left
+//   pinholes .............. gaps of 2.5 voxels and those of chance are closed, of six voxels stay;
+//   a
+//                           stray piece is not closed upon itself
 //   manifold .............. crossing sheets, sheets a voxel apart, stray points: CGAL agrees, open
 //   and
 //                           closed; all signs of a cell
@@ -149,6 +152,55 @@ TEST(MeshCloud, SaysWhereItHasHoles) {
   EXPECT_EQ(border_edges(closed->mesh), 0U);
   EXPECT_EQ(closed->holes.size(), 2U) << "what was not seen is still said";
   EXPECT_EQ(closed->colours.size(), closed->mesh.vertices_mm.size());
+}
+
+/// A plane of points as chance has them, without those in round gaps.
+Cloud plane_with_round_gaps(std::uint64_t seed, double side, double per_mm2,
+                            const std::vector<Vec3>& middles, double width) {
+  Cloud cloud;
+  for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(per_mm2 * side * side); ++i) {
+    const Vec3 p{side * random_uniform(seed, 2 * i), side * random_uniform(seed, 2 * i + 1), 3.0};
+    if (std::none_of(middles.begin(), middles.end(),
+                     [&](Vec3 m) { return std::hypot(p.x - m.x, p.y - m.y) < 0.5 * width; }))
+      cloud.points_mm.push_back(p);
+  }
+  cloud.station_mm = Vec3{50, 50, 900};
+  return cloud;
+}
+
+// Gaps of 2.5 voxels, and those that chance leaves, are closed; of six voxels all stay, with no
+// area covered; a stray piece whose outline is as short as a pinhole's stays as it is.
+TEST(MeshCloud, ClosesPinholesOnly) {
+  std::vector<Vec3> middles;
+  for (int i = 0; i < 16; ++i)
+    middles.push_back({20.0 + 20.0 * (i % 4) + 0.37 * i, 20.0 + 20.0 * (i / 4) + 0.21 * i, 3.0});
+  MeshCloudOptions o;
+  o.voxel_mm = 1.0;
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    const auto small = mesh_cloud(plane_with_round_gaps(seed, 100.0, 4.0, middles, 2.5), o);
+    ASSERT_THAT(small, Succeeds());
+    EXPECT_EQ(small->holes.size(), 1U) << "the rim";
+    EXPECT_GE(small->pinholes, 4U);
+    EXPECT_EQ(border_edges(small->mesh), small->holes[0].edges);
+    for (const auto& t : small->mesh.triangles) {
+      const auto& v = small->mesh.vertices_mm;
+      ASSERT_GE(cross(v[t[1]] - v[t[0]], v[t[2]] - v[t[0]]).z, 0.0);
+    }
+    const auto large = mesh_cloud(plane_with_round_gaps(seed, 100.0, 4.0, middles, 6.0), o);
+    ASSERT_THAT(large, Succeeds());
+    EXPECT_EQ(large->holes.size(), 17U) << "the rim and all gaps";
+    for (std::size_t k = 1; k < large->holes.size(); ++k)
+      EXPECT_GT(large->holes[k].area_mm2, 0.25 * std::numbers::pi * 4.0 * 4.0) << "a voxel less";
+  }
+  Cloud stray = plane_with_round_gaps(1, 40.0, 8.0, {}, 0.0);
+  for (std::uint64_t i = 0; i < 30; ++i)
+    stray.points_mm.push_back(
+        {20.0 + 1.2 * random_uniform(9, 2 * i), 20.0 + 1.2 * random_uniform(9, 2 * i + 1), 30.0});
+  const auto with_stray = mesh_cloud(stray, o);
+  ASSERT_THAT(with_stray, Succeeds());
+  ASSERT_EQ(with_stray->holes.size(), 2U);
+  EXPECT_LT(with_stray->holes[1].length_mm, 16.0);
+  EXPECT_NEAR(with_stray->holes[1].middle_mm.z, 30.0, 0.5);
 }
 
 TEST(MeshCloud, FollowsRoughGround) {

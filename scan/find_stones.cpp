@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <optional>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -147,6 +148,15 @@ double passing_mm(const detail::Sight& sight, Vec3 place) {
   return norm(cross(place - sight.from_mm, sight.direction));
 }
 
+double margin_of(const Shape& s, double noise_mm) {
+  return std::fmax(kMargin * s.radius_mm, 5.0 * noise_mm);
+}
+
+/// How far from a stone's middle points lie that count.
+double farthest_of(const Shape& s, double noise_mm) {
+  return kBehind * s.around_mm + margin_of(s, noise_mm);
+}
+
 /// What lies about a stone, in one pass over all points.
 struct About {
   std::vector<std::size_t> points;  // whose beams pass it
@@ -160,10 +170,6 @@ struct About {
 std::vector<About> gather(std::span<const Vec3> points, const Views& views,
                           const ModelField& ground, const std::vector<Shape>& shapes, double lift,
                           double noise_mm) {
-  const auto margin = [&](const Shape& s) {
-    return std::fmax(kMargin * s.radius_mm, 5.0 * noise_mm);
-  };
-  const auto farthest = [&](const Shape& s) { return kBehind * s.around_mm + margin(s); };
   // Stones by the cells that they may have points in.
   const double x0 = ground.x0.value(), y0 = ground.y0.value();
   const double wide = ground.x_mm(ground.z_mm.cols() - 1) - x0;
@@ -175,7 +181,7 @@ std::vector<About> gather(std::span<const Vec3> points, const Views& views,
   Grid<std::vector<std::uint32_t>> near(kCells, kCells);
   for (std::size_t k = 0; k < shapes.size(); ++k) {
     const Vec3 m = shapes[k].middle;
-    const double reach = farthest(shapes[k]);
+    const double reach = farthest_of(shapes[k], noise_mm);
     for (std::ptrdiff_t r = cell(m.y - reach - y0, deep); r <= cell(m.y + reach - y0, deep); ++r)
       for (std::ptrdiff_t c = cell(m.x - reach - x0, wide); c <= cell(m.x + reach - x0, wide); ++c)
         near(r, c).push_back(static_cast<std::uint32_t>(k));
@@ -186,14 +192,14 @@ std::vector<About> gather(std::span<const Vec3> points, const Views& views,
     for (const std::uint32_t k : near(cell(p.y - y0, deep), cell(p.x - x0, wide))) {
       const Shape& shape = shapes[k];
       const double out = std::hypot(p.x - shape.middle.x, p.y - shape.middle.y);
-      if (out > farthest(shape)) continue;
+      if (out > farthest_of(shape, noise_mm)) continue;
       const double h = heightmap::height_at(ground, p.x, p.y);
       if (std::isnan(h)) continue;
       About& a = about[k];
       if (passing_mm(detail::sight_of(views.of(i), p), shape.middle) <
-          shape.around_mm + margin(shape))
+          shape.around_mm + margin_of(shape, noise_mm))
         a.points.push_back(i);
-      if (out > shape.radius_mm + margin(shape)) continue;
+      if (out > shape.radius_mm + margin_of(shape, noise_mm)) continue;
       if (out < 0.3 * shape.radius_mm) {
         ++a.over;
         a.high += p.z - h;
@@ -205,8 +211,39 @@ std::vector<About> gather(std::span<const Vec3> points, const Views& views,
   return about;
 }
 
+/// Stones sorted by x, to find those that may hide another or stand behind it.
+class Neighbours {
+ public:
+  explicit Neighbours(const std::vector<Shape>& shapes) : shapes_(shapes), order_(shapes.size()) {
+    std::iota(order_.begin(), order_.end(), std::size_t{0});
+    std::sort(order_.begin(), order_.end(),
+              [&](std::size_t a, std::size_t b) { return x_of(a) < x_of(b); });
+    for (const Shape& s : shapes) widest_mm_ = std::fmax(widest_mm_, s.around_mm);
+  }
+  /// Meshes of all others that a point which counts for a stone may lie on.
+  [[nodiscard]] std::vector<TriMesh> of(std::size_t k, double reach_mm) const {
+    std::vector<TriMesh> meshes;
+    const double most = reach_mm + widest_mm_;
+    for (auto at = std::lower_bound(order_.begin(), order_.end(), x_of(k) - most,
+                                    [&](std::size_t i, double x) { return x_of(i) < x; });
+         at != order_.end() && x_of(*at) <= x_of(k) + most; ++at)
+      if (*at != k &&
+          norm(shapes_[*at].middle - shapes_[k].middle) < reach_mm + shapes_[*at].around_mm)
+        meshes.push_back(shapes_[*at].mesh);
+    return meshes;
+  }
+
+ private:
+  [[nodiscard]] double x_of(std::size_t i) const { return shapes_[i].middle.x; }
+  const std::vector<Shape>& shapes_;
+  std::vector<std::size_t> order_;
+  double widest_mm_ = 0.0;
+};
+
+/// @param others  stones that are not in question: what their beams meet first is no other stone's
 detail::StoneRanges ranges_of(std::span<const Vec3> points, const std::vector<std::size_t>& about,
-                              const Views& views, const heightmap::FieldTracer& ground) {
+                              const Views& views, const heightmap::FieldTracer& ground,
+                              const detail::StoneScene& others) {
   detail::StoneRanges seen;
   std::vector<detail::Ray> rays;
   for (const std::size_t k : detail::sample_indices(about.size(), kMostRanges)) {
@@ -220,9 +257,14 @@ detail::StoneRanges ranges_of(std::span<const Vec3> points, const std::vector<st
       detail::spread(sight, view, *some, i, rays);
       for (std::size_t j = 0; j < rays.size(); ++j) {
         const auto hit = ground.trace(rays[j].origin_mm, rays[j].direction);
-        const double cosine = hit ? -dot(hit->normal, rays[j].direction) : 0.0;
-        seen.rays.push_back({rays[j].origin_mm, rays[j].direction, (*some)[j],
-                             hit ? hit->distance_mm : INFINITY, std::fmax(0.0, cosine)});
+        double met_mm = hit ? hit->distance_mm : INFINITY;
+        double cosine = hit ? -dot(hit->normal, rays[j].direction) : 0.0;
+        if (const auto other = others.trace(rays[j].origin_mm, rays[j].direction, met_mm)) {
+          met_mm = other->distance_mm;
+          cosine = -dot(other->normal, rays[j].direction);
+        }
+        seen.rays.push_back(
+            {rays[j].origin_mm, rays[j].direction, (*some)[j], met_mm, std::fmax(0.0, cosine)});
       }
     }
   }
@@ -271,6 +313,7 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
   const Views views(viewpoints);
   const auto all = gather(points, views, ground, shapes, lift, noise_mm);
   const heightmap::FieldTracer tracer(ground);
+  const Neighbours neighbours(shapes);
   const double level = 1.0 - std::pow(1.0 - kFalseCalls, 1.0 / static_cast<double>(plan.size()));
   for (std::size_t k = 0; k < plan.size(); ++k) {
     const Shape& shape = shapes[k];
@@ -292,7 +335,9 @@ Result<std::vector<StoneFinding>> find_stones(std::span<const Vec3> points,
       // Facets and glue aside, a stone fits as well as the scan is noisy.
       const double fits = std::fmax(3.0 * noise_mm, 0.01 * shape.radius_mm);
       MAQUETTE_TRY(const auto scene, detail::StoneScene::build(std::span(&shape.mesh, 1)));
-      const detail::StoneRanges seen = ranges_of(points, about.points, views, tracer);
+      const auto near = neighbours.of(k, farthest_of(shape, noise_mm));
+      MAQUETTE_TRY(const auto others, detail::StoneScene::build(near));
+      const detail::StoneRanges seen = ranges_of(points, about.points, views, tracer, others);
       const detail::StoneFrame frame{shape.middle, shape.radius_mm};
       const auto fit_from = [&](const RigidTransform& start) {
         return detail::fit_stone(seen, scene, ground, frame, start, noise);

@@ -15,9 +15,10 @@
 ///           stone recedes there.
 /// Accuracy  The surface must be known: where the part differs from it, the correction is that of
 ///           the wrong surface. On waves of two beams' width what is left is below a tenth
-///           (tests/scan/scan_beam_test). Where a beam passes an edge, 48 rays stand for it
-///           instead of 19; where a tenth of the depth in it, beyond a plane's, is more than the
-///           noise, the point is given up, for nobody knows a beam's shape better.
+///           (tests/scan/scan_beam_test). Where a beam passes an edge (more depth beyond a
+///           plane than the noise), 48 rays stand for it instead of 19; where a tenth of the depth
+///           in it, beyond a plane's, is more than the noise, the point is given up, for nobody
+///           knows a beam's shape better.
 
 #include <cstddef>
 #include <span>
@@ -33,7 +34,8 @@
 namespace maquette::scan {
 
 /// How far along its line of sight each point must be moved back towards the scanner (mm; negative:
-/// away), NaN for one that is given up. Zero for rays and where the middle meets nothing.
+/// away), NaN for one that is given up: also where the middle meets nothing but another part of the
+/// beam does. Zero for rays and where the whole beam meets nothing.
 /// @param points_mm  in the surface's frame
 /// @param views      of the points in their order
 /// @param surface    what is expected, without those stones that are given as meshes

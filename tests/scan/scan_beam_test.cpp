@@ -420,6 +420,31 @@ TEST(Beam, AtEdgesIsThatOfVeryManyRays) {
   EXPECT_GT(seven_rms, 3.0 * rms);
 }
 
+// Seen from low down, beams pass over the far rim with their middle and meet the part with the
+// rest. What they measured lies above the rim; nothing is expected there that it could be moved to.
+TEST(BeamShift, GivesUpWhatPassesOverTheRim) {
+  const ModelField flat{Grid<float>(121, 121, 5.0F), Millimetres{0.5}};
+  ScanOptions o = wide_beam(20'000, {30.0, -900.0, 400.0}, 61);
+  o.scanner.beam_divergence_mrad = 0.0;
+  const auto cloud = simulate_scan(flat, {}, o);
+  ASSERT_THAT(cloud, Succeeds());
+  const Viewpoint view{o.station_mm, 3.0, cloud->points_mm.size()};
+  const auto shifts = beam_shifts_mm(cloud->points_mm, std::span(&view, 1), flat, {}, 0.2);
+  ASSERT_THAT(shifts, Succeeds());
+  const auto scene = detail::ScanScene::build(flat, {});
+  ASSERT_THAT(scene, Succeeds());
+  int past = 0;
+  for (std::size_t i = 0; i < cloud->points_mm.size(); ++i) {
+    const detail::Sight sight = detail::sight_of(view, cloud->points_mm[i]);
+    const Vec3 p = cloud->points_mm[i];
+    if (p.x < 0.0 || p.x > 60.0 || p.y < 0.0 || p.y > 60.0) continue;  // compared with nothing
+    if (scene->look(sight.from_mm, sight.direction)) continue;
+    ++past;
+    ASSERT_TRUE(std::isnan(shifts->at(i))) << p.x << ' ' << p.y << ' ' << p.z;
+  }
+  EXPECT_GT(past, 30);
+}
+
 // A ball that overhangs its foot by 1.6 mm under a beam of 3 mm. Part of the beam beside its foot
 // goes on under the overhang, where the upper envelope has a wall: with the envelope the ground
 // there comes out low, with ground and mesh it does not.

@@ -71,8 +71,7 @@ void add_mean(const std::vector<Observation>& all, const SetUpPlaces& places,
   const double cell = kCellOfWidth * levels.sigma_mm;
   // A spot is longer along the beam: a round one of the same area stands for it. Sorting into cells
   // and reading between them have blurred by a quarter of cell^2 already.
-  const double nodes =
-      std::sqrt(lengthened / points / (kCellOfWidth * kCellOfWidth) - 0.25);
+  const double nodes = std::sqrt(lengthened / points / (kCellOfWidth * kCellOfWidth) - 0.25);
   const auto rows = static_cast<std::ptrdiff_t>(high / cell) + 2,
              cols = static_cast<std::ptrdiff_t>(wide / cell) + 2;
   Grid<float> sum(rows, cols, 0.0F), count(rows, cols, 0.0F);
@@ -96,8 +95,7 @@ void add_mean(const std::vector<Observation>& all, const SetUpPlaces& places,
     const Observation& o = all[i];
     if (!counts(o)) return;
     const double m = heightmap::height_at(mean, o.place.x, o.place.y);
-    if (std::isfinite(m))
-      to[i] += coefficient * (of_change(o, levels.by_the_spot) * m - change[i]);
+    if (std::isfinite(m)) to[i] += coefficient * (of_change(o, levels.by_the_spot) * m - change[i]);
   });
 }
 

@@ -723,6 +723,23 @@ struct Named {
   double scatter = 1.0;  ///< of neighbouring pixels, over the declared noise
 };
 
+/// The smallest of those that explain less than what remains unexplained beside them: many a thing
+/// without a name looks a little like each. members.size(): none.
+std::size_t beside_unknown(const PhotoLinear& linear, const PhotoMembers& members,
+                           const Diagnosis& d) {
+  const double left_255 =
+      std::sqrt(std::fmax(0.0, d.rms_after * d.rms_after - d.rms_noise * d.rms_noise));
+  std::size_t least = members.size();
+  double least_255 = left_255;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    const double own_255 = 255.0 * moved_by(linear, members[k]) * own_share(linear, members, k);
+    if (own_255 >= least_255) continue;
+    least = k;
+    least_255 = own_255;
+  }
+  return least;
+}
+
 bool knows(const std::vector<KnownCause>& known, const std::string& effect) {
   return std::any_of(known.begin(), known.end(),
                      [&](const KnownCause& k) { return k.effect == effect; });
@@ -752,14 +769,24 @@ Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
   members = confirmed(std::move(members), search, fit, light, p_values, d.rejected);
   run.progress(0.7);
 
-  const PhotoLinear after = fit.about(members, Search::parameters_of(members));
-  d.rms_after = rms_of(after, kReport, nullptr);
-  const auto scatter = detail::scatter_of(views);
+  PhotoLinear after;
+  detail::PhotoScatter scatter;
+  while (true) {
+    after = fit.about(members, Search::parameters_of(members));
+    d.rms_after = rms_of(after, kReport, nullptr);
+    scatter = detail::scatter_of(views);
+    d.rms_noise = noise_rms(views, scatter.factor);
+    d.remainder =
+        detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
+    const std::size_t drop = d.remainder.found ? beside_unknown(after, members, d) : members.size();
+    if (drop == members.size()) break;
+    d.rejected.push_back(
+        {members[drop].effect->name, "explains less than what remains unexplained beside it"});
+    p_values.erase(p_values.begin() + static_cast<std::ptrdiff_t>(drop));
+    members = fit.fitted(without(std::move(members), drop));
+  }
   out.scatter = scatter.factor;
-  d.rms_noise = noise_rms(views, scatter.factor);
   if (whole) detail::show_photographs(before, first_pixels, after, views, layout, d);
-  d.remainder =
-      detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
   std::vector<double> gains(members.size(), 0.0);
   for (std::size_t k = 0; k < members.size(); ++k) {
     Cause c;

@@ -199,6 +199,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   run.progress(0.7);
   detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
+  detail::make_plain(search, bank, residuals, confirmed);
   const auto as_chosen = confirmed;
   sharpen(search, bank, residuals, confirmed);
   detail::name_causes(search, bank, residuals, null_squares, confirmed, d);

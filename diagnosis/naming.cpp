@@ -29,6 +29,8 @@ constexpr std::size_t kVagueRivals = 2;
 /// In -2 log likelihood: a rival closer than this is the same shape by another name (a part that
 /// has grown, a range that is too long), no second shape.
 constexpr double kSameShape = 0.5;
+/// Standard errors from which on a size is not none.
+constexpr double kSure = 4.0;
 /// As many in its place make any cause nameless.
 constexpr std::size_t kNameless = 8;
 
@@ -202,6 +204,53 @@ std::size_t nameless(const std::vector<Cause>& causes, const std::vector<std::si
 }
 
 }  // namespace
+
+void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
+                std::vector<Confirmed>& confirmed) {
+  for (std::size_t k = 0; k < confirmed.size(); ++k) {
+    const Members members = members_of(confirmed);
+    const Form& form = members[k].form;
+    if (form.columns.size() < 2) continue;
+    residuals.about(members);
+    const Model model{members, residuals.fit_of(members), columns_of(bank, members), {}, 0.0};
+    const auto sizes = sizes_of(search, bank, model, k);
+    const auto is_none = [&](std::size_t c) {
+      return std::abs(sizes[c].value) < kSure * sizes[c].sigma;
+    };
+    for (const Candidate& other : search.candidates) {
+      if (has(members, other.effect)) continue;
+      const auto plain = std::find_if(other.forms.begin(), other.forms.end(), [&](const Form& f) {
+        if (f.columns.size() >= form.columns.size() || !is_part_of(f, form)) return false;
+        for (std::size_t c = 0; c < form.columns.size(); ++c)
+          if (!is_none(c) &&
+              std::none_of(f.columns.begin(), f.columns.end(),
+                           [&](const Column& of) { return of.key == form.columns[c].key; }))
+            return false;
+        return true;
+      });
+      if (plain == other.forms.end()) continue;
+      confirmed[k].member = {other.effect, *plain};
+      // The others' forms were found beside what is none.
+      for (std::size_t j = 0; j < confirmed.size(); ++j) {
+        if (j == k) continue;
+        const Members now = members_of(confirmed), others = without(now, j);
+        const auto same =
+            std::find_if(search.candidates.begin(), search.candidates.end(),
+                         [&](const Candidate& c) { return c.effect == now[j].effect; });
+        residuals.about(now);
+        const BestForm found =
+            best_form(bank, others, *same, {kChoose}, true, screen(bank, others, {kChoose}));
+        if (!std::isfinite(found.objective)) continue;
+        Members instead = now;
+        instead[j].form = same->forms[found.form];
+        if (residuals.score(instead) < residuals.score(now))
+          confirmed[j].member.form = instead[j].form;
+      }
+      break;
+    }
+  }
+  residuals.about(members_of(confirmed));
+}
 
 void name_causes(const Search& search, const Bank& bank, Linearised& residuals, double null_squares,
                  std::vector<Confirmed>& confirmed, Diagnosis& d) {

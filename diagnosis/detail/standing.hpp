@@ -28,6 +28,10 @@ struct Left {
 /// hang on a few odd places (diagnosis.rejected); residuals are about those that stay.
 void keep_what_stands(const Search& search, const Bank& bank, Linearised& residuals,
                       double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
+/// A cause that is another one and something beside it (a film from one side beside an even one) is
+/// that other one where its own sizes are none; the rest's forms are chosen again beside it.
+void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
+                std::vector<Confirmed>& confirmed);
 
 /// Makes confirmed causes those of the diagnosis, with what would do as well in their place. Small
 /// ones that several others could stand for get no name: they become a remainder.

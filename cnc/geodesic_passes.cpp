@@ -11,6 +11,7 @@
 #include "cnc/cover_gaps.hpp"
 #include "cnc/cutter_location.hpp"
 #include "cnc/surface_path.hpp"
+#include "core/run_part.hpp"
 
 namespace maquette::cnc {
 namespace {
@@ -61,13 +62,6 @@ ModelField tips_of(const ModelField& design, BallNose tool, std::ptrdiff_t steps
 PlanPlace rounded(double x_mm, double y_mm) {
   return {static_cast<std::int32_t>(std::lround(1e3 * x_mm)),
           static_cast<std::int32_t>(std::lround(1e3 * y_mm))};
-}
-
-/// The part of run's progress from `from` to `to`.
-RunContext part(const RunContext& run, double from, double to) {
-  RunContext some = run;
-  some.progress = [&run, from, to](double share) { run.progress(from + share * (to - from)); };
-  return some;
 }
 
 }  // namespace

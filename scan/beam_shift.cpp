@@ -75,6 +75,7 @@ Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
                                           const RunContext& run) {
   std::vector<float> shifts(points.size(), 0.0F);
   MAQUETTE_TRY(const detail::ScanScene scene, detail::ScanScene::build(surface, stones));
+  std::atomic<std::size_t> done = 0;
   std::size_t first = 0;
   for (const Viewpoint& view : views) {
     const std::size_t end = std::min(points.size(), first + view.points);
@@ -95,6 +96,8 @@ Result<std::vector<float>> beam_shifts_mm(std::span<const Vec3> points,
               shifts[i] =
                   detail::kBeamShape * doubt > noise_mm ? NAN : static_cast<float>(blur->shift_mm);
             }
+            const std::size_t so_far = done += std::min(end, from + kChunk) - from;
+            run.progress(static_cast<double>(so_far) / static_cast<double>(points.size()));
           });
     }
     first = end;

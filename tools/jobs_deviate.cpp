@@ -12,6 +12,7 @@
 
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
+#include "core/run_part.hpp"
 #include "heightmap/field_io.hpp"
 #include "scan/deviate.hpp"
 #include "scan/find_objects.hpp"
@@ -36,6 +37,9 @@ namespace maquette::tools {
 using heightmap::ModelField;
 using nlohmann::json;
 namespace {
+
+/// Of the time, what reading and registration take; most of the rest is following beams.
+constexpr double kReading = 0.2;
 
 /// The deviation where its cell is significant, zero where it is not, on the design's nodes.
 Grid<float> significant_map(const scan::Significance& s, const ModelField& design) {
@@ -204,17 +208,17 @@ Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nomina
   AsMeasured before;
   if (nominal.ground) before = as_measured(all);
   if (!nominal.mesh) {  // of any shape: its upper side does not say what a beam meets
-    MAQUETTE_TRY(c.beam, take_out_beams(all, nominal, noise, run));
+    MAQUETTE_TRY(c.beam, take_out_beams(all, nominal, noise, part(run, 0.0, 0.6)));
   }
   // Only now do points lie where their beams' middles meet the part, under overhangs or not.
   leave_out_overhung(all, nominal, input, noise);
   // Nor were best fits made to such points. A pose on datums is nobody's to change.
   if (c.beam && all.part.empty() && !input.scale) {
-    MAQUETTE_TRY(const auto steps, fit_without_beams(all, nominal.to_meet(), run));
+    MAQUETTE_TRY(const auto steps, fit_without_beams(all, nominal.to_meet(), part(run, 0.6, 0.7)));
     before.follow(steps);
   }
-  MAQUETTE_TRY_VOID(judge(c, all, nominal, input, run));
-  MAQUETTE_TRY_VOID(fit_again(c, all, before, nominal, input, run));
+  MAQUETTE_TRY_VOID(judge(c, all, nominal, input, part(run, 0.7, 0.8)));
+  MAQUETTE_TRY_VOID(fit_again(c, all, before, nominal, input, part(run, 0.8, 0.9)));
   if (nominal.ground) {
     const scan::Registration joint = scan::joint_pose(all.scans);
     MAQUETTE_TRY(c.stones, scan::find_stones(before.points_mm, before.views, *nominal.ground,
@@ -392,8 +396,12 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
   const ModelField& design = nominal.design;
   MAQUETTE_TRY(const auto regions, regions_of(*input, design, nominal.stone_plan));
   MeasuredPart all;
-  for (const CaseScan& entry : input->scans)
-    MAQUETTE_TRY_VOID(add_scan(all, entry, *input, nominal, run));
+  const double scans = static_cast<double>(input->scans.size());
+  for (const CaseScan& entry : input->scans) {
+    const double done = kReading * static_cast<double>(all.scans.size()) / scans;
+    MAQUETTE_TRY_VOID(
+        add_scan(all, entry, *input, nominal, part(run, done, done + kReading / scans)));
+  }
   if (all.cloud.points_mm.empty())
     return fail(scan::kTooFewPoints,
                 "every point lies within half a beam of the part's rim: is "
@@ -402,12 +410,13 @@ Result<JobResult> deviate_job(const fs::path& case_path, const fs::path& folder,
     run.warn(fmt::format("an even share of the points is compared; {} are passed over",
                          all.passed_over));
   Comparison c;
-  MAQUETTE_TRY_VOID(compare(c, all, nominal, *input, run));
+  MAQUETTE_TRY_VOID(compare(c, all, nominal, *input, part(run, kReading, 0.98)));
   const scan::Registration joint = scan::joint_pose(all.scans);
   json summary = summary_of(all, c, nominal, regions, joint);
   summary["profiles"] = profiles_of(all, c, *input, design, joint);
-  MAQUETTE_TRY(summary["dependences"],
-               dependences_of(all, nominal, *input, c.deviation.per_point_mm, run));
+  MAQUETTE_TRY(
+      summary["dependences"],
+      dependences_of(all, nominal, *input, c.deviation.per_point_mm, part(run, 0.98, 1.0)));
 
   std::error_code ec;
   fs::create_directories(folder, ec);

@@ -13,6 +13,7 @@
 #include "core/chi_squared.hpp"
 #include "core/median.hpp"
 #include "core/random.hpp"
+#include "core/run_part.hpp"
 #include "diagnosis/controls.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
@@ -836,7 +837,6 @@ Result<Controls> controls_of(detail::PhotoViews& views, const PhotoFit& fit, con
                              const std::vector<Candidate>& candidates, const detail::Layout& layout,
                              bool noise_known, std::uint64_t seed, const RunContext& run) {
   Controls c;
-  RunContext part_of_it = run;
   views.simulate(fit.state_of(found.members), fit.normals, found.scatter, mix64(seed));
   c.points = views.pixels().size();
   noise_known |= std::any_of(found.d.causes.begin(), found.d.causes.end(),
@@ -852,10 +852,8 @@ Result<Controls> controls_of(detail::PhotoViews& views, const PhotoFit& fit, con
       for (const PhotoMember& m : found.members)
         std::erase_if(rest, [&](const Candidate& k) { return k.effect == m.effect; });
     }
-    part_of_it.progress = [&](double done) {
-      run.progress(recovery ? 0.7 + 0.3 * done : 0.6 + 0.1 * done);
-    };
-    MAQUETTE_TRY(const Named back, named(again, rest, layout, noise_known, false, part_of_it));
+    MAQUETTE_TRY(const Named back, named(again, rest, layout, noise_known, false,
+                                         part(run, recovery ? 0.7 : 0.6, recovery ? 1.0 : 0.7)));
     if (recovery) {
       std::vector<Cause> injected = found.d.causes;
       injected.resize(found.members.size());  // without the scatter's
@@ -925,12 +923,9 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
                             views.pixels().size(), kLeastPixels));
   run.progress(0.2);
 
-  RunContext part_of_it = run;
-  part_of_it.progress = [&](double done) {
-    run.progress(0.2 + (with_controls ? 0.4 : 0.75) * done);
-  };
   const bool noise_known = knows(part.known, "photo.noise");
-  MAQUETTE_TRY(Named found, named(fit, candidates, layout, noise_known, true, part_of_it));
+  MAQUETTE_TRY(Named found, named(fit, candidates, layout, noise_known, true,
+                                  maquette::part(run, 0.2, with_controls ? 0.6 : 0.95)));
   Diagnosis& d = found.d;
   if (held > 0) {
     detail::PhotoViews others(scene, std::move(shown_later), surfaces, true);

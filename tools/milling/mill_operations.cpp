@@ -9,6 +9,7 @@
 
 #include "core/check.hpp"
 #include "core/files.hpp"
+#include "core/run_part.hpp"
 #include "tools/milling/joined_program.hpp"
 #include "tools/operations.hpp"
 #include "tools/tool_table.hpp"
@@ -34,11 +35,10 @@ Result<JobResult> mill_operations_job(std::span<const MillJob> jobs, const fs::p
     job.joined = &joined;
     const fs::path own = waiting.file(
         fmt::format("{}.{}{}", out.stem().string(), job.name, out.extension().string()));
-    RunContext part = run;
-    part.progress = [&](double share) {
-      run.progress((static_cast<double>(k) + share) / static_cast<double>(jobs.size() + 1));
+    const auto share = [&](std::size_t jobs_done) {
+      return static_cast<double>(jobs_done) / static_cast<double>(jobs.size() + 1);
     };
-    auto done = mill_job(job, own, part);
+    auto done = mill_job(job, own, part(run, share(k), share(k + 1)));
     if (!done) return tl::unexpected(std::move(done.error()).within("operation " + job.name));
     figures.push_back(json::parse(done->figures_json));
     for (const fs::path& file : done->outputs) {

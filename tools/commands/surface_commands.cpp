@@ -11,6 +11,7 @@
 #include "tools/commands/commands.hpp"
 #include "tools/fuse_page.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_shaped.hpp"
 #include "tools/jobs_stone_parts.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/jobs_undercoat.hpp"
@@ -204,14 +205,17 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
   struct Options {
     fs::path design, out = "surface.ply", stones;
     double base_thickness_mm = 10.0, coating_mm = 0.0;
+    double hollow_mm = 0.0, rib_mm = 3.0, pocket_mm = 40.0, ceiling_step_mm = 0.0;  // 0: not hollow
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
       "mesh",
       "A designed surface (and stones) to a checked closed solid, with certificate; with\n"
       "--coating-mm one that meets the design once it is coated (surface.undercoat.tif is for "
-      "mill).\n"
-      "Example: maquette mesh design.tif --stones stones.json --out surface.ply");
+      "mill);\n"
+      "with --hollow-mm opened from below into pockets between ribs (docs/solids.md).\n"
+      "Example: maquette mesh design.tif --stones stones.json --out surface.ply\n"
+      "         maquette mesh design.tif --hollow-mm 3 --base-thickness-mm 12 --out hollow.ply");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "PLY file")->capture_default_str();
   auto* stones = app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
@@ -222,6 +226,21 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 1000.0));
+  auto* hollow = app->add_option("--hollow-mm", o->hollow_mm,
+                                 "opens the underside, leaves walls at least that thick")
+                     ->check(CLI::Range(0.1, 1000.0));
+  app->add_option("--rib-mm", o->rib_mm, "thickness of ribs between pockets")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 1000.0))
+      ->needs(hollow);
+  app->add_option("--pocket-mm", o->pocket_mm, "widest pocket between ribs")
+      ->capture_default_str()
+      ->check(CLI::Range(1.0, 10000.0))
+      ->needs(hollow);
+  app->add_option("--ceiling-step-mm", o->ceiling_step_mm,
+                  "widest triangles of the pockets' ceilings (0: four spacings of the design)")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->needs(hollow);
   return {app, [o](Console& console) -> Result<int> {
             fs::path surface = o->design;
             if (o->coating_mm > 0.0) {
@@ -229,6 +248,17 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
               MAQUETTE_TRY_VOID(finish(console, "undercoat", [&](const RunContext& run) {
                 return undercoat_job(o->design, Millimetres{o->coating_mm}, surface, run);
               }));
+            }
+            if (o->hollow_mm > 0.0) {
+              ShapedJob job{.design = surface,
+                            .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
+                            .base_thickness = Millimetres{o->base_thickness_mm}};
+              job.hollow = {.wall = Millimetres{o->hollow_mm},
+                            .rib = Millimetres{o->rib_mm},
+                            .pocket = Millimetres{o->pocket_mm},
+                            .step = Millimetres{o->ceiling_step_mm}};
+              return finish(console, "mesh",
+                            [&](const RunContext& run) { return shaped_job(job, o->out, run); });
             }
             return finish(console, "mesh", [&](const RunContext& run) {
               return mesh_job(surface, o->stones.empty() ? std::nullopt : std::optional(o->stones),

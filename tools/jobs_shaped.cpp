@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+// maquette mesh --hollow-mm: solids with another underside
+
+#include "tools/jobs_shaped.hpp"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "cnc/ball_offset.hpp"
+#include "core/files.hpp"
+#include "core/run_part.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/mesh_checks.hpp"
+#include "meshing/mesh_io.hpp"
+#include "meshing/shaped_solid.hpp"
+#include "meshing/stones.hpp"
+
+namespace maquette::tools {
+namespace {
+
+using meshing::MeshCertificate;
+using nlohmann::ordered_json;
+
+ordered_json hollow_json(const meshing::Underside& u, const meshing::HollowOptions& o) {
+  return {{"wall_mm", o.wall.value()},
+          {"rib_mm", o.rib.value()},
+          {"pockets", {u.pockets_x, u.pockets_y}},
+          {"pocket_mm", {u.pocket_x_mm, u.pocket_y_mm}},
+          {"removed_mm3", u.volume_mm3},
+          {"ceilings_mm", {u.lowest_ceiling_mm, u.highest_ceiling_mm}},
+          {"mean_excess_mm", u.mean_excess_mm},
+          {"most_excess_mm", u.most_excess_mm}};
+}
+
+/// CGAL's word on it.
+Result<MeshCertificate> found_by_cgal(const TriMesh& mesh, const RunContext& run) {
+  MAQUETTE_TRY(MeshCertificate found, meshing::check_mesh(mesh, nullptr, {}, run));
+  if (!found.passed())
+    return fail(
+        kMeshFailed,
+        fmt::format("CGAL does not find the solid valid; it was not written: {}", to_json(found)));
+  return found;
+}
+
+/// What the construction proves, and where it is not too large CGAL's word on it, too.
+Result<MeshCertificate> prove(const meshing::ShapedSolid& solid, const RunContext& run) {
+  MAQUETTE_TRY(MeshCertificate proven, solid.certify(part(run, 0.0, 0.3)));
+  if (proven.triangles > meshing::MeshCheckOptions{}.self_intersection_limit) return proven;
+  TriMesh mesh;
+  mesh.vertices_mm.resize(solid.vertex_count());
+  mesh.triangles.resize(solid.triangle_count());
+  solid.vertices(0, mesh.vertices_mm);
+  solid.triangles(0, mesh.triangles);
+  MAQUETTE_TRY_VOID(found_by_cgal(mesh, part(run, 0.3, 1.0)));
+  proven.proof += ", and CGAL";
+  return proven;
+}
+
+/// Stones make the top no graph of a height: CGAL alone speaks of it. Heights are compared before
+/// the underside is put in; what is above stays.
+Result<MeshCertificate> prove(const TriMesh& shaped, const TriMesh& plain,
+                              const heightmap::ModelField& design, std::span<const TriMesh> stones,
+                              const RunContext& run) {
+  MAQUETTE_TRY(const MeshCertificate above,
+               meshing::check_mesh(plain, &design, {.self_intersections = false, .stones = stones},
+                                   part(run, 0.0, 0.4)));
+  MAQUETTE_TRY(MeshCertificate found, found_by_cgal(shaped, part(run, 0.4, 1.0)));
+  found.max_vertical_error_mm = above.max_vertical_error_mm;
+  found.rms_vertical_error_mm = above.rms_vertical_error_mm;
+  found.vertices_compared = above.vertices_compared;
+  found.vertices_above_surface = above.vertices_above_surface;
+  found.max_union_error_mm = above.max_union_error_mm;
+  found.rounding_mm = 0.0;
+  return found;
+}
+
+Result<MeshCertificate> make(const heightmap::ModelField& design,
+                             const meshing::SolidOptions& options, const meshing::Underside& under,
+                             const ShapedJob& job, const fs::path& out, const RunContext& run) {
+  if (!job.stones) {
+    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, options, under));
+    MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, part(run, 0.0, 0.5)));
+    MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.5, 1.0)));
+    return certificate;
+  }
+  std::vector<TriMesh> stones;
+  MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
+  for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
+  MAQUETTE_TRY(const TriMesh plain,
+               meshing::volume_solid(design, stones, options, part(run, 0.0, 0.4)));
+  const TriMesh solid = meshing::with_underside(plain, design, under);
+  MAQUETTE_TRY(const MeshCertificate certificate,
+               prove(solid, plain, design, stones, part(run, 0.4, 0.9)));
+  MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.9, 1.0)));
+  return certificate;
+}
+
+Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& job,
+                        const fs::path& out, const RunContext& run) {
+  const meshing::SolidOptions options{
+      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
+                job.base_thickness};
+  ordered_json shaped;
+  MAQUETTE_CHECK(job.hollow, "nothing to shape");
+  MAQUETTE_TRY(const auto roof, cnc::offset_surface(design, Millimetres{-job.hollow->wall.value()},
+                                                    part(run, 0.0, 0.2)));
+  MAQUETTE_TRY(const auto under, meshing::hollow_underside(design, roof, options.base_z,
+                                                           *job.hollow, part(run, 0.2, 0.4)));
+  shaped["hollow"] = hollow_json(under, *job.hollow);
+  MAQUETTE_TRY(const MeshCertificate certificate,
+               make(design, options, under, job, out, part(run, 0.4, 1.0)));
+
+  auto text = ordered_json::parse(meshing::to_json(certificate));
+  text.update(shaped);
+  JobResult result;
+  result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
+  result.figures_json = text.dump(2) + "\n";
+  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
+  result.note = fmt::format("{} triangles, closed, manifold, {:.1f} of {:.1f} cm^3 hollow",
+                            certificate.triangles, 1e-3 * under.volume_mm3,
+                            1e-3 * (under.volume_mm3 + certificate.volume_mm3));
+  return result;
+}
+
+}  // namespace
+
+Result<JobResult> shaped_job(const ShapedJob& job, const fs::path& out, const RunContext& run) {
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
+  auto result = shape(design, job, out, run);
+  if (!result) return tl::unexpected(std::move(result.error()).within(job.design.string()));
+  return result;
+}
+
+}  // namespace maquette::tools

@@ -36,6 +36,7 @@ target_link_libraries(opencascade_step INTERFACE TKSTEP TKXSBase TKTopAlgo TKShH
 find_package(PkgConfig REQUIRED)
 pkg_check_modules(CAIRO REQUIRED IMPORTED_TARGET cairo>=1.16)
 pkg_check_modules(HTTPLIB REQUIRED cpp-httplib>=0.11)  # package libcpp-httplib-dev
+find_package(ZLIB REQUIRED)  # package zlib1g-dev
 pkg_check_modules(FFTW REQUIRED IMPORTED_TARGET fftw3)
 pkg_check_modules(FFTWF REQUIRED IMPORTED_TARGET fftw3f)
 pkg_check_modules(TOMLPLUSPLUS REQUIRED IMPORTED_TARGET tomlplusplus)

@@ -9,89 +9,13 @@
 //   a run's folder: deviation colours, brush, toolpath, both surfaces, camera frame
 //   a damaged and a missing tile are said and the rest works; no WebGL 2 is said
 
-import { spawn } from 'node:child_process';
-import { cpSync, mkdirSync, readFileSync, rmSync, truncateSync } from 'node:fs';
+import { cpSync, readFileSync, rmSync, truncateSync } from 'node:fs';
 import { join } from 'node:path';
-import { browser, expect, finish, load, skip } from './packages.mjs';
+import { look } from './looking.mjs';
+import { expect, finish } from './packages.mjs';
 
-load('playwright-core');
 const [maquette, lodFolder, runFolder, pictures] = process.argv.slice(2);
-if (pictures) mkdirSync(pictures, { recursive: true });
-const kSoon = 60_000; // software rendering on a busy machine
-
-/** The program's address; ended with the test. */
-const servers = [];
-function serve(folder) {
-  return new Promise((resolve) => {
-    const child = spawn(maquette, ['view', folder, '--port', '0']);
-    servers.push(child);
-    let out = '', err = '';
-    child.stdout.on('data', (d) => { out += d; if (out.includes('\n')) resolve(out.trim()); });
-    child.stderr.on('data', (d) => { err += d; });
-    child.on('exit', (code) => {
-      if (code === 3 && err.includes('tools/setup --web')) skip('maquette was built without its page');
-      expect(code === 0, `maquette view ${folder} ended with ${code}: ${err}`);
-    });
-  });
-}
-
-const chromium = await browser();
-async function tab(url, { expected = [], scheme = 'light', before } = {}) {
-  const context = await chromium.newContext({ viewport: { width: 1100, height: 700 }, colorScheme: scheme, acceptDownloads: true });
-  const page = await context.newPage();
-  page.said = [];
-  page.setDefaultTimeout(kSoon);
-  page.on('console', (m) => {
-    // Of 3D Tiles 1.1 the renderer always warns; the test reads pictures back.
-    const known = ['tiles versions at 1.1', 'ReadPixels', ...expected].some((text) => m.text().includes(text));
-    if (['error', 'warning'].includes(m.type()) && !known) page.said.push(m.text());
-  });
-  page.on('pageerror', (e) => page.said.push(String(e)));
-  page.on('request', (q) => {
-    if (!/^(http:\/\/127\.0\.0\.1:|blob:|data:)/.test(q.url())) page.said.push(`asked for ${q.url()}`);
-  });
-  if (before) await page.addInitScript(before);
-  await page.goto(url);
-  return page;
-}
-const still = async (page) => {
-  await page.waitForTimeout(150);
-  await page.waitForFunction(() => document.documentElement.dataset.state === 'still');
-  await page.waitForTimeout(150);
-};
-const readout = (page) => page.locator('#readout').textContent();
-/** Clicks and reads what is said of the place. */
-async function ask(page, x, y) {
-  const before = await readout(page);
-  await page.locator('#canvas').click({ position: { x, y } });
-  await page.waitForFunction((old) => document.querySelector('#readout').textContent !== old, before);
-  const text = await readout(page), numbers = /x (-?[\d.]+), y (-?[\d.]+), z (-?[\d.]+) mm/.exec(text);
-  expect(numbers, `a click says "${text}"`);
-  return { text, place: numbers ? numbers.slice(1).map(Number) : [NaN, NaN, NaN] };
-}
-/** Share of the pixels in which two pictures of the canvas differ, and their mean lightness. */
-async function differ(page, a, b) {
-  return page.evaluate(async (urls) => {
-    const read = async (url) => {
-      const image = new Image();
-      image.src = url;
-      await image.decode();
-      const c = new OffscreenCanvas(image.width, image.height), pen = c.getContext('2d');
-      pen.drawImage(image, 0, 0);
-      return pen.getImageData(0, 0, c.width, c.height).data;
-    };
-    const [p, q] = [await read(urls[0]), await read(urls[1])];
-    let n = 0;
-    for (let i = 0; i < p.length; i += 4) if (Math.abs(p[i] - q[i]) + Math.abs(p[i + 1] - q[i + 1]) + Math.abs(p[i + 2] - q[i + 2]) > 24) n += 1;
-    return n / (p.length / 4);
-  }, [a, b].map((png) => `data:image/png;base64,${png.toString('base64')}`));
-}
-const shot = async (page, name) => {
-  await still(page);
-  return page.locator('#canvas').screenshot(pictures ? { path: join(pictures, `${name}.png`) } : {});
-};
-const whole = async (page, name) => { if (pictures) await page.screenshot({ path: join(pictures, `${name}.png`) }); };
-const slide = async (page, id, value) => { await page.locator(id).fill(String(value)); await still(page); };
+const { serve, tab, still, ask, differ, shot, whole, slide, nameless, close } = await look(maquette, pictures);
 
 const lodUrl = await serve(lodFolder), runUrl = await serve(runFolder);
 /** The design itself, by GDAL; view_server_test holds this against a closed form. */
@@ -180,9 +104,8 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await page.locator('#canvas').focus();
   await page.keyboard.press('Enter');
   await page.waitForFunction(() => /^x /.test(document.querySelector('#readout').textContent));
-  const nameless = await page.evaluate(() => [...document.querySelectorAll('input, select, button, canvas, a, svg')]
-    .filter((e) => !e.closest('[aria-hidden=true]') && !e.labels?.length && !e.getAttribute('aria-label') && !e.textContent.trim()).map((e) => e.id));
-  expect(nameless.length === 0, `controls without a name: ${nameless}`);
+  const unnamed = await nameless(page);
+  expect(unnamed.length === 0, `controls without a name: ${unnamed}`);
   expect((await fetch(`${lodUrl}licences.txt`)).status === 200, 'the licences are not there');
   expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);
   await page.context().close();
@@ -288,6 +211,5 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await blind.context().close();
 }
 
-await chromium.close();
-await Promise.all(servers.map((child) => new Promise((resolve) => { child.on('exit', resolve); child.kill('SIGINT'); })));
+await close();
 finish('the page of maquette view');

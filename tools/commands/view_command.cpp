@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tools/commands/view_command.hpp"
+#include "tools/view/view_export.hpp"
 #include "tools/view/view_server.hpp"
 
 namespace maquette::tools {
@@ -29,6 +30,13 @@ bool open_in_browser(const std::string& url) {
   return ::posix_spawnp(&child, words[0], nullptr, nullptr, words.data(), environ) == 0;
 }
 
+Result<void> page_is_there() {
+  if (!view_page().empty()) return {};
+  return fail(kViewPage,
+              "this maquette was built without the page that it would show: run "
+              "tools/setup --web (node's packages), then build again");
+}
+
 }  // namespace
 
 Command add_view(CLI::App& root, const CommonOptions&) {
@@ -36,6 +44,8 @@ Command add_view(CLI::App& root, const CommonOptions&) {
     fs::path folder;
     int port = 8733;
     bool open = false;
+    fs::path out;
+    double most_mb = 10.0;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
@@ -44,19 +54,31 @@ Command add_view(CLI::App& root, const CommonOptions&) {
       "heights and profiles by click, stones, toolpaths, deviations. Served to this machine only, "
       "until Ctrl-C.\n"
       "Example: maquette view out\n"
-      "         maquette view lod --port 0 --open");
+      "         maquette view lod --port 0 --open\n"
+      "         maquette view out --export page.html");
   app->add_option("folder", o->folder, "of `maquette lod` or `maquette run`")->required();
   app->add_option("--port", o->port, "on 127.0.0.1; 0: any that is free")
       ->capture_default_str()
       ->check(CLI::Range(0, 65535));
   app->add_flag("--open,!--no-browser", o->open, "opens the page in the desktop's browser");
+  auto* out = app->add_option("--export", o->out,
+                              "writes the page with its data inside instead: one file that needs "
+                              "neither server nor network");
+  app->add_option("--export-mb", o->most_mb,
+                  "that it may weigh, 10^6 bytes; what is shown is as fine as fits")
+      ->capture_default_str()
+      ->check(CLI::Range(1.0, 2000.0))
+      ->needs(out);
   return {app, [o](Console& console) -> Result<int> {
+            if (!o->out.empty()) {
+              MAQUETTE_TRY_VOID(page_is_there());
+              return finish(console, "export", [&](const RunContext& run) {
+                return view_export_job(o->folder, o->out, view_page(), o->most_mb, run);
+              });
+            }
             MAQUETTE_TRY(const ViewServer server,
                          ViewServer::start(o->folder, o->port, view_page()));
-            if (view_page().empty())
-              return fail(kViewPage,
-                          "this maquette was built without the page that it would show: run "
-                          "tools/setup --web (node's packages), then build again");
+            MAQUETTE_TRY_VOID(page_is_there());
             const std::string url = fmt::format("http://127.0.0.1:{}/", server.port());
             // At once, not at the end as other results.
             if (console.options().json)

@@ -3,7 +3,7 @@
 // picture over it.
 
 import * as THREE from 'three';
-import { fileUrl, type FrameEntry } from './contents';
+import { pictureUrl, type FrameEntry } from './contents';
 import { addOption, byId } from './elements';
 import type { Stage } from './stage';
 
@@ -13,7 +13,8 @@ export class Frames {
   private readonly opacity = byId<HTMLInputElement>('shot-opacity');
   private readonly pyramids = new THREE.Group();
 
-  constructor(private readonly frames: FrameEntry[], private readonly stage: Stage) {
+  constructor(private readonly frames: FrameEntry[], private readonly stage: Stage,
+    private readonly told: (problem: string) => void) {
     byId('cameras').hidden = frames.length === 0;
     const select = byId<HTMLSelectElement>('frame');
     for (const f of frames) {
@@ -56,7 +57,7 @@ export class Frames {
       const roll = Math.abs(Math.asin(Math.min(1, Math.abs(right.z)))) * 180 / Math.PI;
       byId('frame-note').textContent = (f.picture ? '' : 'No picture.png lies beside the scene. ')
         + (roll > 0.5 ? `The camera is turned about its axis by ${roll.toFixed(1)}°; the view here is upright.` : '');
-      if (f.picture) this.shot.src = fileUrl(f.picture);
+      if (f.picture) pictureUrl(f.picture).then((url) => { this.shot.src = url; }).catch((error: Error) => this.told(error.message));
     } else {
       this.stage.camera.fov = 40;
     }

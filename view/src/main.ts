@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The page of `maquette view`: what the folder holds, looked at and asked.
 
-import { fileUrl, getJson, getProfile, type Contents, type Stone, type Triple } from './contents';
+import { carries, leftOut, madeBy } from './carried';
+import { fileUrl, getContents, getJson, getProfile, type Contents, type Stone, type Triple } from './contents';
 import { addOption, byId } from './elements';
 import { FieldColours } from './field_colours';
 import { Frames } from './frames';
@@ -49,7 +50,7 @@ class Page {
     this.colours = new FieldColours(this.material, this.stage.renderer, () => { changed(); this.remember(); });
     this.path = new Toolpath(contents.paths, () => { changed(); this.remember(); }, tell);
     this.stage.relief.add(this.path.group);
-    this.frames = new Frames(contents.frames, this.stage);
+    this.frames = new Frames(contents.frames, this.stage, tell);
     this.stage.before = () => this.path.advance();
     this.stage.shown = () => this.firstPicture();
     this.stage.still = () => { document.documentElement.dataset.state = 'still'; this.remember(); };
@@ -80,12 +81,16 @@ class Page {
       return a;
     });
     byId('reports').replaceChildren(...links);
+    byId('carried-note').hidden = !carries;
+    if (carries)
+      byId('carried-note').textContent = `This page has its data in itself (${madeBy}) and asks nothing of any network. `
+        + (leftOut.length ? `Left out, for they did not fit: ${leftOut.join(', ')}.` : 'Nothing was left out.');
     const plan = this.contents.tilesets.find((t) => t.stones)?.stones ?? this.contents.plans[0];
     if (plan) this.readStones(plan).catch((error: Error) => tell(`${plan}: ${error.message}`));
   }
 
   private async readStones(plan: string): Promise<void> {
-    for (const s of (await getJson<{ stones: Stone[] }>(fileUrl(plan))).stones) {
+    for (const s of (await getJson<{ stones: Stone[] }>(plan)).stones) {
       this.stones.set(s.number, s);
       addOption(this.select.stone, String(s.number), `${s.number}: ${s.scale_mm.toFixed(2)} mm`);
     }
@@ -199,7 +204,7 @@ class Page {
         exact = (await surface.heights([px, py], [px, py], 1)).values[0] ?? null;
       } catch (error) {
         why = 'the full resolution cannot be read';
-        tell(`${(error as Error).message}; make it again`);
+        tell(carries ? (error as Error).message : `${(error as Error).message}; make it again`);
       }
     const z = exact ?? pz, place: Triple = [px, py, z];
     let text = `x ${px.toFixed(3)}, y ${py.toFixed(3)}, z ${z.toFixed(3)} mm`;
@@ -306,7 +311,11 @@ class Page {
     if (this.frames.current) p.set('frame', this.frames.current);
     if (this.profileEnds) p.set('profile', list(this.profileEnds.flat()));
     this.written = `#${p}`;
-    history.replaceState(null, '', this.written);
+    try {
+      history.replaceState(null, '', this.written);
+    } catch { // some browsers let a file have no history
+      location.replace(this.written);
+    }
   }
 
   async readHash(): Promise<void> {
@@ -356,7 +365,7 @@ class Page {
 }
 
 async function begin(): Promise<void> {
-  const asked = getJson<Contents>('maquette.json'); // while the browser makes a context
+  const asked = getContents(); // while the browser makes a context
   asked.catch(() => {});
   const canvas = byId<HTMLCanvasElement>('canvas');
   const gl = canvas.getContext('webgl2', { antialias: true, powerPreference: 'high-performance' });

@@ -3,9 +3,11 @@
 // Everything is in the model frame: mm, x east, y north, z up.
 
 import * as THREE from 'three';
+import { carries } from './carried';
 import { GridGround } from './grid_ground';
 import type { GroundMaterial } from './ground_material';
 import { getGrid, getProfile, type Contents, type FieldEntry, type Triple } from './contents';
+import { figure } from './palette';
 import { TiledGround } from './tiled_ground';
 
 export interface Box { low: Triple; high: Triple }
@@ -34,11 +36,18 @@ class FieldSurface extends GridGround implements Surface {
   note: string;
   constructor(public name: string, private entry: FieldEntry, grid: Awaited<ReturnType<typeof getGrid>>, material: GroundMaterial) {
     super(grid, material);
-    this.note = grid.whole ? 'Every node is shown.'
-      : `${grid.cols} × ${grid.rows} places of ${entry.nodes.join(' × ')} nodes are shown; maquette lod makes tiles that show all.`;
+    const places = grid.whole ? 'Every node is shown' : `${grid.cols} × ${grid.rows} places of ${entry.nodes.join(' × ')} nodes are `
+      + (carries ? 'in this page' : 'shown');
+    this.note = `${places}${grid.whole || carries ? '' : '; maquette lod makes tiles that show all'}.`;
+    if (grid.loss) {
+      const loss = `within ${figure(grid.loss.most_mm, 2)} mm of the file (rms ${figure(grid.loss.rms_mm, 2)} mm)`;
+      this.note = `${places}, ${loss}.`;
+      this.exact = `of what this page carries, ${loss}`;
+    }
   }
+  private exact = 'of the file';
   async heights(from: number[], to: number[], count: number): Promise<Heights> {
-    return { values: await getProfile(this.entry.path, from, to, count), exact: 'of the file' };
+    return { values: await getProfile(this.entry.path, from, to, count), exact: this.exact };
   }
 }
 

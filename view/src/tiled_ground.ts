@@ -9,16 +9,19 @@ import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { MeshoptDecoder } from 'three/addons/libs/meshopt_decoder.module.js';
 import dracoScript from 'three/addons/libs/draco/gltf/draco_wasm_wrapper.js?url';
 import dracoBinary from 'three/addons/libs/draco/gltf/draco_decoder.wasm?url';
-import { fileUrl, getJson, type TilesetEntry } from './contents';
-import { heightOn } from './grid_ground';
+import { carriedUrl, carries } from './carried';
+import { fileUrl, getFile, getJson, type TilesetEntry } from './contents';
+import { heightOn } from './height_on';
 import { stoneNumbers, type GroundMaterial } from './ground_material';
+import { figure } from './palette';
 import type { Box, Heights, Hit, Surface } from './surface';
 
 interface Lod {
   nodes: [number, number]; spacing_mm: number; x0_mm: number; y0_mm: number; tile_quads: number;
-  scale_denominator: number; levels: { depth: number; max_vertical_error_mm: number }[];
+  scale_denominator: number; levels: { level: number; depth: number; max_vertical_error_mm: number }[];
 }
-interface FineTile { cols: number; rows: number; values: Float32Array }
+/** Heights at the nodes of the field; of a coarser tile (an exported page may have no finer ones) its triangles. */
+type FineTile = { cols: number; rows: number; values: Float32Array } | THREE.Object3D;
 /** What the renderer keeps of a tile; its own types say less. */
 interface Tile {
   geometricError: number; parent?: Tile | null; content?: { uri?: string };
@@ -29,14 +32,25 @@ interface Tile {
 const kErrorPixels = 0.35;
 const kMostFineTiles = 64;
 
-function makeLoader(): GLTFLoader {
-  const draco = new DRACOLoader().setDecoderPath({ js: dracoScript, wasm: dracoBinary } as unknown as string);
+async function makeLoader(): Promise<GLTFLoader> {
+  const [js, wasm] = carries ? await Promise.all([carriedUrl('page/draco_wasm_wrapper.js', 'text/javascript'),
+    carriedUrl('page/draco_decoder.wasm', 'application/wasm')]) : [dracoScript, dracoBinary];
+  const draco = new DRACOLoader().setDecoderPath({ js, wasm } as unknown as string);
   draco.setWorkerLimit(Math.max(1, Math.min(4, navigator.hardwareConcurrency - 1)));
   draco.preload();
   return new GLTFLoader().setDRACOLoader(draco).setMeshoptDecoder(MeshoptDecoder);
 }
-let theLoader: GLTFLoader | null = null;
+let theLoader: Promise<GLTFLoader> | null = null;
 const loader = () => (theLoader ??= makeLoader());
+
+/** Has the renderer find its tiles in the page. */
+const kInPage = {
+  name: 'IN_PAGE',
+  fetchData: async (url: string) => {
+    const folder = new URL('files/', document.baseURI).href;
+    return new Response(await getFile(decodeURIComponent(new URL(url, document.baseURI).href.slice(folder.length))));
+  },
+};
 
 export class TiledGround implements Surface {
   readonly group = new THREE.Group();
@@ -50,14 +64,14 @@ export class TiledGround implements Surface {
 
   static async open(entry: TilesetEntry, material: GroundMaterial, told: (problem: string) => void,
     changed: () => void): Promise<TiledGround> {
-    const lod = entry.lod ? await getJson<Lod>(fileUrl(entry.lod)) : null;
+    const lod = entry.lod ? await getJson<Lod>(entry.lod) : null;
     if (!lod) throw new Error(`${entry.path}: lod.json is not beside it; maquette lod writes both`);
-    const root = (await getJson<{ root: Tile }>(fileUrl(entry.path))).root;
-    return new TiledGround(entry, lod, root, material, told, changed);
+    const root = (await getJson<{ root: Tile }>(entry.path)).root;
+    return new TiledGround(entry, lod, root, await loader(), material, told, changed);
   }
 
-  private constructor(entry: TilesetEntry, private readonly lod: Lod, root: Tile, material: GroundMaterial,
-    told: (problem: string) => void, changed: () => void) {
+  private constructor(entry: TilesetEntry, private readonly lod: Lod, root: Tile, gltf: GLTFLoader,
+    material: GroundMaterial, told: (problem: string) => void, changed: () => void) {
     this.name = entry.path;
     this.folder = entry.path.slice(0, entry.path.length - 'tileset.json'.length);
     const box = root.boundingVolume?.box ?? [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1];
@@ -65,12 +79,16 @@ export class TiledGround implements Surface {
     this.box = { low: [lod.x0_mm, lod.y0_mm, 1000 * (box[2]! - Math.abs(box[11]!))],
       high: [lod.x0_mm + width, lod.y0_mm + depth, 1000 * (box[2]! + Math.abs(box[11]!))] };
     const finest = lod.levels[0]!;
-    this.note = `${lod.levels.length} levels of ${lod.nodes.join(' × ')} nodes; heights are of the finest, within `
-      + `${(1000 * finest.max_vertical_error_mm).toPrecision(2)} µm of the design.`;
+    const left = finest.level > 0 ? `; the ${finest.level} finest are not in this page` : '';
+    const off = finest.max_vertical_error_mm;
+    this.within = off < 0.1 ? `within ${(1000 * off).toPrecision(2)} µm of the design` : `within ${figure(off, 2)} mm of the design`;
+    this.note = `${lod.levels.length} levels of ${lod.nodes.join(' × ')} nodes${left}; heights are of the finest`
+      + `${left ? ' there' : ''}, ${this.within}.`;
 
     this.tiles = new TilesRenderer(fileUrl(entry.path));
     this.tiles.errorTarget = kErrorPixels;
-    this.tiles.manager.addHandler(/\.(gltf|glb)$/, loader());
+    if (carries) this.tiles.registerPlugin(kInPage);
+    this.tiles.manager.addHandler(/\.(gltf|glb)$/, gltf);
     const events = this.tiles as unknown as { addEventListener(name: string, f: (event: never) => void): void };
     events.addEventListener('load-model', ({ scene }: { scene: THREE.Object3D }) => { material.dress(scene); changed(); });
     events.addEventListener('needs-update', changed);
@@ -97,6 +115,7 @@ export class TiledGround implements Surface {
     this.group.add(tiles);
   }
   private readonly folder: string;
+  private readonly within: string;
 
   update(camera: THREE.PerspectiveCamera, width: number, height: number): boolean {
     if (this.camera !== camera) {
@@ -129,27 +148,46 @@ export class TiledGround implements Surface {
       const y = (from[1]! + t * (to[1]! - from[1]!) - lod.y0_mm) / lod.spacing_mm;
       values.push(await this.fineHeight(x, y));
     }
-    return { values, exact: 'of the finest tiles' };
+    return { values, exact: `of the finest tiles${this.lod.levels[0]!.level > 0 ? ` in this page, ${this.within}` : ''}` };
   }
 
   /** x, y in nodes. */
   private async fineHeight(x: number, y: number): Promise<number | null> {
     const { nodes, tile_quads: q, levels } = this.lod;
     if (!(x >= 0 && y >= 0 && x <= nodes[0] - 1 && y <= nodes[1] - 1)) return null;
-    const column = Math.floor(Math.min(x, nodes[0] - 1.5) / q), row = Math.floor(Math.min(y, nodes[1] - 1.5) / q);
-    const path = `${this.folder}tiles/${levels[0]!.depth}/${column}/${row}.glb`;
+    const finest = levels[0]!, wide = q * 2 ** finest.level;
+    const column = Math.floor(Math.min(x, nodes[0] - 1.5) / wide), row = Math.floor(Math.min(y, nodes[1] - 1.5) / wide);
+    const path = `${this.folder}tiles/${finest.depth}/${column}/${row}.glb`;
     let tile = this.fine.get(path);
     if (!tile) {
-      tile = this.readFine(path, column * q, row * q);
+      tile = finest.level > 0 ? this.readTriangles(path) : this.readFine(path, column * q, row * q);
       this.fine.set(path, tile);
       if (this.fine.size > kMostFineTiles) this.fine.delete(this.fine.keys().next().value!);
     }
-    const { cols, rows, values } = await tile.catch((error: Error) => {
+    const there = await tile.catch((error: Error) => {
       this.fine.delete(path);
       throw new Error(`${path}: ${error.message}`);
     });
-    const z = heightOn(values, cols, rows, x - column * q, y - row * q);
+    if (there instanceof THREE.Object3D) {
+      const down = new THREE.Vector3(0, -1, 0), far = 1000; // m
+      const from = new THREE.Vector3(1e-3 * x * this.lod.spacing_mm, far, -1e-3 * y * this.lod.spacing_mm);
+      const hit = new THREE.Raycaster(from, down).intersectObject(there, true)[0];
+      return hit ? 1000 * hit.point.y : null;
+    }
+    const z = heightOn(there.values, there.cols, there.rows, x - column * q, y - row * q);
     return Number.isNaN(z) ? null : z;
+  }
+
+  private async scene(path: string): Promise<THREE.Object3D> {
+    const { scene } = await (await loader()).parseAsync(await getFile(path), '');
+    scene.updateMatrixWorld(true);
+    return scene;
+  }
+
+  private async readTriangles(path: string): Promise<THREE.Object3D> {
+    const scene = await this.scene(path);
+    scene.traverse((o) => { if (o instanceof THREE.Mesh) (o.material as THREE.Material).side = THREE.DoubleSide; });
+    return scene;
   }
 
   /** A tile's vertices by the nodes of the field that they are. */
@@ -157,8 +195,7 @@ export class TiledGround implements Surface {
     const { lod } = this, q = lod.tile_quads;
     const cols = Math.min(q, lod.nodes[0] - 1 - column) + 1, rows = Math.min(q, lod.nodes[1] - 1 - row) + 1;
     const values = new Float32Array(cols * rows).fill(NaN);
-    const { scene } = await loader().loadAsync(fileUrl(path));
-    scene.updateMatrixWorld(true);
+    const scene = await this.scene(path);
     const place = new THREE.Vector3();
     scene.traverse((o) => {
       if (!(o instanceof THREE.Mesh)) return;

@@ -4,7 +4,7 @@
 // get their share of the time by length over feed, rapids as if at kRapid.
 
 import * as THREE from 'three';
-import { fileUrl, getJson } from './contents';
+import { getJson } from './contents';
 import { byId, addOption } from './elements';
 import { colourAt, drawBar, figure } from './palette';
 
@@ -61,7 +61,7 @@ export class Toolpath {
   private scene(file: string): Promise<PathScene> {
     let scene = this.scenes.get(file);
     if (!scene) {
-      scene = getJson<PathScene>(fileUrl(file)).then((s) => {
+      scene = getJson<PathScene>(file).then((s) => {
         if (s.schema !== 'maquette.path_view/1') throw new Error(`schema ${s.schema}, maquette.path_view/1 was expected`);
         return s;
       });

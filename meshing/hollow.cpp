@@ -275,6 +275,17 @@ class Ceiling {
   double rounding_mm_;
 };
 
+void add_rim(const ModelField& surface, double base_mm, TriMesh& mesh) {
+  const ptrdiff_t rows = surface.z_mm.rows(), cols = surface.z_mm.cols();
+  const auto add = [&](ptrdiff_t r, ptrdiff_t c) {
+    mesh.vertices_mm.push_back({surface.x_mm(c), surface.y_mm(r), base_mm});
+  };
+  for (ptrdiff_t c = 0; c + 1 < cols; ++c) add(0, c);
+  for (ptrdiff_t r = 0; r + 1 < rows; ++r) add(r, cols - 1);
+  for (ptrdiff_t c = cols - 1; c > 0; --c) add(rows - 1, c);
+  for (ptrdiff_t r = rows - 1; r > 0; --r) add(r, 0);
+}
+
 /// Rim, frame, ribs, walls and ceilings as triangles.
 class UndersideBuilder {
  public:
@@ -296,14 +307,7 @@ class UndersideBuilder {
 
  private:
   void add_vertices() {
-    const ptrdiff_t rows = surface_.z_mm.rows(), cols = surface_.z_mm.cols();
-    const auto rim = [&](ptrdiff_t r, ptrdiff_t c) {
-      add_vertex(surface_.x_mm(c), surface_.y_mm(r), base_mm_);
-    };
-    for (ptrdiff_t c = 0; c + 1 < cols; ++c) rim(0, c);
-    for (ptrdiff_t r = 0; r + 1 < rows; ++r) rim(r, cols - 1);
-    for (ptrdiff_t c = cols - 1; c > 0; --c) rim(rows - 1, c);
-    for (ptrdiff_t r = rows - 1; r > 0; --r) rim(r, 0);
+    add_rim(surface_, base_mm_, mesh_);
     low_ = Grid<std::uint32_t>(y_.count(), x_.count());
     high_ = low_;
     for (ptrdiff_t j = 0; j < y_.count(); ++j)
@@ -394,6 +398,20 @@ Result<void> check_options(const HollowOptions& o) {
 }
 
 }  // namespace
+
+Underside plain_underside(const ModelField& surface, Millimetres base_z) {
+  Underside under;
+  add_rim(surface, base_z.value(), under.mesh);
+  under.rim_vertices = under.mesh.vertices_mm.size();
+  const auto rim = static_cast<std::uint32_t>(under.rim_vertices);
+  const Vec3 from = under.mesh.vertices_mm.front();
+  const Vec3 to =
+      under.mesh
+          .vertices_mm[static_cast<std::size_t>(surface.z_mm.rows() - 1 + surface.z_mm.cols() - 1)];
+  under.mesh.vertices_mm.push_back(0.5 * (from + to));
+  for (std::uint32_t k = 0; k < rim; ++k) under.mesh.triangles.push_back({rim, (k + 1) % rim, k});
+  return under;
+}
 
 Result<Underside> hollow_underside(const ModelField& surface, const ModelField& roof,
                                    Millimetres base_z, const HollowOptions& options,

@@ -68,6 +68,9 @@ struct Underside {
   double mean_excess_mm = 0.0, most_excess_mm = 0.0;
 };
 
+/// The base of a solid that is not hollow: one level face.
+[[nodiscard]] Underside plain_underside(const heightmap::ModelField& surface, Millimetres base_z);
+
 /// MESHING_HOLLOW_DOES_NOT_FIT: lengths that are none; side walls that meet; a base that is too
 /// thin for the wall and a pocket of 1 mm below it (says which would do). CORE_CANCELLED.
 /// @pre the roof is that of the surface, for this wall; base below the surface

@@ -15,34 +15,73 @@ std::uint64_t rim_of(const heightmap::ModelField& surface) {
   return 2 * static_cast<std::uint64_t>(surface.z_mm.rows() + surface.z_mm.cols() - 2);
 }
 
-/// Walls, then the underside, whose own vertices follow the rim's.
-void close_below(std::span<const MeshStream::Triangle> walls_and_base, std::uint64_t first_of_rim,
-                 const Underside& under, std::vector<MeshStream::Triangle>& out) {
-  for (std::size_t i = 0; i < walls_and_base.size(); ++i)
-    if (i % kPerEdge != kPerEdge - 1) out.push_back(walls_and_base[i]);
+struct Below {
+  std::vector<Vec3> vertices;  ///< after the rim's lower vertices
+  std::vector<MeshStream::Triangle> triangles;
+};
+
+/// Walls, then the underside, whose own vertices follow the rim's, then engraved walls.
+Below close_below(std::span<const MeshStream::Triangle> walls_and_base, std::uint64_t first_of_rim,
+                  const Shaping& shaping) {
+  const std::uint64_t rim = walls_and_base.size() / kPerEdge;
+  const Underside& under = shaping.underside;
+  MAQUETTE_CHECK(under.rim_vertices == rim, "{} of {} vertices of the rim", under.rim_vertices,
+                 rim);
+  std::vector<char> engraved(rim, 0);
+  for (const EngravedWall& w : shaping.walls)
+    for (std::uint64_t k = w.first_edge; k < w.first_edge + w.edges; ++k) {
+      MAQUETTE_CHECK(k < rim && engraved[k] == 0, "edge {} of {} is engraved twice", k, rim);
+      engraved[k] = 1;
+    }
+  Below below;
+  for (std::uint64_t i = 0; i < walls_and_base.size(); ++i)
+    if (i % kPerEdge != kPerEdge - 1 && engraved[i / kPerEdge] == 0)
+      below.triangles.push_back(walls_and_base[i]);
   const auto shift = static_cast<std::uint32_t>(first_of_rim);
   for (const auto& t : under.mesh.triangles)
-    out.push_back({t[0] + shift, t[1] + shift, t[2] + shift});
+    below.triangles.push_back({t[0] + shift, t[1] + shift, t[2] + shift});
+  below.vertices.assign(under.mesh.vertices_mm.begin() + static_cast<std::ptrdiff_t>(rim),
+                        under.mesh.vertices_mm.end());
+  for (const EngravedWall& w : shaping.walls) {
+    const std::uint64_t nodes = w.edges + 1;
+    const auto own = static_cast<std::uint32_t>(first_of_rim + rim + below.vertices.size());
+    const auto vertex = [&](std::uint32_t i) {
+      if (i >= 2 * nodes) return own + static_cast<std::uint32_t>(i - 2 * nodes);
+      const std::uint64_t k = w.first_edge + i % nodes;  // of the rim
+      if (i < nodes) return static_cast<std::uint32_t>(first_of_rim + k % rim);
+      // The upper end of the edge before, or of the edge's own: the plain wall knows it.
+      const bool later = i == nodes + w.edges;
+      const auto edge = walls_and_base.subspan(kPerEdge * (later ? k - 1 : k), 2);
+      return later ? edge[k - 1 < rim / 2 ? 0 : 1][k - 1 < rim / 2 ? 2 : 1] : edge[1][2];
+    };
+    for (const auto& t : w.triangles)
+      below.triangles.push_back({vertex(t[0]), vertex(t[1]), vertex(t[2])});
+    below.vertices.insert(below.vertices.end(), w.vertices_mm.begin(), w.vertices_mm.end());
+  }
+  return below;
+}
+
+double removed_mm3(const Shaping& shaping) {
+  double volume = shaping.underside.volume_mm3;
+  for (const EngravedWall& w : shaping.walls) volume += w.volume_mm3;
+  return volume;
 }
 
 }  // namespace
 
 Result<ShapedSolid> ShapedSolid::create(const heightmap::ModelField& surface,
-                                        const SolidOptions& options, const Underside& under) {
+                                        const SolidOptions& options, const Shaping& shaping) {
   MAQUETTE_TRY(const GridSolidStream grid, GridSolidStream::create(surface, options));
   const std::uint64_t rim = rim_of(surface), plain = grid.triangle_count();
-  MAQUETTE_CHECK(under.rim_vertices == rim, "{} of {} vertices of the rim", under.rim_vertices,
-                 rim);
   ShapedSolid solid(grid, plain - kPerEdge * rim, grid.vertex_count() - 1);
-  MAQUETTE_CHECK(solid.shared_vertices_ + under.mesh.vertices_mm.size() < 0xF0000000U,
-                 "{} vertices: more than 32 bit indices reach", under.mesh.vertices_mm.size());
   std::vector<Triangle> walls(kPerEdge * rim);
   grid.triangles(solid.top_triangles_, walls);
-  close_below(walls, solid.shared_vertices_ - rim, under, solid.own_triangles_);
-  solid.own_vertices_.assign(under.mesh.vertices_mm.begin() + static_cast<std::ptrdiff_t>(rim),
-                             under.mesh.vertices_mm.end());
-  solid.base_z_mm_ = options.base_z.value();
-  solid.removed_mm3_ = under.volume_mm3;
+  Below below = close_below(walls, solid.shared_vertices_ - rim, shaping);
+  MAQUETTE_CHECK(solid.shared_vertices_ + below.vertices.size() < 0xF0000000U,
+                 "{} vertices: more than 32 bit indices reach", below.vertices.size());
+  solid.own_vertices_ = std::move(below.vertices);
+  solid.own_triangles_ = std::move(below.triangles);
+  solid.removed_mm3_ = removed_mm3(shaping);
   return solid;
 }
 
@@ -102,20 +141,17 @@ Result<MeshCertificate> ShapedSolid::certify(const RunContext& run) const {
   return c;
 }
 
-TriMesh with_underside(TriMesh solid, const heightmap::ModelField& surface,
-                       const Underside& under) {
+TriMesh shaped(TriMesh solid, const heightmap::ModelField& surface, const Shaping& shaping) {
   const std::uint64_t rim = rim_of(surface);
-  MAQUETTE_CHECK(solid.vertices_mm.size() > rim && solid.triangles.size() > kPerEdge * rim &&
-                     under.rim_vertices == rim,
+  MAQUETTE_CHECK(solid.vertices_mm.size() > rim && solid.triangles.size() > kPerEdge * rim,
                  "no solid of this surface");
   const std::vector<MeshStream::Triangle> walls(
       solid.triangles.end() - static_cast<std::ptrdiff_t>(kPerEdge * rim), solid.triangles.end());
   solid.triangles.resize(solid.triangles.size() - walls.size());
   solid.vertices_mm.pop_back();  // the middle of the plain base
-  close_below(walls, solid.vertices_mm.size() - rim, under, solid.triangles);
-  solid.vertices_mm.insert(solid.vertices_mm.end(),
-                           under.mesh.vertices_mm.begin() + static_cast<std::ptrdiff_t>(rim),
-                           under.mesh.vertices_mm.end());
+  const Below below = close_below(walls, solid.vertices_mm.size() - rim, shaping);
+  solid.triangles.insert(solid.triangles.end(), below.triangles.begin(), below.triangles.end());
+  solid.vertices_mm.insert(solid.vertices_mm.end(), below.vertices.begin(), below.vertices.end());
   return solid;
 }
 

@@ -2,9 +2,10 @@
 #pragma once
 
 /// @file shaped_solid.hpp
-/// The solid of grid_solid with another underside (hollow.hpp), streamed.
+/// The solid of grid_solid with another underside (hollow.hpp) and engraved walls (engraving.hpp),
+/// streamed.
 ///
-/// Takes   ModelField, height of the base; what is to be in the place of the plain base
+/// Takes   ModelField, height of the base; what is to be in the place of plain base and walls
 /// Gives   MeshStream: nodes and triangles of the top as GridSolidStream has them, to the bit;
 ///         walls, and what replaces the base, from memory
 /// Memory  what is replaced, and 72 bytes a node of the outline
@@ -19,10 +20,17 @@
 #include <span>
 #include <vector>
 
+#include "meshing/engraving.hpp"
 #include "meshing/grid_stream.hpp"
 #include "meshing/hollow.hpp"
 
 namespace maquette::meshing {
+
+/// What differs from the plain solid.
+struct Shaping {
+  Underside underside;                ///< hollow_underside() or plain_underside()
+  std::vector<EngravedWall> walls{};  ///< of different edges
+};
 
 class ShapedSolid final : public MeshStream {
  public:
@@ -30,7 +38,7 @@ class ShapedSolid final : public MeshStream {
   /// @param surface  must outlive the stream
   [[nodiscard]] static Result<ShapedSolid> create(const heightmap::ModelField& surface,
                                                   const SolidOptions& options,
-                                                  const Underside& underside);
+                                                  const Shaping& shaping);
   [[nodiscard]] std::uint64_t vertex_count() const override;
   [[nodiscard]] std::uint64_t triangle_count() const override;
   void vertices(std::uint64_t first, std::span<Vec3> out) const override;
@@ -49,12 +57,12 @@ class ShapedSolid final : public MeshStream {
   std::uint64_t top_triangles_ = 0, shared_vertices_ = 0;  ///< with grid_: nodes and lower rim
   std::vector<Vec3> own_vertices_;
   std::vector<Triangle> own_triangles_;
-  double base_z_mm_ = 0.0, removed_mm3_ = 0.0;
+  double removed_mm3_ = 0.0;
 };
 
 /// The same for a solid in memory, with stones.
 /// @pre the mesh is as grid_solid or volume_solid made it of this surface
-[[nodiscard]] TriMesh with_underside(TriMesh solid, const heightmap::ModelField& surface,
-                                     const Underside& underside);
+[[nodiscard]] TriMesh shaped(TriMesh solid, const heightmap::ModelField& surface,
+                             const Shaping& shaping);
 
 }  // namespace maquette::meshing

@@ -8,8 +8,8 @@
 
 #include "camera/image_io.hpp"
 #include "core/markup.hpp"
+#include "core/stroke_letters.hpp"
 #include "tools/pictures.hpp"
-#include "tools/stroke_letters.hpp"
 
 namespace maquette::tools {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// maquette mesh --hollow-mm: solids with another underside
+// maquette mesh --hollow-mm, --label, --scale-bar: solids with another underside, engraved walls
 
 #include "tools/jobs_shaped.hpp"
 
@@ -31,6 +31,19 @@ ordered_json hollow_json(const meshing::Underside& u, const meshing::HollowOptio
           {"ceilings_mm", {u.lowest_ceiling_mm, u.highest_ceiling_mm}},
           {"mean_excess_mm", u.mean_excess_mm},
           {"most_excess_mm", u.most_excess_mm}};
+}
+
+ordered_json engraved_json(const std::vector<meshing::WallMark>& marks,
+                           const std::vector<meshing::EngravedWall>& walls,
+                           const meshing::EngravingStyle& style) {
+  ordered_json list = ordered_json::array();
+  for (std::size_t i = 0; i < marks.size(); ++i)
+    list.push_back({{"what", marks[i].name},
+                    {"width_mm", marks[i].width_mm},
+                    {"depth_mm", style.depth.value()},
+                    {"stroke_mm", style.stroke_mm()},
+                    {"removed_mm3", walls[i].volume_mm3}});
+  return list;
 }
 
 /// CGAL's word on it.
@@ -76,10 +89,10 @@ Result<MeshCertificate> prove(const TriMesh& shaped, const TriMesh& plain,
 }
 
 Result<MeshCertificate> make(const heightmap::ModelField& design,
-                             const meshing::SolidOptions& options, const meshing::Underside& under,
+                             const meshing::SolidOptions& options, const meshing::Shaping& shaping,
                              const ShapedJob& job, const fs::path& out, const RunContext& run) {
   if (!job.stones) {
-    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, options, under));
+    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, options, shaping));
     MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, part(run, 0.0, 0.5)));
     MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.5, 1.0)));
     return certificate;
@@ -89,37 +102,76 @@ Result<MeshCertificate> make(const heightmap::ModelField& design,
   for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
   MAQUETTE_TRY(const TriMesh plain,
                meshing::volume_solid(design, stones, options, part(run, 0.0, 0.4)));
-  const TriMesh solid = meshing::with_underside(plain, design, under);
+  const TriMesh solid = meshing::shaped(plain, design, shaping);
   MAQUETTE_TRY(const MeshCertificate certificate,
                prove(solid, plain, design, stones, part(run, 0.4, 0.9)));
   MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.9, 1.0)));
   return certificate;
 }
 
+/// Label and scale bar into walls; what the certificate says of them.
+Result<void> engrave(const heightmap::ModelField& design, const meshing::SolidOptions& options,
+                     const ShapedJob& job, meshing::Shaping& shaping, ordered_json& figures,
+                     const RunContext& run) {
+  std::vector<meshing::WallMark> marks;
+  if (!job.label.empty()) {
+    MAQUETTE_TRY(marks.emplace_back(), meshing::text_mark(job.label, job.engraving));
+  }
+  if (job.scale_denominator != 0.0) {
+    MAQUETTE_TRY(marks.emplace_back(),
+                 meshing::scale_bar_mark(job.scale_denominator,
+                                         meshing::wall_length_mm(design, job.engraving.side),
+                                         job.engraving));
+  }
+  MAQUETTE_TRY(shaping.walls,
+               meshing::engrave_wall(design, options.base_z, marks, job.engraving, run));
+  figures["engraved"] = engraved_json(marks, shaping.walls, job.engraving);
+  return {};
+}
+
+Result<void> hollow(const heightmap::ModelField& design, const meshing::SolidOptions& options,
+                    const ShapedJob& job, meshing::Shaping& shaping, ordered_json& figures,
+                    const RunContext& run) {
+  meshing::HollowOptions h = *job.hollow;
+  if (job.engraves())
+    h.engraved[static_cast<std::size_t>(job.engraving.side)] = job.engraving.depth;
+  MAQUETTE_TRY(const auto roof,
+               cnc::offset_surface(design, Millimetres{-h.wall.value()}, part(run, 0.0, 0.7)));
+  MAQUETTE_TRY(shaping.underside,
+               meshing::hollow_underside(design, roof, options.base_z, h, part(run, 0.7, 1.0)));
+  figures["hollow"] = hollow_json(shaping.underside, h);
+  return {};
+}
+
 Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& job,
                         const fs::path& out, const RunContext& run) {
+  MAQUETTE_CHECK(!job.plain(), "nothing to shape");
   const meshing::SolidOptions options{
       .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
                 job.base_thickness};
-  ordered_json shaped;
-  MAQUETTE_CHECK(job.hollow, "nothing to shape");
-  MAQUETTE_TRY(const auto roof, cnc::offset_surface(design, Millimetres{-job.hollow->wall.value()},
-                                                    part(run, 0.0, 0.2)));
-  MAQUETTE_TRY(const auto under, meshing::hollow_underside(design, roof, options.base_z,
-                                                           *job.hollow, part(run, 0.2, 0.4)));
-  shaped["hollow"] = hollow_json(under, *job.hollow);
+  meshing::Shaping shaping;
+  ordered_json figures;
+  if (job.engraves())
+    MAQUETTE_TRY_VOID(engrave(design, options, job, shaping, figures, part(run, 0.0, 0.05)));
+  if (job.hollow) {
+    MAQUETTE_TRY_VOID(hollow(design, options, job, shaping, figures, part(run, 0.05, 0.4)));
+  } else {
+    shaping.underside = meshing::plain_underside(design, options.base_z);
+  }
   MAQUETTE_TRY(const MeshCertificate certificate,
-               make(design, options, under, job, out, part(run, 0.4, 1.0)));
+               make(design, options, shaping, job, out, part(run, 0.4, 1.0)));
 
   auto text = ordered_json::parse(meshing::to_json(certificate));
-  text.update(shaped);
+  text.update(figures);
   JobResult result;
   result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
   result.figures_json = text.dump(2) + "\n";
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
-  result.note = fmt::format("{} triangles, closed, manifold, {:.1f} of {:.1f} cm^3 hollow",
-                            certificate.triangles, 1e-3 * under.volume_mm3,
-                            1e-3 * (under.volume_mm3 + certificate.volume_mm3));
+  result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
+  if (job.hollow)
+    result.note +=
+        fmt::format(", {:.1f} of {:.1f} cm^3 hollow", 1e-3 * shaping.underside.volume_mm3,
+                    1e-3 * (shaping.underside.volume_mm3 + certificate.volume_mm3));
   return result;
 }
 

@@ -85,7 +85,7 @@ TEST(Hollow, BoxWithPockets) {
   EXPECT_NEAR(u->lowest_ceiling_mm, 9.0, 1e-5);
   EXPECT_LE(u->highest_ceiling_mm, 9.0);
   EXPECT_NEAR(u->volume_mm3, 5.0 * 17.2 * 50.0 * 19.0, 0.1);  // 1e-5 mm of 4300 mm^2
-  const auto solid = ShapedSolid::create(f, {.base_z = Millimetres{-10.0}}, *u).value();
+  const auto solid = ShapedSolid::create(f, {.base_z = Millimetres{-10.0}}, {*u}).value();
   const auto c = solid.certify().value();
   EXPECT_NEAR(c.volume_mm3, 100.0 * 60.0 * 22.0 - u->volume_mm3, 1e-6);
   // Outside, underside and pockets' walls.
@@ -213,7 +213,7 @@ TEST_P(HollowTerrain, IsNowhereThinnerThanTheWallAndASolid) {
   EXPECT_GE(std::sqrt(nearest), t.wall - 1e-9) << t.name;
   EXPECT_LT(std::sqrt(nearest), 1.25 * t.wall) << t.name;
 
-  const auto solid = ShapedSolid::create(f, {.base_z = Millimetres{base}}, *u).value();
+  const auto solid = ShapedSolid::create(f, {.base_z = Millimetres{base}}, {*u}).value();
   const TriMesh mesh = collected(solid);
   const auto said = solid.certify().value();
   const auto found = check_mesh(mesh).value();
@@ -259,7 +259,7 @@ TEST(Hollow, WithStones) {
   const HollowOptions o{
       .wall = Millimetres{2.0}, .rib = Millimetres{2.0}, .pocket = Millimetres{15}};
   const auto u = hollowed(f, options.base_z.value(), o).value();
-  const TriMesh hollow = with_underside(full, f, u);
+  const TriMesh hollow = shaped(full, f, {u});
   const auto c = check_mesh(hollow).value();
   EXPECT_TRUE(c.passed()) << to_json(c);
   EXPECT_EQ(c.euler_number, 2);

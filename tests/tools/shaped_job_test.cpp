@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// tools/jobs_shaped.hpp: the file holds what the certificate says, with and without stones; what
-// is refused leaves no file.
+// tools/jobs_shaped.hpp: the file holds what the certificate says, hollow and engraved, with and
+// without stones; what is refused leaves no file.
 
 #include "tools/jobs_shaped.hpp"
 
@@ -54,6 +54,29 @@ TEST_F(ShapedFile, IsWhatItsCertificateSays) {
   EXPECT_NEAR(said["volume_mm3"], found.volume_mm3, 1e-9 * found.volume_mm3);
   EXPECT_EQ(said["hollow"]["pockets"], json({3, 3}));
   EXPECT_GT(said["hollow"]["removed_mm3"], 0.3 * found.volume_mm3);
+}
+
+TEST_F(ShapedFile, IsEngraved) {
+  job.label = "Site 7";
+  job.scale_denominator = 1000.0;
+  job.engraving.side = meshing::WallSide::north;
+  job.engraving.letter = Millimetres{4.0};
+  ASSERT_THAT(shaped_job(job, scratch / "part.ply", {}), Succeeds());
+  const auto found =
+      meshing::check_mesh(meshing::read_mesh(scratch / "part.ply", {}).value()).value();
+  const json said = certificate();
+  EXPECT_TRUE(found.passed());
+  EXPECT_EQ(said["triangles"], found.triangles);
+  EXPECT_NEAR(said["volume_mm3"], found.volume_mm3, 1e-9 * found.volume_mm3);
+  EXPECT_EQ(said["engraved"][0]["what"], "\"Site 7\"");
+  EXPECT_EQ(said["engraved"][1]["what"], "the scale bar of 20 m");
+  EXPECT_GT(said["hollow"]["removed_mm3"], 0.0);
+  job.hollow.reset();
+  ASSERT_THAT(shaped_job(job, scratch / "part.ply", {}), Succeeds());
+  EXPECT_FALSE(certificate().contains("hollow"));
+  job.label = "Site 7!";
+  EXPECT_THAT(shaped_job(job, scratch / "other.ply", {}), FailsWith(meshing::kLabelLetter));
+  EXPECT_FALSE(fs::exists(scratch / "other.ply"));
 }
 
 TEST_F(ShapedFile, HasItsStones) {

@@ -206,6 +206,8 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
     fs::path design, out = "surface.ply", stones;
     double base_thickness_mm = 10.0, coating_mm = 0.0;
     double hollow_mm = 0.0, rib_mm = 3.0, pocket_mm = 40.0, ceiling_step_mm = 0.0;  // 0: not hollow
+    std::string label, side = "south";
+    double scale_bar = 0.0, letter_mm = 5.0, depth_mm = 0.6, stroke_mm = 0.0;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
@@ -213,9 +215,12 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
       "A designed surface (and stones) to a checked closed solid, with certificate; with\n"
       "--coating-mm one that meets the design once it is coated (surface.undercoat.tif is for "
       "mill);\n"
-      "with --hollow-mm opened from below into pockets between ribs (docs/solids.md).\n"
+      "with --hollow-mm opened from below into pockets between ribs; with --label, --scale-bar\n"
+      "engraved at a side (docs/solids.md).\n"
       "Example: maquette mesh design.tif --stones stones.json --out surface.ply\n"
-      "         maquette mesh design.tif --hollow-mm 3 --base-thickness-mm 12 --out hollow.ply");
+      "         maquette mesh design.tif --hollow-mm 3 --label \"Apollo 15, 1:1000\" --scale-bar "
+      "1000 "
+      "--out part.ply");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "PLY file")->capture_default_str();
   auto* stones = app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
@@ -241,7 +246,31 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
                   "widest triangles of the pockets' ceilings (0: four spacings of the design)")
       ->check(CLI::Range(0.0, 1000.0))
       ->needs(hollow);
-  return {app, [o](Console& console) -> Result<int> {
+  auto* label = app->add_option("--label", o->label, "text, engraved in a wall");
+  auto* bar = app->add_option("--scale-bar", o->scale_bar,
+                              "N of 1:N: engraves a bar of a round length on the ground")
+                  ->check(CLI::Range(1e-3, 1e12));
+  app->add_option("--label-side", o->side, "wall that is engraved")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"south", "east", "north", "west"}));
+  app->add_option("--letter-mm", o->letter_mm, "height of engraved capitals")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 1000.0));
+  app->add_option("--engrave-depth-mm", o->depth_mm, "of engraved strokes")
+      ->capture_default_str()
+      ->check(CLI::Range(0.02, 1000.0));
+  app->add_option("--stroke-mm", o->stroke_mm,
+                  "width of engraved strokes (0: an eighth of the letters' height)")
+      ->check(CLI::Range(0.0, 100.0));
+  return {app, [o, label, bar](Console& console) -> Result<int> {
+            if (label->count() == 0 && bar->count() == 0 &&
+                (o->side != "south" || o->letter_mm != 5.0 || o->depth_mm != 0.6 ||
+                 o->stroke_mm != 0.0))
+              return fail(kUsage,
+                          "--label-side, --letter-mm, --engrave-depth-mm and --stroke-mm are of "
+                          "--label or --scale-bar; give one of them");
+            if (label->count() > 0 && o->label.empty())
+              return fail(kUsage, "--label: an empty text; leave it out, or say what to engrave");
             fs::path surface = o->design;
             if (o->coating_mm > 0.0) {
               surface = fs::path(o->out).replace_extension(".undercoat.tif");
@@ -249,17 +278,25 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
                 return undercoat_job(o->design, Millimetres{o->coating_mm}, surface, run);
               }));
             }
-            if (o->hollow_mm > 0.0) {
-              ShapedJob job{.design = surface,
-                            .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
-                            .base_thickness = Millimetres{o->base_thickness_mm}};
+            ShapedJob job{.design = surface,
+                          .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
+                          .base_thickness = Millimetres{o->base_thickness_mm},
+                          .label = o->label,
+                          .scale_denominator = o->scale_bar};
+            if (o->hollow_mm > 0.0)
               job.hollow = {.wall = Millimetres{o->hollow_mm},
                             .rib = Millimetres{o->rib_mm},
                             .pocket = Millimetres{o->pocket_mm},
                             .step = Millimetres{o->ceiling_step_mm}};
+            const std::vector<std::string> sides{"south", "east", "north", "west"};
+            job.engraving = {.side = static_cast<meshing::WallSide>(
+                                 std::find(sides.begin(), sides.end(), o->side) - sides.begin()),
+                             .letter = Millimetres{o->letter_mm},
+                             .depth = Millimetres{o->depth_mm},
+                             .stroke = Millimetres{o->stroke_mm}};
+            if (!job.plain())
               return finish(console, "mesh",
                             [&](const RunContext& run) { return shaped_job(job, o->out, run); });
-            }
             return finish(console, "mesh", [&](const RunContext& run) {
               return mesh_job(surface, o->stones.empty() ? std::nullopt : std::optional(o->stones),
                               Millimetres{o->base_thickness_mm}, o->out, run);

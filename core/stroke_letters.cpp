@@ -3,9 +3,9 @@
 #include <cstdint>
 #include <map>
 
-#include "tools/stroke_letters.hpp"
+#include "core/stroke_letters.hpp"
 
-namespace maquette::tools {
+namespace maquette {
 namespace {
 
 struct Shape {
@@ -151,4 +151,23 @@ std::vector<StrokeLetter> stroke_letters(const std::string& utf8) {
   return result;
 }
 
-}  // namespace maquette::tools
+std::string unknown_letters(const std::string& utf8) {
+  std::string unknown;
+  for (std::size_t at = 0; at < utf8.size();) {
+    const std::size_t from = at;
+    if (letters().contains(next_sign(utf8, at))) continue;
+    const auto first = static_cast<std::uint8_t>(utf8[from]);
+    const std::size_t length = first < 0x80    ? 1
+                               : first >= 0xF8 ? 0
+                               : first >= 0xF0 ? 4
+                               : first >= 0xE0 ? 3
+                               : first >= 0xC0 ? 2
+                                               : 0;
+    const bool none = at - from != length;
+    const std::string sign = none ? std::string("?") : utf8.substr(from, at - from);
+    if (unknown.find(sign) == std::string::npos) unknown += sign;
+  }
+  return unknown;
+}
+
+}  // namespace maquette

@@ -8,6 +8,7 @@
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "diagnosis/photographs.hpp"
+#include "heightmap/field_io.hpp"
 #include "tools/extended.hpp"
 #include "tools/jobs.hpp"
 
@@ -90,6 +91,24 @@ std::string together(const diagnosis::Diagnosis& points, const diagnosis::Diagno
   return j.dump(1);
 }
 
+/// Mean residuals of the report's map as rasters of the model frame, for `view` and other programs;
+/// those after only where a cause was named.
+Result<void> write_maps(const diagnosis::Diagnosis& d, const fs::path& folder,
+                        const std::string& name, std::vector<fs::path>& outputs) {
+  const diagnosis::Map& map = d.map;
+  if (map.before.rows() < 2 || map.before.cols() < 2) return {};
+  const double half = 0.5 * map.cell_mm;
+  const heightmap::ModelField frame{map.before, Millimetres{map.cell_mm},
+                                    Millimetres{map.x0_mm + half}, Millimetres{map.y0_mm + half}};
+  for (const auto& [when, values] :
+       {std::pair{"before", &map.before}, std::pair{"after", &map.after}}) {
+    if (values == &map.after && d.causes.empty()) continue;  // nothing was taken off
+    outputs.push_back(folder / fmt::format("{}_{}.tif", name, when));
+    MAQUETTE_TRY_VOID(heightmap::write_model_grid(*values, frame, d.unit.c_str(), outputs.back()));
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder,
@@ -122,6 +141,12 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
     result.outputs.push_back(folder / "photographs.html");
     MAQUETTE_TRY_VOID(write_file(result.outputs.back(), diagnosis::to_html(pictures)));
   }
+  for (const char* name : {"residual", "residual_photographs"})
+    for (const char* when : {"before", "after"})  // of an earlier diagnosis
+      fs::remove(folder / fmt::format("{}_{}.tif", name, when), ec);
+  if (points) MAQUETTE_TRY_VOID(write_maps(d, folder, "residual", result.outputs));
+  if (with_photographs)
+    MAQUETTE_TRY_VOID(write_maps(pictures, folder, "residual_photographs", result.outputs));
   std::string report = diagnosis::to_html(points ? d : pictures);
   const std::string json = points && with_photographs ? together(d, pictures)
                                                       : diagnosis::to_json(points ? d : pictures);

@@ -7,6 +7,7 @@
 //   sun and exaggeration change the picture; dark and light; each control has a name
 //   stones, profile, link, screenshot, keyboard
 //   a run's folder: deviation colours, brush, toolpath, both surfaces, camera frame
+//   residuals of a diagnosis, before and after: one scale, side by side, without a surface too
 //   a damaged and a missing tile are said and the rest works; no WebGL 2 is said
 
 import { cpSync, readFileSync, rmSync, truncateSync } from 'node:fs';
@@ -136,7 +137,48 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   const [z] = await (await fetch(`${runUrl}profile?file=s1000/surface.tif&from=${place[0]},${place[1]}&to=0,0&count=1`)).json().then((j) => j.values);
   // Three decimals, and the slope of a stone's side between 0.5 um of x and y.
   expect(Math.abs(place[2] - z) < 0.003, `${text}: surface.tif is ${z} there`);
+
+  // Residuals of a diagnosis, before and after: one scale, side by side.
+  const [before, after] = ['before', 'after'].map((when) => `diagnosis/residual_${when}.tif`);
+  await page.selectOption('#field', before);
+  await page.waitForFunction((file) => [...document.querySelector('#field-beside').options].some((o) => o.value === file), after);
+  await page.click('#above');
+  const one = await shot(page, 'residual'), limit = await page.inputValue('#limit');
+  expect(await differ(page, plain, one) > 0.1, 'residuals have no colour');
+  await page.fill('#brush-low', '0.1');
+  await page.locator('#brush-low').press('Tab');
+  expect(await differ(page, one, await shot(page, 'residual_brush')) > 0.02, 'the brush changes no residuals');
+  await page.click('#brush-all');
+  const bars = await page.locator('#histogram').innerHTML();
+  await page.selectOption('#field', after);
+  await page.waitForFunction((old) => document.querySelector('#histogram').innerHTML !== old, bars);
+  expect(await differ(page, one, await shot(page, 'residual_after')) > 0.03, 'residuals after are those before');
+  expect(await page.inputValue('#limit') === limit, `before to ${limit}, after to ${await page.inputValue('#limit')}`);
+  await page.selectOption('#field', before);
+  await page.selectOption('#field-beside', after);
+  await page.waitForFunction(() => !document.querySelector('#right-name').hidden);
+  expect(await page.locator('#right-name').textContent() === after, 'the right pane has another name');
+  await page.click('#above');
+  await still(page);
+  expect(await page.locator('#histogram path').count() === 1, 'the second field is not in the histogram');
+  const canvas = await page.locator('#canvas').boundingBox(), pair = await ask(page, Math.round(canvas.width / 4) + 5, Math.round(canvas.height / 2) + 5);
+  const value = async (file) => (await (await fetch(`${runUrl}profile?file=${file}&from=${pair.place[0]},${pair.place[1]}&to=0,0&count=1`)).json()).values[0];
+  for (const file of [before, after]) {
+    const told = new RegExp(`${file} ([+-]?[\\d.]+) mm`).exec(pair.text), v = await value(file);
+    // Four decimals, and half a micrometre along a step between two cells of half a mm.
+    // Beside a void the server has none, and the page says that of the nearest cell.
+    expect(v === null || (told && Math.abs(told[1] - v) < 0.005), `${pair.text}: ${file} is ${v} there`);
+  }
+  await whole(page, 'residual_pair');
+  await page.waitForTimeout(600);
+  const pairLink = await page.evaluate(() => location.href), again = await tab(pairLink);
+  await still(again);
+  expect(await again.locator('#field-beside').inputValue() === after && await again.locator('#right-name').isVisible(), `${pairLink} is another view`);
+  await again.context().close();
   await page.selectOption('#field', '');
+  await page.waitForFunction(() => document.querySelector('#right-name').hidden);
+  await page.click('#oblique');
+  await still(page);
   const programs = await page.locator('#program option').evaluateAll((list) => list.map((o) => [o.value, o.text]));
   const raster = programs.find((p) => p[1].includes('raster'));
   expect(raster, `programs: ${programs}`);
@@ -166,6 +208,20 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await page.waitForFunction(() => !document.querySelector('#shot').hidden && document.querySelector('#shot').complete);
   await still(page);
   await whole(page, 'camera');
+  expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);
+  await page.context().close();
+}
+
+// Residuals alone, without a surface.
+{
+  const page = await tab(await serve(join(runFolder, 'diagnosis')));
+  await still(page);
+  expect((await page.locator('#surface-note').textContent()).includes('even ground'), 'what the colours lie on is not said');
+  await page.selectOption('#field', 'residual_before.tif');
+  await still(page);
+  await page.locator('#canvas').click({ position: { x: 380, y: 380 } });
+  await page.waitForFunction(() => /^x [\d.]+, y [\d.]+ mm; residual_before.tif/.test(document.querySelector('#readout').textContent));
+  await whole(page, 'residual_alone');
   expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);
   await page.context().close();
 }

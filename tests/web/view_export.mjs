@@ -56,7 +56,11 @@ const served = async (file, [x, y]) =>
   await page.fill('#brush-low', '0.05');
   await page.locator('#brush-low').press('Tab');
   expect(await differ(page, coloured, await shot(page, 'export_brush')) > 0.1, 'the brush changes nothing');
+  await page.selectOption('#field', 'diagnosis/residual_before.tif');
+  await page.selectOption('#field-beside', 'diagnosis/residual_after.tif');
+  await page.waitForFunction(() => !document.querySelector('#right-name').hidden);
   await page.selectOption('#field', '');
+  await page.waitForFunction(() => document.querySelector('#right-name').hidden);
   const raster = await page.locator('#program option', { hasText: 'raster' }).first().getAttribute('value');
   await page.selectOption('#program', raster);
   await page.waitForFunction(() => !document.querySelector('#path-controls').hidden);

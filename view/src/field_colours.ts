@@ -1,26 +1,32 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Colours of a field (deviation, residual, what a ball leaves): colour bar, and a histogram on which
-// a brush chooses the values that keep their colour.
+// a brush chooses the values that keep their colour. A second field (residuals after, beside those
+// before) has the other pane, the same scale and an outline in the histogram.
 
 import * as THREE from 'three';
-import { getGrid, type FieldEntry } from './contents';
+import { getGrid, type FieldEntry, type Grid } from './contents';
 import { byId, svg } from './elements';
 import type { GroundMaterial } from './ground_material';
 import { colourAt, drawBar, figure } from './palette';
 
 const kNodes = 1024, kBins = 80;
 
+/** Fields that are looked at with one scale have one name but for when they are of. */
+function pairOf(path: string): string {
+  return path.replace(/_(before|after)\.tif$/, '');
+}
+
+interface Shown { entry: FieldEntry; grid: Grid; texture: THREE.DataTexture; values: Float32Array }
+
 export class FieldColours {
-  entry: FieldEntry | null = null;
   limit = 1;
   brush: [number, number] = [-Infinity, Infinity];
-  private texture: THREE.DataTexture | null = null;
-  private bins: number[] = [];
+  /** The field of the left pane, or of both, and where there is one that of the right. */
+  private shown: Shown[] = [];
   private readonly histogram = byId<SVGSVGElement>('histogram');
   private readonly limitInput = byId<HTMLInputElement>('limit');
   private readonly lowInput = byId<HTMLInputElement>('brush-low');
   private readonly highInput = byId<HTMLInputElement>('brush-high');
-  private values = new Float32Array();
   private readonly linear: boolean;
 
   constructor(private readonly material: GroundMaterial, renderer: THREE.WebGLRenderer, private readonly changed: () => void) {
@@ -57,36 +63,74 @@ export class FieldColours {
     });
   }
 
+  get entries(): FieldEntry[] { return this.shown.map((s) => s.entry); }
+  get entry(): FieldEntry | null { return this.shown[0]?.entry ?? null; }
+
   private low(): number { return this.entry?.kind === 'signed' ? -this.limit : 0; }
 
-  /** Null takes the colours off. */
-  async show(entry: FieldEntry | null): Promise<void> {
-    const grid = entry ? await getGrid(entry.path, kNodes, true) : null;
-    this.entry = entry;
-    this.texture?.dispose();
-    this.texture = null;
-    byId('colour-scale').hidden = !entry;
-    this.material.uniforms.coloured.value = Boolean(entry);
-    if (entry && grid) {
-      this.values = grid.values.filter((v) => Number.isFinite(v));
-      const sizes = this.values.map((v) => Math.abs(v)).sort();
-      // 99 of 100 places are within the colours.
-      this.limit = Number((sizes[Math.floor(0.99 * (sizes.length - 1))] || 1).toPrecision(2));
-      this.brush = [-Infinity, Infinity];
-      const texels = grid.values.map((v) => (Number.isFinite(v) ? v : 3e30));
-      this.texture = new THREE.DataTexture(texels, grid.cols, grid.rows, THREE.RedFormat, THREE.FloatType);
-      this.texture.minFilter = this.texture.magFilter = this.linear ? THREE.LinearFilter : THREE.NearestFilter;
-      this.texture.needsUpdate = true;
-      const u = this.material.uniforms;
-      u.field.value = this.texture;
-      u.signedField.value = entry.kind === 'signed';
-      u.fieldLow.value.set(grid.x0_mm - 0.5 * grid.dx_mm, grid.y0_mm - 0.5 * grid.dy_mm);
-      u.fieldSize.value.set(grid.cols * grid.dx_mm, grid.rows * grid.dy_mm);
+  private async read(entry: FieldEntry): Promise<Shown> {
+    const grid = await getGrid(entry.path, kNodes, true);
+    const texels = grid.values.map((v) => (Number.isFinite(v) ? v : 3e30));
+    const texture = new THREE.DataTexture(texels, grid.cols, grid.rows, THREE.RedFormat, THREE.FloatType);
+    texture.minFilter = texture.magFilter = this.linear ? THREE.LinearFilter : THREE.NearestFilter;
+    texture.needsUpdate = true;
+    return { entry, grid, texture, values: grid.values.filter((v) => Number.isFinite(v)) };
+  }
+
+  /** None takes the colours off; of two the second is the right pane's. */
+  async show(entries: FieldEntry[]): Promise<void> {
+    const before = this.entry;
+    const shown = await Promise.all(entries.map((e) => this.shown.find((s) => s.entry === e) ?? this.read(e)));
+    for (const old of this.shown) if (!shown.includes(old)) old.texture.dispose();
+    this.shown = shown;
+    const first = shown[0];
+    byId('colour-scale').hidden = !first;
+    this.material.uniforms.coloured.value = Boolean(first);
+    if (first) {
+      const { entry, grid } = first;
+      // Before and after have one scale, whichever is looked at first.
+      if (!before || pairOf(before.path) !== pairOf(entry.path)) {
+        const sizes = first.values.map((v) => Math.abs(v)).sort();
+        // 99 of 100 places are within the colours.
+        this.limit = Number((sizes[Math.floor(0.99 * (sizes.length - 1))] || 1).toPrecision(2));
+        this.brush = [-Infinity, Infinity];
+      }
       byId('limit-unit').textContent = entry.unit;
-      byId('colour-note').textContent = grid.whole ? '' : `Colours are means over ${figure(grid.dx_mm, 3)} mm.`;
+      byId('colour-note').textContent = [grid.whole ? '' : `Colours are means over ${figure(grid.dx_mm, 3)} mm.`,
+        shown[1] ? `Bars: ${entry.path}; line: ${shown[1].entry.path}.` : ''].join(' ').trim();
       drawBar(byId<HTMLCanvasElement>('bar'), entry.kind === 'signed');
     }
+    this.dress(0);
     this.apply();
+  }
+
+  /** What is drawn at a place that has a void beside it. */
+  nearest(path: string, x: number, y: number): number | null {
+    const g = this.shown.find((s) => s.entry.path === path)?.grid;
+    if (!g) return null;
+    const c = Math.round((x - g.x0_mm) / g.dx_mm), r = Math.round((y - g.y0_mm) / g.dy_mm);
+    const v = c >= 0 && r >= 0 && c < g.cols && r < g.rows ? g.values[r * g.cols + c]! : NaN;
+    return Number.isNaN(v) ? null : v;
+  }
+
+  /** Before a pane is drawn: its field. */
+  dress(pane: number): void {
+    const shown = this.shown[pane] ?? this.shown[0], u = this.material.uniforms;
+    if (!shown) return;
+    const { grid } = shown;
+    u.field.value = shown.texture;
+    u.signedField.value = shown.entry.kind === 'signed';
+    u.fieldLow.value.set(grid.x0_mm - 0.5 * grid.dx_mm, grid.y0_mm - 0.5 * grid.dy_mm);
+    u.fieldSize.value.set(grid.cols * grid.dx_mm, grid.rows * grid.dy_mm);
+  }
+
+  private counts(values: Float32Array): number[] {
+    const bins: number[] = new Array(kBins).fill(0), low = this.low();
+    for (const v of values) {
+      const i = Math.floor((v - low) / (this.limit - low) * kBins);
+      if (i >= 0 && i < kBins) bins[i]! += 1;
+    }
+    return bins;
   }
 
   apply(): void {
@@ -104,23 +148,21 @@ export class FieldColours {
         span.textContent = `${v > 0 && signed ? '+' : ''}${figure(v, 3)} ${entry.unit}`;
         return span;
       }));
-      this.bins = new Array(kBins).fill(0);
-      let inside = 0;
-      for (const v of this.values) {
-        const i = Math.floor((v - low) / (limit - low) * kBins);
-        if (i >= 0 && i < kBins) this.bins[i]! += 1;
-        if (v >= brush[0] && v <= brush[1]) inside += 1;
-      }
-      const most = Math.max(...this.bins, 1);
+      const [first, second] = this.shown, bins = this.counts(first!.values), line = second ? this.counts(second.values) : [];
+      const inside = first!.values.reduce((n, v) => n + (v >= brush[0] && v <= brush[1] ? 1 : 0), 0);
+      const most = Math.max(...bins, ...line, 1);
       this.histogram.setAttribute('viewBox', `0 0 ${kBins} 100`);
       this.histogram.setAttribute('preserveAspectRatio', 'none');
-      this.histogram.setAttribute('aria-label', `histogram; ${(100 * inside / Math.max(1, this.values.length)).toFixed(1)} % of the places keep their colour`);
-      this.histogram.replaceChildren(...this.bins.map((n, i) => {
+      this.histogram.setAttribute('aria-label', `histogram; ${(100 * inside / Math.max(1, first!.values.length)).toFixed(1)} % of the places keep their colour`);
+      this.histogram.replaceChildren(...bins.map((n, i) => {
         const v = low + (i + 0.5) / kBins * (limit - low), kept = v >= brush[0] && v <= brush[1];
         const c = colourAt((i + 0.5) / kBins, signed).map((x) => Math.round(255 * x));
         return svg('rect', { x: i, y: 100 - 100 * n / most, width: 1.02, height: 100 * n / most,
           fill: kept ? `rgb(${c.join(',')})` : '#8884', stroke: kept ? '#8886' : 'none', 'stroke-width': 0.1 });
       }));
+      if (second)
+        this.histogram.append(svg('path', { d: line.map((n, i) => `${i ? 'L' : 'M'}${i} ${100 - 100 * n / most}H${i + 1}`).join(''),
+          fill: 'none', stroke: 'currentColor', 'stroke-width': 1.5, 'vector-effect': 'non-scaling-stroke' }));
     }
     this.changed();
   }

@@ -36,8 +36,12 @@ export class GroundMaterial {
           uniform vec2 fieldLow, fieldSize, scale, brush; uniform vec3 signedStops[3], positiveStops[6];`)
         .replace('#include <color_fragment>', `#include <color_fragment>
           if (coloured) {
-            float v = texture2D(field, (modelPlace - fieldLow) / fieldSize).r;
-            bool there = abs(v) < 1e20; // voids are 3e30, and so is what lies between them and values
+            vec2 at = (modelPlace - fieldLow) / fieldSize;
+            float v = texture2D(field, at).r;
+            ivec2 size = textureSize(field, 0);
+            // Voids are 3e30, and so is what lies between them and values: there the nearest one counts.
+            if (abs(v) >= 1e20) v = texelFetch(field, clamp(ivec2(at * vec2(size)), ivec2(0), size - 1), 0).r;
+            bool there = abs(v) < 1e20;
             if (there && v >= brush.x && v <= brush.y) {
               float share = clamp((v - scale.x) / (scale.y - scale.x), 0.0, 1.0);
               if (signedField) {

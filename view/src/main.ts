@@ -37,7 +37,8 @@ class Page {
   private profileEnds: [Triple, Triple] | null = null;
   private readonly select = {
     surface: byId<HTMLSelectElement>('surface'), beside: byId<HTMLSelectElement>('beside'),
-    field: byId<HTMLSelectElement>('field'), stone: byId<HTMLSelectElement>('stone'),
+    field: byId<HTMLSelectElement>('field'), fieldBeside: byId<HTMLSelectElement>('field-beside'),
+    stone: byId<HTMLSelectElement>('stone'),
   };
   private readonly slider = {
     exaggeration: byId<HTMLInputElement>('exaggeration'), azimuth: byId<HTMLInputElement>('azimuth'),
@@ -52,6 +53,7 @@ class Page {
     this.stage.relief.add(this.path.group);
     this.frames = new Frames(contents.frames, this.stage, tell);
     this.stage.before = () => this.path.advance();
+    this.stage.dress = (pane) => this.colours.dress(pane);
     this.stage.shown = () => this.firstPicture();
     this.stage.still = () => { document.documentElement.dataset.state = 'still'; this.remember(); };
     this.fill();
@@ -120,23 +122,39 @@ class Page {
     for (const other of await Promise.all(this.opened.values())) other.group.visible = false;
     for (const s of surfaces) s.group.visible = true;
     const first = !this.stage.panes.some((p) => p);
+    const fields = this.colours.entries;
+    // One surface with two fields is seen twice.
+    if (surfaces.length === 1 && fields.length === 2) surfaces.push(surfaces[0]!);
     this.stage.panes = surfaces.length ? surfaces : [null];
     byId('surface-note').textContent = [...new Set(surfaces.map((s) => s.note))].join(' ');
     const names = [byId('left-name'), byId('right-name')];
-    names.forEach((name, i) => { name.hidden = surfaces.length < 2; name.textContent = surfaces[i]?.name ?? ''; });
+    names.forEach((name, i) => { name.hidden = surfaces.length < 2; name.textContent = fields.length === 2
+      ? fields[i]!.path : surfaces[i]?.name ?? ''; });
     if (first && surfaces[0] && !this.viewGiven) this.stage.look(surfaces[0].box, 'oblique');
     this.stage.later();
   }
   private viewGiven = false;
+
+  /** Colours as the two lists say; beside a field only what has its scale. */
+  private async showFields(): Promise<void> {
+    const { field, fieldBeside } = this.select, find = (path: string) => this.contents.fields.find((f) => f.path === path);
+    const first = find(field.value), wanted = fieldBeside.value;
+    const alike = this.contents.fields.filter((f) => first && f !== first && f.kind === first.kind && f.unit === first.unit);
+    fieldBeside.replaceChildren(new Option('nothing', ''), ...alike.map((f) => new Option(f.path, f.path)));
+    fieldBeside.value = alike.some((f) => f.path === wanted) ? wanted : '';
+    byId('field-beside-label').hidden = alike.length === 0;
+    const second = find(fieldBeside.value);
+    await this.colours.show(first ? second ? [first, second] : [first] : []);
+    await this.showSurfaces();
+  }
 
   private listen(): void {
     const { stage, slider, select } = this, canvas = stage.canvas;
     const report = (error: Error) => tell(error.message);
     select.surface.addEventListener('change', () => { this.showSurfaces().catch(report); });
     select.beside.addEventListener('change', () => { this.showSurfaces().catch(report); });
-    select.field.addEventListener('change', () => {
-      this.colours.show(this.contents.fields.find((f) => f.path === select.field.value) ?? null).catch(report);
-    });
+    select.field.addEventListener('change', () => { this.showFields().catch(report); });
+    select.fieldBeside.addEventListener('change', () => { this.showFields().catch(report); });
     select.stone.addEventListener('change', () => this.showStone(+select.stone.value || null, true));
     for (const input of Object.values(slider)) input.addEventListener('input', () => { this.setLight(); this.remember(); });
     byId('oblique').addEventListener('click', () => this.look('oblique'));
@@ -199,7 +217,7 @@ class Page {
     const profile = byId('profile-mode').getAttribute('aria-pressed') === 'true';
     const stone = hit.stone ?? this.stoneAt(px, py);
     let exact: number | null = null, why = 'the full resolution has a void here';
-    if (hit.stone === null)
+    if (hit.stone === null && surface.heights)
       try {
         exact = (await surface.heights([px, py], [px, py], 1)).values[0] ?? null;
       } catch (error) {
@@ -208,10 +226,10 @@ class Page {
       }
     const z = exact ?? pz, place: Triple = [px, py, z];
     let text = `x ${px.toFixed(3)}, y ${py.toFixed(3)}, z ${z.toFixed(3)} mm`;
-    if (hit.stone !== null) text += ' on a stone';
+    if (!surface.heights) text = `x ${px.toFixed(3)}, y ${py.toFixed(3)} mm`;
+    else if (hit.stone !== null) text += ' on a stone';
     else if (exact === null) text += ` as drawn; ${why}`;
-    const field = this.colours.entry;
-    if (field) text += `; ${await this.fieldAt(field.path, px, py, field.unit)}`;
+    for (const field of this.colours.entries) text += `; ${await this.fieldAt(field.path, px, py, field.unit)}`;
     this.showStone(stone, false);
     if (stone !== null) text += `; stone ${stone}`;
     if (profile && !this.profileFrom) {
@@ -231,14 +249,14 @@ class Page {
   }
 
   private async fieldAt(path: string, x: number, y: number, unit: string): Promise<string> {
-    const v = (await getProfile(path, [x, y], [x, y], 1))[0] ?? null;
+    const v = (await getProfile(path, [x, y], [x, y], 1))[0] ?? this.colours.nearest(path, x, y);
     return v === null ? `${path}: no value` : `${path} ${v > 0 ? '+' : ''}${v.toFixed(4)} ${unit}`;
   }
 
   private async drawProfile(): Promise<void> {
     if (!this.profileEnds) return;
     this.stage.setMarks(this.profileEnds);
-    await drawProfile(this.stage.panes.filter((p): p is Surface => p !== null), ...this.profileEnds);
+    await drawProfile([...new Set(this.stage.panes)].filter((p): p is Surface => p !== null), ...this.profileEnds);
     this.remember();
   }
 
@@ -304,6 +322,7 @@ class Page {
     p.set('times', this.slider.exaggeration.value);
     if (this.colours.entry) {
       p.set('field', this.colours.entry.path);
+      if (this.colours.entries[1]) p.set('field_beside', this.colours.entries[1].path);
       p.set('limit', String(this.colours.limit));
       if (this.colours.brush.some(Number.isFinite)) p.set('brush', this.colours.brush.join(','));
     }
@@ -343,7 +362,9 @@ class Page {
     const field = this.contents.fields.find((f) => f.path === p.get('field') && f.kind !== 'height');
     if (field) {
       this.select.field.value = field.path;
-      await this.colours.show(field);
+      await this.showFields();
+      choose(this.select.fieldBeside, p.get('field_beside') ?? '');
+      if (this.select.fieldBeside.value) await this.showFields();
       if (+(p.get('limit') ?? 0) > 0) this.colours.limit = +p.get('limit')!;
       const brush = numbers('brush');
       if (p.has('brush') && brush.length === 2) this.colours.brush = [brush[0]!, brush[1]!];

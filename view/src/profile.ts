@@ -14,7 +14,7 @@ export async function drawProfile(surfaces: Surface[], from: Triple, to: Triple)
   byId('profile').hidden = false;
   text.textContent = 'reading heights…';
   const length = Math.hypot(to[0] - from[0], to[1] - from[1]);
-  const lines = await Promise.all(surfaces.map((s) => s.heights(from, to, kPlaces)));
+  const lines = await Promise.all(surfaces.flatMap((s) => (s.heights ? [s.heights(from, to, kPlaces)] : [])));
   const all = lines.flatMap((l) => l.values).filter((v): v is number => v !== null);
   plot.replaceChildren();
   if (all.length === 0) { text.textContent = 'There is no height on this line.'; return; }

@@ -22,6 +22,8 @@ export class Stage {
   /** A camera frame is looked through. */
   framed = false;
   before: () => void = () => {};
+  /** Before a pane is drawn. */
+  dress: (pane: number) => void = () => {};
   still: () => void = () => {};
   shown: () => void = () => {};
   private readonly sun = new THREE.DirectionalLight(0xfff6ea, 3.4);
@@ -84,7 +86,8 @@ export class Stage {
     const size = Math.hypot(box.high[0] - box.low[0], box.high[1] - box.low[1]);
     middle.z *= this.exaggeration;
     this.controls.target.copy(middle);
-    const aspect = this.paneSize()[0] / this.paneSize()[1];
+    // Two panes see as much as one does.
+    const aspect = this.panes.length * this.paneSize()[0] / this.paneSize()[1];
     // The whole of it is seen: across the picture, or down.
     const far = size * (from === 'above' ? 1.02 : 1.2) * Math.max(1, 1.2 / aspect);
     // Not quite from above: there north would have no direction.
@@ -203,6 +206,7 @@ export class Stage {
       renderer.setViewport(i * w, 0, w, height);
       renderer.setScissor(i * w, 0, w - (i + 1 < this.panes.length ? 2 : 0), height);
       for (const other of new Set(this.panes)) if (other) other.group.visible = other === pane;
+      this.dress(i);
       renderer.render(this.scene, this.camera);
     });
     for (const pane of this.panes) if (pane) pane.group.visible = true;

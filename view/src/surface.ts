@@ -23,8 +23,8 @@ export interface Surface {
   update(camera: THREE.PerspectiveCamera, width: number, height: number): boolean;
   /** Where a ray (model frame without exaggeration) meets what is shown. */
   meet(ray: THREE.Raycaster, exaggeration: number): Hit | null;
-  /** Full-resolution heights at even places on a line; one place: at `from`. */
-  heights(from: number[], to: number[], count: number): Promise<Heights>;
+  /** Full-resolution heights at even places on a line; one place: at `from`. Not there: it has no height. */
+  heights?(from: number[], to: number[], count: number): Promise<Heights>;
   dispose(): void;
 }
 
@@ -51,6 +51,18 @@ class FieldSurface extends GridGround implements Surface {
   }
 }
 
+/** What a field without a surface lies on. */
+class EvenGround extends GridGround implements Surface {
+  readonly name = 'even ground';
+  readonly note = 'No surface is in this folder: colours lie on even ground.';
+}
+
+function evenGround(entry: FieldEntry, material: GroundMaterial): EvenGround {
+  const dx_mm = (entry.nodes[0] - 1) * entry.spacing_mm, dy_mm = (entry.nodes[1] - 1) * entry.spacing_mm;
+  const [x0_mm, y0_mm] = entry.origin_mm;
+  return new EvenGround({ rows: 2, cols: 2, x0_mm, y0_mm, dx_mm, dy_mm, whole: true, values: new Float32Array(4) }, material);
+}
+
 /** What a folder offers, the best first. */
 export function choices(contents: Contents, material: GroundMaterial, told: (problem: string) => void,
   changed: () => void): SurfaceChoice[] {
@@ -63,5 +75,8 @@ export function choices(contents: Contents, material: GroundMaterial, told: (pro
   for (const entry of heights)
     list.push({ id: entry.path, label: entry.path,
       open: async () => new FieldSurface(entry.path, entry, await getGrid(entry.path, kNodes, false), material) });
+  const field = contents.fields[0];
+  if (list.length === 0 && field)
+    list.push({ id: 'even', label: 'even ground', open: async () => evenGround(field, material) });
   return list;
 }

@@ -1063,6 +1063,50 @@ TEST_F(CommandLine, ACoatedSolidHasItsUndercoatBesideIt) {
                  HasSubstr("coat of 100 mm"));
 }
 
+TEST_F(CommandLine, ASolidIsFilletedAndMoved) {
+  const std::string verb = "mesh " + bowl().string() + " --quiet --out ";
+  ASSERT_EQ(
+      run(verb + (scratch / "part.ply").string() + " --fillet-mm 3 --offset-mm -0.5").exit_code, 0);
+  // Each from what the one before left.
+  const auto fillet = heightmap::read_model_field(scratch / "part.fillet.tif").value();
+  const auto moved = heightmap::read_model_field(scratch / "part.offset.tif").value();
+  const auto design = heightmap::read_model_field(scratch / "bowl.tif").value();
+  bool raised = false;
+  for (std::size_t i = 0; i < design.z_mm.cells().size(); ++i) {
+    ASSERT_GE(fillet.z_mm.cells()[i], design.z_mm.cells()[i]);
+    ASSERT_LE(moved.z_mm.cells()[i], fillet.z_mm.cells()[i] - 0.499F);
+    raised = raised || fillet.z_mm.cells()[i] > design.z_mm.cells()[i] + 0.02F;
+  }
+  EXPECT_TRUE(raised);
+  const auto top = meshing::read_mesh(scratch / "part.ply")->bounds().max.z;
+  EXPECT_EQ(top, static_cast<double>(heightmap::height_range(moved.z_mm).max));
+  out = scratch / "x.ply";
+  expect_refused(run(verb + out.string() + " --offset-mm 60"), HasSubstr("offset of 60 mm"));
+}
+
+TEST_F(CommandLine, AHollowSolidHasItsLabel) {
+  const std::string verb = "mesh " + design().string() + " --quiet --base-thickness-mm 12 --out ";
+  ASSERT_EQ(
+      run(verb + (scratch / "part.ply").string() +
+          " --hollow-mm 1.5 --rib-mm 1 --pocket-mm 8 --label 'N 1' --letter-mm 3 --label-side "
+          "west")
+          .exit_code,
+      0);
+  const json said = json::parse(slurp(scratch / "part.certificate.json"));
+  EXPECT_EQ(said["passed"], true);
+  EXPECT_EQ(said["hollow"]["pockets"], json({2, 2}));
+  EXPECT_EQ(said["engraved"][0]["what"], "\"N 1\"");
+  // West and east at 0 and 20 mm: pockets begin behind wall and groove.
+  const std::string file = (scratch / "x.ply").string();
+  out = file;
+  expect_refused(run(verb + file + " --hollow-mm 1.5 --label 'far too long for that wall'"),
+                 AllOf(HasSubstr("design.tif"), HasSubstr("the southern wall 20 mm")));
+  expect_refused(run(verb + file + " --label '#1'"), HasSubstr("cannot be engraved: #"));
+  expect_refused(run(verb + file + " --hollow-mm 12"), HasSubstr("between the side walls"));
+  expect_refused(run(verb + file + " --letter-mm 3"), HasSubstr("--letter-mm"));
+  expect_refused(run(verb + file + " --label ''"), HasSubstr("--label: an empty text"));
+}
+
 TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
   const std::string surface =
       "run '" MAQUETTE_SOURCE

@@ -11,6 +11,7 @@
 #include "tools/commands/commands.hpp"
 #include "tools/fuse_page.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_offset.hpp"
 #include "tools/jobs_shaped.hpp"
 #include "tools/jobs_stone_parts.hpp"
 #include "tools/jobs_tiles.hpp"
@@ -204,7 +205,7 @@ Command add_stone_parts(CLI::App& root, const CommonOptions&) {
 Command add_mesh(CLI::App& root, const CommonOptions&) {
   struct Options {
     fs::path design, out = "surface.ply", stones;
-    double base_thickness_mm = 10.0, coating_mm = 0.0;
+    double base_thickness_mm = 10.0, coating_mm = 0.0, offset_mm = 0.0, fillet_mm = 0.0;
     double hollow_mm = 0.0, rib_mm = 3.0, pocket_mm = 40.0, ceiling_step_mm = 0.0;  // 0: not hollow
     std::string label, side = "south";
     double scale_bar = 0.0, letter_mm = 5.0, depth_mm = 0.6, stroke_mm = 0.0;
@@ -215,6 +216,7 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
       "A designed surface (and stones) to a checked closed solid, with certificate; with\n"
       "--coating-mm one that meets the design once it is coated (surface.undercoat.tif is for "
       "mill);\n"
+      "with --fillet-mm or --offset-mm of a changed one (surface.fillet.tif, surface.offset.tif);\n"
       "with --hollow-mm opened from below into pockets between ribs; with --label, --scale-bar\n"
       "engraved at a side (docs/solids.md).\n"
       "Example: maquette mesh design.tif --stones stones.json --out surface.ply\n"
@@ -227,6 +229,14 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
   app->add_option("--coating-mm", o->coating_mm,
                   "thickness of the coat that the terrain gets, along its normal")
       ->check(CLI::PositiveNumber)
+      ->excludes(stones);
+  app->add_option("--fillet-mm", o->fillet_mm,
+                  "rounds concave edges of the terrain to that radius: the cutter's")
+      ->check(CLI::Range(0.05, 100.0))
+      ->excludes(stones);
+  app->add_option("--offset-mm", o->offset_mm,
+                  "moves the terrain along its normal, outwards or (negative) inwards")
+      ->check(CLI::Range(-1000.0, 1000.0))
       ->excludes(stones);
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
@@ -272,12 +282,20 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
             if (label->count() > 0 && o->label.empty())
               return fail(kUsage, "--label: an empty text; leave it out, or say what to engrave");
             fs::path surface = o->design;
-            if (o->coating_mm > 0.0) {
-              surface = fs::path(o->out).replace_extension(".undercoat.tif");
-              MAQUETTE_TRY_VOID(finish(console, "undercoat", [&](const RunContext& run) {
-                return undercoat_job(o->design, Millimetres{o->coating_mm}, surface, run);
+            // Each change takes what the one before left.
+            const auto change = [&](const std::string& what, double by_mm,
+                                    auto&& job) -> Result<void> {
+              if (by_mm == 0.0) return {};
+              const fs::path changed = fs::path(o->out).replace_extension("." + what + ".tif");
+              MAQUETTE_TRY_VOID(finish(console, what, [&](const RunContext& run) {
+                return job(surface, Millimetres{by_mm}, changed, run);
               }));
-            }
+              surface = changed;
+              return {};
+            };
+            MAQUETTE_TRY_VOID(change("fillet", o->fillet_mm, fillet_job));
+            MAQUETTE_TRY_VOID(change("offset", o->offset_mm, offset_job));
+            MAQUETTE_TRY_VOID(change("undercoat", o->coating_mm, undercoat_job));
             ShapedJob job{.design = surface,
                           .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
                           .base_thickness = Millimetres{o->base_thickness_mm},

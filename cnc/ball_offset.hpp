@@ -16,7 +16,7 @@
 /// radius R the facets' own s^2 / (8 R). At the outline the slopes of the last cells are
 /// continued; walls are not offset.
 /// Outwards and back is not where one came from: hollows sharper than the ball stay filled
-/// (fillet.hpp), ridges sharper than it come back rounded the other way round.
+/// (fillet.hpp); inwards and back ridges sharper than it stay rounded off.
 /// Cost as DropCutter; balls above 24 cells take a slower way.
 
 #include "core/result.hpp"

@@ -51,7 +51,7 @@ struct HollowOptions {
                                       Millimetres{0}};
 };
 
-/// Material above a pocket is never thinner than the pocket is deep by less than this.
+/// Pockets are at least that deep and that wide.
 inline constexpr double kLeastPocketDepth_mm = 1.0;
 
 struct Underside {

@@ -9,6 +9,7 @@
 //   all letters of the font, in several sizes ... CGAL: closed, manifold, outward, Euler 2, does
 //   not
 //                                            cut itself; the certificate says what CGAL finds
+//   grooves stay under the relief .......... a trench behind the wall: CGAL
 //   everything else stays .................. top and other walls to the bit
 //   a scale bar is as long as it says ...... ends of its line; 1, 2 or 5 times a power of ten
 //   hollow and engraved .................... the wall behind grooves is as thick as asked
@@ -254,6 +255,16 @@ TEST(ScaleBar, IsAsLongAsItSays) {
     EXPECT_NEAR(longest, length, 1e-9) << name;
     EXPECT_LE(longest, 0.4 * wall + 1e-9);
   }
+}
+
+TEST(Engraving, StaysUnderATrenchBehindTheWall) {
+  ModelField f = part();
+  for (std::ptrdiff_t c = 0; c < f.z_mm.cols(); ++c) f.z_mm(2, c) = -8.0F;  // 1 mm behind the wall
+  const EngravingStyle style{.letter = Millimetres{1.5}, .depth = Millimetres{2.0}};
+  const auto walls =
+      engrave_wall(f, Millimetres{kBase}, {text_mark("Trench", style).value()}, style).value();
+  for (const Vec3& v : walls[0].vertices_mm) EXPECT_LT(v.z, -8.4);
+  expect_sound(engraved(f, walls), "trench");
 }
 
 TEST(Engraving, LabelAndScaleBarOnAHollowPart) {

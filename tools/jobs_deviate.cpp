@@ -123,10 +123,11 @@ std::vector<scan::ExtraObject> objects_on(const MeasuredPart& all, const Nominal
 
 scan::Significance significance_of(const MeasuredPart& all, const scan::Deviation& deviation,
                                    const heightmap::ModelField& surface) {
-  const auto& points = all.cloud.points_mm;
+  const std::vector<Vec3> moved = all.seen_at.empty() ? std::vector<Vec3>{} : places_of(all);
+  const auto& places = all.seen_at.empty() ? all.cloud.points_mm : moved;
   const std::span<const float> slopes =
-      all.slope_deg.size() == points.size() ? all.slope_deg : std::span<const float>{};
-  return scan::significance(points, deviation.per_point_mm, all.scans, 0.0, slopes, &surface);
+      all.slope_deg.size() == places.size() ? all.slope_deg : std::span<const float>{};
+  return scan::significance(places, deviation.per_point_mm, all.scans, 0.0, slopes, &surface);
 }
 
 /// Where the points lie, how far off, and what of it is significant.
@@ -211,7 +212,7 @@ Result<void> compare(Comparison& c, MeasuredPart& all, const NominalPart& nomina
     MAQUETTE_TRY(c.beam, take_out_beams(all, nominal, noise, part(run, 0.0, 0.6)));
   }
   // Only now do points lie where their beams' middles meet the part, under overhangs or not.
-  leave_out_overhung(all, nominal, input, noise);
+  MAQUETTE_TRY_VOID(leave_out_overhung(all, nominal, input, noise));
   // Nor were best fits made to such points. A pose on datums is nobody's to change.
   if (c.beam && all.part.empty() && !input.scale) {
     MAQUETTE_TRY(const auto steps, fit_without_beams(all, nominal.to_meet(), part(run, 0.6, 0.7)));

@@ -379,13 +379,27 @@ Result<std::vector<RigidTransform>> fit_without_beams(MeasuredPart& all, const M
   return steps;
 }
 
-void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,
-                        double noise_mm) {
-  if (!nominal.ground || nominal.stone_plan.empty()) return;
-  const auto beyond =
-      scan::beyond_heights(all.cloud.points_mm, nominal.to_meet(), ground_of(nominal),
-                           stones_of(nominal), input.coating_thickness_mm, noise_mm);
-  all.overhung = leave_out(all, [&](std::size_t i) { return beyond[i] != 0; });
+Result<void> leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,
+                                double noise_mm) {
+  if (!nominal.ground || nominal.stone_plan.empty()) return {};
+  MAQUETTE_TRY(
+      auto judged,
+      scan::judge_by_heights(all.cloud.points_mm, nominal.to_meet(), ground_of(nominal),
+                             stones_of(nominal), input.coating_thickness_mm, noise_mm, all.views));
+  all.overhung = leave_out(all, [&](std::size_t i) { return judged.beyond[i] != 0; });
+  std::size_t gone = 0, i = 0;
+  for (scan::SeenAt& seen : judged.seen_at) {
+    for (; i < seen.point; ++i) gone += judged.beyond[i];
+    seen.point -= gone;
+  }
+  all.seen_at = std::move(judged.seen_at);
+  return {};
+}
+
+std::vector<Vec3> places_of(const MeasuredPart& all) {
+  std::vector<Vec3> places = all.cloud.points_mm;
+  for (const scan::SeenAt& seen : all.seen_at) places[seen.point] = seen.place_mm;
+  return places;
 }
 
 Result<std::optional<BeamFigures>> take_out_beams(MeasuredPart& all, const NominalPart& nominal,

@@ -15,6 +15,7 @@
 #include "scan/datums.hpp"
 #include "scan/find_spheres.hpp"
 #include "scan/joint_pose.hpp"
+#include "scan/overhangs.hpp"
 #include "scan/refit.hpp"
 #include "scan/viewpoint.hpp"
 #include "tools/corrections_file.hpp"
@@ -65,9 +66,10 @@ struct MeasuredPart {
     double sigma_translation_mm, sigma_rotation_rad, points;
   };
   std::vector<Where> part;
-  std::size_t at_rim = 0;         ///< left out: part of their beam passed the rim
-  std::uint64_t passed_over = 0;  ///< of files larger than what is compared
-  std::size_t overhung = 0;       ///< left out: heights cannot judge them (scan/overhangs.hpp)
+  std::size_t at_rim = 0;             ///< left out: part of their beam passed the rim
+  std::uint64_t passed_over = 0;      ///< of files larger than what is compared
+  std::size_t overhung = 0;           ///< left out: heights cannot judge them (scan/overhangs.hpp)
+  std::vector<scan::SeenAt> seen_at;  ///< of points near stones
   void make_room(std::size_t points) {
     cloud.points_mm.reserve(points);
     for (std::vector<float>* of : {&cloud.intensity, &range_mm, &incidence_deg, &slope_deg})
@@ -96,9 +98,11 @@ struct MeasuredPart {
 [[nodiscard]] Result<std::vector<RigidTransform>> fit_without_beams(
     MeasuredPart& all, const heightmap::ModelField& surface, const RunContext& run);
 
-/// Leaves out what stands under the overhangs of planned stones.
-void leave_out_overhung(MeasuredPart& all, const NominalPart& nominal, const Case& input,
-                        double noise_mm);
+/// Leaves out what heights cannot judge beside planned stones (scan/overhangs.hpp).
+[[nodiscard]] Result<void> leave_out_overhung(MeasuredPart& all, const NominalPart& nominal,
+                                              const Case& input, double noise_mm);
+/// Where each point counts in means over places: where it lies, near stones where it was looked at.
+[[nodiscard]] std::vector<Vec3> places_of(const MeasuredPart& all);
 
 /// Every point as a ray in the middle of its beam would have measured it on what is expected; what
 /// lies beside an edge is left out.

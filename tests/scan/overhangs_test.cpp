@@ -11,12 +11,17 @@
 //   use ............. a simulated scan of balls where they should be has next to nothing
 //   significant
 //                     without these points, and with them has (4 seeds)
+//   place ........... means beside outlines of balls that overhang and of such that do not are zero
+//                     by where points were looked at, and are not by where noise has put them (6
+//                     seeds)
 
 #include "scan/overhangs.hpp"
 
 #include <cmath>
 #include <numbers>
+#include <string>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -64,7 +69,10 @@ struct Ball {
   ModelField ground = flat(121), envelope = with_balls(flat(121), std::array{kMiddle}, kRadius);
   TriMesh mesh = ball_at(kMiddle, kRadius);
   [[nodiscard]] double share_of(const std::vector<Vec3>& points, double coat = 0.0) const {
-    const auto beyond = beyond_heights(points, envelope, ground, std::span(&mesh, 1), coat, kNoise);
+    const auto beyond =
+        judge_by_heights(points, envelope, ground, std::span(&mesh, 1), coat, kNoise)
+            .value()
+            .beyond;
     return static_cast<double>(std::count(beyond.begin(), beyond.end(), 1)) /
            static_cast<double>(points.size());
   }
@@ -148,7 +156,8 @@ TEST(BeyondHeights, LeavesNextToNothingSignificant) {
       return significance(cloud->points_mm, d->per_point_mm, std::span(&pose, 1)).findings.size();
     };
     with += findings();
-    const auto beyond = beyond_heights(cloud->points_mm, envelope, ground, balls, 0.0, noise);
+    const auto beyond =
+        judge_by_heights(cloud->points_mm, envelope, ground, balls, 0.0, noise).value().beyond;
     std::size_t to = 0;
     for (std::size_t i = 0; i < beyond.size(); ++i)
       if (beyond[i] == 0) cloud->points_mm[to++] = cloud->points_mm[i];
@@ -162,6 +171,67 @@ TEST(BeyondHeights, LeavesNextToNothingSignificant) {
   EXPECT_LE(without, with / 36);
   RecordProperty("with", static_cast<int>(with));
   RecordProperty("without", static_cast<int>(without));
+}
+
+struct Mean {
+  double sum = 0.0, square = 0.0, n = 0.0;
+  void add(double d) { sum += d, square += d * d, n += 1.0; }
+  [[nodiscard]] double value() const { return sum / n; }
+  [[nodiscard]] double sigma() const { return std::sqrt(square) / n; }
+  [[nodiscard]] std::string text() const {
+    return fmt::format("{:+.4f} +- {:.4f} mm ({:.0f})", value(), sigma(), n);
+  }
+};
+
+// Within a millimetre of the outline, on either side, where a ball's side and the ground meet;
+// noise of a quarter of a millimetre.
+TEST(JudgeByHeights, LeavesNoStepBesideOutlines) {
+  constexpr double kLarge = 14.0;
+  for (const double above : {4.0, -4.0}) {
+    const Vec3 middle{30.0, 30.0, 10.0 + above};
+    const TriMesh ball = ball_at(middle, kLarge);
+    const auto balls = std::span(&ball, 1);
+    const ModelField ground = flat(121), envelope = with_balls(ground, {&middle, 1}, kLarge);
+    const double outline = above > 0.0 ? kLarge : std::sqrt(kLarge * kLarge - above * above);
+    const auto add = [&](Vec3 at, double deviation, double within_mm, Mean& beside) {
+      const double beyond = std::hypot(at.x - middle.x, at.y - middle.y) - outline;
+      if (std::abs(beyond) < within_mm) beside.add(deviation);
+    };
+    Mean by_place, by_point;
+    double noise = 0.0;
+    for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+      ScanOptions o;
+      o.scanner = *assets::find_preset(assets::scanner_presets(), "zf5006h");
+      o.scanner.range_sigma_mm *= 3.0;
+      o.footprint_rays = 1;
+      o.station_mm = {30.0, -600.0, 700.0};
+      o.seed = seed;
+      const auto cloud = simulate_scan(ground, balls, o);
+      ASSERT_THAT(cloud, Succeeds());
+      noise = range_sigma_mm(o.scanner, 900.0, 0.7, 0.5);
+      const auto d = deviate(*cloud, {}, envelope, Millimetres{5.0});
+      ASSERT_THAT(d, Succeeds());
+      const auto& points = cloud->points_mm;
+      const Viewpoint view{o.station_mm, 0.0, points.size()};
+      const auto known =
+          judge_by_heights(points, envelope, ground, balls, 0.0, noise, std::span(&view, 1));
+      ASSERT_THAT(known, Succeeds());
+      for (const SeenAt& seen : known->seen_at)
+        add(seen.place_mm, static_cast<double>(d->per_point_mm[seen.point]), 4.0, by_place);
+      const auto unknown = judge_by_heights(points, envelope, ground, balls, 0.0, noise);
+      ASSERT_THAT(unknown, Succeeds());
+      EXPECT_TRUE(unknown->seen_at.empty());
+      for (std::size_t i = 0; i < points.size(); ++i)
+        if (unknown->beyond[i] == 0)
+          add(points[i], static_cast<double>(d->per_point_mm[i]), 1.0, by_point);
+    }
+    const std::string which = fmt::format("middle {} mm above, noise {:.2f} mm: {}; by point {}",
+                                          above, noise, by_place.text(), by_point.text());
+    RecordProperty(above > 0.0 ? "overhanging" : "lying", which);
+    EXPECT_GT(by_place.n, 5'000.0) << which;
+    EXPECT_LT(std::abs(by_place.value()), 0.05 * noise) << which;
+    EXPECT_GT(by_point.value(), 8.0 * by_point.sigma()) << which;
+  }
 }
 
 }  // namespace

@@ -212,7 +212,8 @@ TEST(RefitCorrected, IsFreeOfWhatBeamsDo) {
       if (const auto shift = static_cast<double>(shifts->at(i)); !std::isnan(shift))
         points[i] = points[i] - shift * normalized(points[i] - *stations[k]);
     }
-    const auto beyond = beyond_heights(points, part, ground, stones, 0.0, 0.05);
+    const auto beyond =
+        judge_by_heights(points, part, ground, stones, 0.0, 0.05, views).value().beyond;
     std::vector<Vec3> corrected;
     std::size_t i = 0;
     for (std::size_t k = 0; k < views.size(); ++k) {

@@ -11,6 +11,7 @@
 #include "core/files.hpp"
 #include "core/run_part.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/bands.hpp"
 #include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/shaped_solid.hpp"
@@ -143,11 +144,20 @@ Result<void> hollow(const heightmap::ModelField& design, const meshing::SolidOpt
   return {};
 }
 
-Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& job,
+Result<JobResult> shape(const heightmap::ModelField& whole, const ShapedJob& job,
                         const fs::path& out, const RunContext& run) {
-  MAQUETTE_CHECK(!job.plain(), "nothing to shape");
+  MAQUETTE_CHECK(!job.plain() && !(job.band && job.stones), "nothing to shape");
+  heightmap::ModelField strip;
+  if (job.band) {
+    MAQUETTE_TRY(const auto bands,
+                 meshing::split_into_bands(whole, meshing::BandAxis::y, job.band->max_width));
+    MAQUETTE_CHECK(job.band->index < bands.size(), "band {} of {}", job.band->index, bands.size());
+    strip = meshing::band_field(whole, bands[job.band->index]);
+  }
+  const heightmap::ModelField& design = job.band ? strip : whole;
+  // The base is that of the whole, so that bands stand level beside each other.
   const meshing::SolidOptions options{
-      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
+      .base_z = Millimetres{static_cast<double>(heightmap::height_range(whole.z_mm).min)} -
                 job.base_thickness};
   meshing::Shaping shaping;
   ordered_json figures;

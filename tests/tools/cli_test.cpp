@@ -1107,6 +1107,32 @@ TEST_F(CommandLine, AHollowSolidHasItsLabel) {
   expect_refused(run(verb + file + " --label ''"), HasSubstr("--label: an empty text"));
 }
 
+TEST_F(CommandLine, BandsAreHollowAndNumbered) {
+  const std::string verb = "bands " + design().string() + " --max-width-mm 11 --out " +
+                           out.string() + " --quiet --base-thickness-mm 14 ";
+  ASSERT_EQ(run(verb + "--hollow-mm 1 --rib-mm 1 --pocket-mm 9 --label N --letter-mm 2").exit_code,
+            0);
+  double volume = 0.0, base = NAN;
+  for (const std::string band : {"band_01", "band_02"}) {
+    const json said = json::parse(slurp(out / (band + ".certificate.json")));
+    EXPECT_EQ(said["passed"], true);
+    EXPECT_EQ(said["engraved"][0]["what"], band == "band_01" ? "\"N 1\"" : "\"N 2\"");
+    volume += said["volume_mm3"].get<double>() + said["hollow"]["removed_mm3"].get<double>() +
+              said["engraved"][0]["removed_mm3"].get<double>();
+    const Box3 box = meshing::read_mesh(out / (band + ".ply"))->bounds();
+    if (std::isnan(base)) base = box.min.z;
+    EXPECT_EQ(box.min.z, base) << band;
+  }
+  ASSERT_EQ(run("mesh " + design().string() + " --quiet --base-thickness-mm 14 --out " +
+                (scratch / "whole.ply").string())
+                .exit_code,
+            0);
+  const double whole = json::parse(slurp(scratch / "whole.certificate.json"))["volume_mm3"];
+  EXPECT_NEAR(volume, whole, 1e-9 * whole);
+  fs::remove_all(out);
+  expect_refused(run(verb + "--hollow-mm 1 --dowel-mm 2"), HasSubstr("--dowel-mm"));
+}
+
 TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
   const std::string surface =
       "run '" MAQUETTE_SOURCE

@@ -9,6 +9,7 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
+#include "tools/commands/shape_options.hpp"
 #include "tools/fuse_page.hpp"
 #include "tools/jobs.hpp"
 #include "tools/jobs_offset.hpp"
@@ -206,9 +207,7 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
   struct Options {
     fs::path design, out = "surface.ply", stones;
     double base_thickness_mm = 10.0, coating_mm = 0.0, offset_mm = 0.0, fillet_mm = 0.0;
-    double hollow_mm = 0.0, rib_mm = 3.0, pocket_mm = 40.0, ceiling_step_mm = 0.0;  // 0: not hollow
-    std::string label, side = "south";
-    double scale_bar = 0.0, letter_mm = 5.0, depth_mm = 0.6, stroke_mm = 0.0;
+    ShapeOptions shape;
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
@@ -241,54 +240,20 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 1000.0));
-  auto* hollow = app->add_option("--hollow-mm", o->hollow_mm,
-                                 "opens the underside, leaves walls at least that thick")
-                     ->check(CLI::Range(0.1, 1000.0));
-  app->add_option("--rib-mm", o->rib_mm, "thickness of ribs between pockets")
-      ->capture_default_str()
-      ->check(CLI::Range(0.1, 1000.0))
-      ->needs(hollow);
-  app->add_option("--pocket-mm", o->pocket_mm, "widest pocket between ribs")
-      ->capture_default_str()
-      ->check(CLI::Range(1.0, 10000.0))
-      ->needs(hollow);
-  app->add_option("--ceiling-step-mm", o->ceiling_step_mm,
-                  "widest triangles of the pockets' ceilings (0: four spacings of the design)")
-      ->check(CLI::Range(0.0, 1000.0))
-      ->needs(hollow);
-  auto* label = app->add_option("--label", o->label, "text, engraved in a wall");
-  auto* bar = app->add_option("--scale-bar", o->scale_bar,
-                              "N of 1:N: engraves a bar of a round length on the ground")
-                  ->check(CLI::Range(1e-3, 1e12));
-  app->add_option("--label-side", o->side, "wall that is engraved")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"south", "east", "north", "west"}));
-  app->add_option("--letter-mm", o->letter_mm, "height of engraved capitals")
-      ->capture_default_str()
-      ->check(CLI::Range(0.1, 1000.0));
-  app->add_option("--engrave-depth-mm", o->depth_mm, "of engraved strokes")
-      ->capture_default_str()
-      ->check(CLI::Range(0.02, 1000.0));
-  app->add_option("--stroke-mm", o->stroke_mm,
-                  "width of engraved strokes (0: an eighth of the letters' height)")
-      ->check(CLI::Range(0.0, 100.0));
-  return {app, [o, label, bar](Console& console) -> Result<int> {
-            if (label->count() == 0 && bar->count() == 0 &&
-                (o->side != "south" || o->letter_mm != 5.0 || o->depth_mm != 0.6 ||
-                 o->stroke_mm != 0.0))
-              return fail(kUsage,
-                          "--label-side, --letter-mm, --engrave-depth-mm and --stroke-mm are of "
-                          "--label or --scale-bar; give one of them");
-            if (label->count() > 0 && o->label.empty())
-              return fail(kUsage, "--label: an empty text; leave it out, or say what to engrave");
+  add_shape_options(*app, o->shape, "text, engraved in a wall");
+  return {app, [o](Console& console) -> Result<int> {
+            ShapedJob job{.design = o->design,
+                          .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
+                          .base_thickness = Millimetres{o->base_thickness_mm}};
+            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job));
             fs::path surface = o->design;
             // Each change takes what the one before left.
             const auto change = [&](const std::string& what, double by_mm,
-                                    auto&& job) -> Result<void> {
+                                    auto&& make) -> Result<void> {
               if (by_mm == 0.0) return {};
               const fs::path changed = fs::path(o->out).replace_extension("." + what + ".tif");
               MAQUETTE_TRY_VOID(finish(console, what, [&](const RunContext& run) {
-                return job(surface, Millimetres{by_mm}, changed, run);
+                return make(surface, Millimetres{by_mm}, changed, run);
               }));
               surface = changed;
               return {};
@@ -296,28 +261,12 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
             MAQUETTE_TRY_VOID(change("fillet", o->fillet_mm, fillet_job));
             MAQUETTE_TRY_VOID(change("offset", o->offset_mm, offset_job));
             MAQUETTE_TRY_VOID(change("undercoat", o->coating_mm, undercoat_job));
-            ShapedJob job{.design = surface,
-                          .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
-                          .base_thickness = Millimetres{o->base_thickness_mm},
-                          .label = o->label,
-                          .scale_denominator = o->scale_bar};
-            if (o->hollow_mm > 0.0)
-              job.hollow = {.wall = Millimetres{o->hollow_mm},
-                            .rib = Millimetres{o->rib_mm},
-                            .pocket = Millimetres{o->pocket_mm},
-                            .step = Millimetres{o->ceiling_step_mm}};
-            const std::vector<std::string> sides{"south", "east", "north", "west"};
-            job.engraving = {.side = static_cast<meshing::WallSide>(
-                                 std::find(sides.begin(), sides.end(), o->side) - sides.begin()),
-                             .letter = Millimetres{o->letter_mm},
-                             .depth = Millimetres{o->depth_mm},
-                             .stroke = Millimetres{o->stroke_mm}};
+            job.design = surface;
             if (!job.plain())
               return finish(console, "mesh",
                             [&](const RunContext& run) { return shaped_job(job, o->out, run); });
             return finish(console, "mesh", [&](const RunContext& run) {
-              return mesh_job(surface, o->stones.empty() ? std::nullopt : std::optional(o->stones),
-                              Millimetres{o->base_thickness_mm}, o->out, run);
+              return mesh_job(surface, job.stones, job.base_thickness, o->out, run);
             });
           }};
 }
@@ -331,6 +280,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
     bool own_frame = false;
     meshing::DowelOptions dowels{.diameter_mm = 0.0};  // 0: none
     std::string shard;
+    ShapeOptions shape{.side = "west"};
   };
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
@@ -338,7 +288,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
       "Splits a designed surface into bands, each a closed solid with certificate; with\n"
       "--max-length-mm, --stones or --dowel-mm into tiles whose joints keep off the stones "
       "(tile_01.ply ...,\n"
-      "tiles.json, tiles.svg).\n"
+      "tiles.json, tiles.svg); bands may be hollow and engraved as of `mesh` (docs/solids.md).\n"
       "Example: maquette bands design.tif --max-width-mm 500 --out bands\n"
       "         maquette bands design.tif --max-width-mm 500 --max-length-mm 700 --stones "
       "stones.json --dowel-mm 4 --out tiles");
@@ -373,8 +323,11 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
       ->needs(dowel);
   auto* shards =
       app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
-  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel})
+  add_shape_options(*app, o->shape, "text, engraved in each band with its number");
+  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel}) {
     shards->excludes(tiles_only);
+    for (CLI::Option* shape : o->shape.given) shape->excludes(tiles_only);
+  }
   return {app, [o](Console& console) -> Result<int> {
             if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame ||
                 o->dowels.diameter_mm > 0.0) {
@@ -399,8 +352,19 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
             std::error_code ec;
             fs::create_directories(o->out, ec);
             if (ec) return tl::unexpected(write_error(o->out, ec.value()));
+            ShapedJob job{.design = o->design, .base_thickness = Millimetres{o->base_thickness_mm}};
+            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job));
             for (std::size_t b = shard.index; b < bands.size(); b += shard.count) {
               const std::string name = fmt::format("band_{:02}", b + 1);
+              if (!job.plain()) {
+                job.band = BandOf{Millimetres{o->max_width_mm}, b};
+                if (!o->shape.label.empty())
+                  job.label = fmt::format("{} {}", o->shape.label, b + 1);
+                MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
+                  return shaped_job(job, o->out / (name + ".ply"), run);
+                }));
+                continue;
+              }
               MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
                 return band_job(o->design, Millimetres{o->max_width_mm}, b,
                                 Millimetres{o->base_thickness_mm}, o->out / (name + ".ply"), run);

@@ -8,7 +8,10 @@
 //   only this machine is served                  another loopback address is refused
 //   nothing but GET and HEAD                     POST, PUT, DELETE
 //   a taken port is one error with the way out   a second server on it
-//   contents say what there is                   a folder with one of each
+//   contents say what there is                   a folder with one of each; photographs in it and
+//                                                outside, of two cases; a trajectory half rendered
+//   pictures are averaged as light               black and white columns
+//   squares are every n-th node                  the field's last rows and columns, its corner
 //   grids and profiles are the surface           a plane, for which thinning is exact; voids
 
 #include "tools/view/view_server.hpp"
@@ -27,6 +30,7 @@
 #include <unistd.h>
 #include <nlohmann/json.hpp>
 
+#include "camera/image_io.hpp"
 #include "heightmap/field_io.hpp"
 #include "support/matchers.hpp"
 #include "tools/view/view_contents.hpp"
@@ -281,6 +285,66 @@ TEST_F(View, SaysWhatTheFolderHolds) {
   EXPECT_NEAR(up[2], 0.6, 1e-12);
 }
 
+TEST_F(View, KnowsPhotographsAndTrajectories) {
+  ASSERT_TRUE(write_file(folder / "way.csv",
+                         "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n"
+                         "0,10,20,300,1,0,0,0\n0.25,30,20,300,1,0,0,0\n"));
+  ASSERT_TRUE(write_file(folder / "way.toml",
+                         "schema = \"maquette.scene/1\"\nsurface = \"design.tif\"\n"
+                         "trajectory = \"way.csv\"\nresolution_px = [100, 50]\n"));
+  ASSERT_TRUE(write_file(folder / "fly_frames.json", R"({"frames": 2})"));
+  for (const char* name : {"fly_0001.png", "in.png", "other_0002.png"})
+    ASSERT_TRUE(camera::write_png(Grid<std::uint8_t>(4, 8, 128), folder / name));
+  ASSERT_TRUE(camera::write_png(Grid<std::uint8_t>(4, 8, 128), scratch / "out.png"));
+  const std::string photo =
+      "[[photo]]\nimage = \"{}\"\ncamera_position_mm = [1, 2, 500]\nfocal_length_mm = 50\n"
+      "camera_quaternion_wxyz = [1, 0, 0, 0]\nresolution_px = [8, 4]\npixel_pitch_um = 1000\n";
+  const std::string text = "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\n" +
+                           fmt::format(fmt::runtime(photo), "in.png") + "encoding = \"srgb\"\n" +
+                           fmt::format(fmt::runtime(photo), "../out.png") + "held_out = true\n";
+  ASSERT_TRUE(write_file(folder / "z.toml", text));
+  ASSERT_TRUE(write_file(folder / "extended.toml", text));  // names the same pictures
+  const json frames = json::parse(ask("GET /maquette.json").body)["frames"];
+  ASSERT_EQ(frames.size(), 4U);
+  EXPECT_EQ(frames[0]["kind"], "trajectory");
+  EXPECT_EQ(frames[0]["picture"], "fly_0001.png");
+  EXPECT_EQ(frames[1]["picture"], nullptr);  // not made yet
+  EXPECT_EQ(frames[1]["time_s"], 0.25);
+  EXPECT_EQ(frames[1]["name"], "way.toml 0002");
+  // Straight down, to z = 0.
+  EXPECT_EQ(frames[1]["target_mm"], json({30.0, 20.0, 0.0}));
+  EXPECT_EQ(frames[1]["up"], json({0.0, 1.0, 0.0}));
+  EXPECT_EQ(frames[2]["name"], "z.toml in.png");
+  EXPECT_EQ(frames[2]["picture"], "in.png");
+  EXPECT_EQ(frames[2]["linear"], false);
+  EXPECT_EQ(frames[2]["across_mm"], 8.0);
+  EXPECT_EQ(frames[3]["picture"], nullptr);  // outside of the folder
+  EXPECT_EQ(frames[3]["held_out"], true);
+  EXPECT_EQ(frames[3]["linear"], true);
+}
+
+TEST_F(View, PicturesAreAveragedAsLight) {
+  Grid<float> half(4, 8);
+  for (std::ptrdiff_t r = 0; r < 4; ++r)
+    for (std::ptrdiff_t c = 0; c < 8; ++c) half(r, c) = c % 2 == 0 ? 1.0F : 0.0F;
+  ASSERT_TRUE(camera::write_exr({{"Y", &half}, {"Z", &half}}, folder / "half.exr"));
+  for (const char* query : {"most=4&linear=1", "most=5&linear=1"}) {
+    const Answer answer = ask(fmt::format("GET /picture?file=half.exr&{}", query));
+    ASSERT_EQ(answer.status, 200);
+    EXPECT_THAT(answer.head, HasSubstr("image/png"));
+    ASSERT_TRUE(write_file(scratch / "back.png", answer.body));
+    const auto back = camera::read_image(scratch / "back.png");
+    ASSERT_THAT(back, Succeeds());
+    ASSERT_EQ(back->channels[0].cols(), 4);
+    ASSERT_EQ(back->channels[0].rows(), 2);
+    // Half of the light is 188 in sRGB.
+    for (const float v : back->channels[0].cells()) EXPECT_NEAR(255.0F * v, 188.0F, 0.6F);
+  }
+  EXPECT_EQ(ask("GET /picture?file=half.exr&most=0").status, 400);
+  EXPECT_EQ(ask("GET /picture?file=../secret.txt&most=9").status, 404);
+  EXPECT_EQ(ask("GET /picture?file=digits.txt&most=9").status, 422);
+}
+
 TEST_F(View, GridsAreTheSurfaceAtEvenPlaces) {
   const Answer answer = ask("GET /grid?file=design.tif&nodes=9");
   ASSERT_EQ(answer.status, 200);
@@ -341,6 +405,34 @@ TEST(ThinnedField, MeansLeaveVoidsOut) {
   const ThinnedField all = thinned(field, 100, false);
   EXPECT_TRUE(all.whole);
   EXPECT_EQ(all.values.size(), 31U * 41U);
+}
+
+TEST_F(View, SquaresHaveEveryNthNodeAndOneAround) {
+  // 41 x 31 nodes: from column 32 in steps of 4 come 32, 36, 40; from row 24 come 24, 28, 30.
+  const Answer answer = ask("GET /tile?file=design.tif&row=24&col=32&every=4&quads=3");
+  ASSERT_EQ(answer.status, 200);
+  ASSERT_EQ(answer.body.size(), 4U * 6 * 6);
+  const std::array<int, 6> rows{20, 24, 28, 30, -1, -1}, cols{28, 32, 36, 40, -1, -1};
+  const heightmap::ModelField field = plane();
+  for (std::size_t r = 0; r < 6; ++r)
+    for (std::size_t c = 0; c < 6; ++c) {
+      float z = 0.0F;
+      std::memcpy(&z, answer.body.data() + 4 * (6 * r + c), 4);
+      if (rows[r] < 0 || cols[c] < 0)
+        EXPECT_TRUE(std::isnan(z)) << r << ' ' << c;
+      else
+        EXPECT_EQ(z, field.z_mm(rows[r], cols[c])) << r << ' ' << c;
+    }
+  const std::vector<float> corner = every_nth(field, 0, 0, 2, 1);
+  EXPECT_TRUE(std::isnan(corner[0]));
+  EXPECT_TRUE(std::isnan(corner[4]));
+  EXPECT_EQ(corner[5], field.z_mm(0, 0));
+  EXPECT_EQ(corner[15], field.z_mm(4, 4));
+  for (const char* bad :
+       {"row=-1&col=0&every=1&quads=8", "row=0&col=0&every=0&quads=8",
+        "row=0&col=0&every=1&quads=513", "row=0&col=0&every=1", "row=0.5&col=0&every=1&quads=8"})
+    EXPECT_EQ(ask(fmt::format("GET /tile?file=design.tif&{}", bad)).status, 400) << bad;
+  EXPECT_EQ(ask("GET /tile?file=../secret.txt&row=0&col=0&every=1&quads=8").status, 404);
 }
 
 TEST(FieldShelf, ReadsAFileAgainWhenItHasChanged) {

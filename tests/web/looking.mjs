@@ -19,7 +19,7 @@ export async function look(maquette, pictures) {
   /** The program's address; ended with the test. */
   const servers = [];
   function serve(folder) {
-    return new Promise((resolve) => {
+    return new Promise((resolve, reject) => {
       const child = spawn(maquette, ['view', folder, '--port', '0']);
       servers.push(child);
       let out = '', err = '';
@@ -28,6 +28,7 @@ export async function look(maquette, pictures) {
       child.on('exit', (code) => {
         if (code === 3 && err.includes('tools/setup --web')) skip('maquette was built without its page');
         expect(code === 0, `maquette view ${folder} ended with ${code}: ${err}`);
+        reject(new Error(err)); // of no account where it has been asked to end
       });
     });
   }

@@ -7,6 +7,7 @@
 //   sun and exaggeration change the picture; dark and light; each control has a name
 //   stones, profile, link, screenshot, keyboard
 //   a run's folder: deviation colours, brush, toolpath, both surfaces, camera frame
+//   photographs of a case and poses of a trajectory: clicked, stepped through, looked from
 //   residuals of a diagnosis, before and after: one scale, side by side, without a surface too
 //   a damaged and a missing tile are said and the rest works; no WebGL 2 is said
 
@@ -208,6 +209,53 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await page.waitForFunction(() => !document.querySelector('#shot').hidden && document.querySelector('#shot').complete);
   await still(page);
   await whole(page, 'camera');
+
+  // Cameras where they stand: a click on one shows its picture, which is what is seen from there.
+  await page.selectOption('#frame', '');
+  await page.click('#oblique');
+  for (let i = 0; i < 12; i += 1) { await page.locator('#canvas').focus(); await page.keyboard.press('-'); }
+  await still(page);
+  const names = await page.locator('#frame option').evaluateAll((list) => list.map((o) => o.value));
+  const photo = 's1000/photo.toml shot.exr', ring = [1, 2, 3].map((i) => `s1000/ring.toml 000${i}`);
+  for (const name of [photo, ...ring]) expect(names.includes(name), `of cameras there are ${names}`);
+  const open = async (name) => {
+    await page.waitForFunction((text) => document.querySelector('#photo-text').textContent.startsWith(text)
+      && document.querySelector('#photo-picture').complete && document.querySelector('#photo-picture').naturalWidth === 240, `${name}:`);
+  };
+  // The apex of the first pose, as the page's camera sees it.
+  const link0 = new URLSearchParams(await page.evaluate(() => new Promise((resolve) => { setTimeout(() => resolve(location.hash.slice(1)), 600); })));
+  const [from0, to0] = ['from', 'to'].map((k) => link0.get(k).split(',').map(Number)), area = await page.locator('#canvas').boundingBox();
+  const eye0 = [20 + 110 * Math.sin(-0.5), 20 - 110 * Math.cos(-0.5), 90];
+  const minus = (a, b) => a.map((v, i) => v - b[i]), dot = (a, b) => a.reduce((s, v, i) => s + v * b[i], 0);
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], unit = (a) => a.map((v) => v / Math.hypot(...a));
+  const ahead = unit(minus(to0, from0)), aside = unit(cross(ahead, [0, 0, 1])), upward = cross(aside, ahead), way = minus(eye0, from0);
+  const scale = 0.5 * area.height / Math.tan(20 * Math.PI / 180) / dot(way, ahead);
+  await page.locator('#canvas').click({ position: { x: 0.5 * area.width + scale * dot(way, aside), y: 0.5 * area.height - scale * dot(way, upward) } });
+  await open(ring[0]);
+  await still(page);
+  await whole(page, 'photo_ring');
+  expect(await page.locator('#photo-before').isDisabled(), 'there is something before the first');
+  await page.click('#photo-next');
+  await open(ring[1]);
+  const rendered = await page.locator('#photo-picture').screenshot();
+  expect((await page.locator('#photo-text').textContent()).includes('at 0.5 s'), `of the second is said ${await page.locator('#photo-text').textContent()}`);
+  await page.selectOption('#frame', photo);
+  await page.click('#frame-photo');
+  await open(photo);
+  expect((await page.locator('#photo-text').textContent()).includes('held out'), 'that it is held out is not said');
+  // Light in the one file, sRGB in the other; the same picture.
+  expect(await differ(page, rendered, await page.locator('#photo-picture').screenshot()) < 0.02, 'the photograph is not the rendering');
+  await page.click('#photo-look');
+  await page.fill('#shot-opacity', '0.5');
+  await still(page);
+  await whole(page, 'photo_look');
+  await page.waitForTimeout(600);
+  const photoLink = await page.evaluate(() => location.href);
+  expect(photoLink.includes('photo='), `${photoLink} has no photograph`);
+  await page.click('#photo-close');
+  expect(await page.locator('#photo').isHidden(), 'the picture does not close');
+  const bad = await fetch(`${runUrl}picture?file=s1000/design.tif&most=0`), outside = await fetch(`${runUrl}picture?file=../site.toml&most=100`);
+  expect(bad.status === 400 && outside.status === 404, `bad pictures: ${bad.status}, ${outside.status}`);
   expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);
   await page.context().close();
 }

@@ -11,8 +11,12 @@
 ///              kind: "height", "signed" (deviations; zero is the middle), "positive"
 ///   plans      stones.json outside of tilesets
 ///   paths      backplot/paths.json: thinned programs (tools/path_view.hpp)
-///   frames     [{scene, picture, position_mm, target_mm, up, across_mm, down_mm, focal_mm}]: a
-///              camera of a scene file and what was rendered from it, null where it is not there
+///   frames     [{name, kind, scene, picture, linear, position_mm, target_mm, up, across_mm,
+///   down_mm,
+///              focal_mm}]: cameras and what they saw. kind: "scene" (of a scene file),
+///              "trajectory" (also time_s; in their order) or "photo" (of a case file; also
+///              held_out). scene: the file that says so. picture: null where it is not there or
+///              lies outside of the folder; linear: it holds light, not sRGB
 ///   reports    pages
 ///   manifest   of `maquette run`, or null
 

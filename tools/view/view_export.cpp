@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <set>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -17,6 +18,7 @@
 #include "tools/view/single_page.hpp"
 #include "tools/view/view_contents.hpp"
 #include "tools/view/view_fields.hpp"
+#include "tools/view/view_picture.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
@@ -26,6 +28,7 @@ namespace {
 // Of what the page may weigh.
 constexpr double kPictureShare = 0.2, kPathShare = 0.35, kTileShare = 0.5;
 constexpr double kSmallestStep = 1e-5;  // of what is no height: four decimals are shown
+constexpr int kPicturePixels = 1024;    // a side
 constexpr std::size_t kIndexBytes = 4096;
 
 double in_base64(std::size_t bytes) {
@@ -249,12 +252,18 @@ Result<JobResult> view_export_job(const fs::path& folder, const fs::path& out,
   for (const json& plan : plans)
     if (const auto bytes = read(plan))
       pack.add("files/" + plan.get<std::string>(), "deflate", deflated(*bytes));
+  std::set<std::string> pictures;
+  double picture_weight = 0.0;
   for (json& frame : contents["frames"]) {
     if (frame["picture"].is_null()) continue;
     const std::string picture = frame["picture"];
-    const auto bytes = read(picture);
-    if (bytes && pack.weight() + in_base64(bytes->size()) < kPictureShare * most) {
+    if (pictures.contains(picture)) continue;
+    const auto bytes = picture_png(root / picture, frame["linear"], kPicturePixels);
+    const double with = picture_weight + (bytes ? in_base64(bytes->size()) : 0.0);
+    if (bytes && with < kPictureShare * most) {
+      picture_weight = with;
       pack.add("files/" + picture, "plain", *bytes);
+      pictures.insert(picture);
     } else {
       left_out.push_back(picture);
       frame["picture"] = nullptr;

@@ -81,6 +81,27 @@ ThinnedField thinned(const heightmap::ModelField& field, std::ptrdiff_t most_nod
   return thin;
 }
 
+std::vector<float> every_nth(const heightmap::ModelField& field, std::ptrdiff_t row,
+                             std::ptrdiff_t col, std::ptrdiff_t every, std::ptrdiff_t quads) {
+  const Grid<float>& z = field.z_mm;
+  // -1: beside the field.
+  const auto node = [&](std::ptrdiff_t first, std::ptrdiff_t i, std::ptrdiff_t count) {
+    const std::ptrdiff_t at = first + i * every;
+    if (at < 0 || at - every >= count - 1) return std::ptrdiff_t{-1};
+    return std::min(at, count - 1);
+  };
+  std::vector<float> values;
+  values.reserve(static_cast<std::size_t>((quads + 3) * (quads + 3)));
+  for (std::ptrdiff_t i = -1; i <= quads + 1; ++i) {
+    const std::ptrdiff_t r = node(row, i, z.rows());
+    for (std::ptrdiff_t j = -1; j <= quads + 1; ++j) {
+      const std::ptrdiff_t c = node(col, j, z.cols());
+      values.push_back(r < 0 || c < 0 ? NAN : z(r, c));
+    }
+  }
+  return values;
+}
+
 std::vector<double> profile_of(const heightmap::ModelField& field, Vec3 from_mm, Vec3 to_mm,
                                std::size_t count) {
   std::vector<double> heights(count);

@@ -32,6 +32,14 @@ struct ThinnedField {
 [[nodiscard]] ThinnedField thinned(const heightmap::ModelField& field, std::ptrdiff_t most_nodes,
                                    bool mean);
 
+/// A square of every n-th node with one more around it (for slopes): (quads + 3)^2 values row by
+/// row from the south, the second of the second row being node (row, col). The field's last row and
+/// column belong to it whatever n is: beyond what fits it is the next node. NaN beside the field.
+/// @pre every >= 1, quads >= 1
+[[nodiscard]] std::vector<float> every_nth(const heightmap::ModelField& field, std::ptrdiff_t row,
+                                           std::ptrdiff_t col, std::ptrdiff_t every,
+                                           std::ptrdiff_t quads);
+
 /// The field's triangulated surface at `count` even places from one point to another (one: at
 /// `from`); their z does not matter. NaN beside the field and over voids.
 [[nodiscard]] std::vector<double> profile_of(const heightmap::ModelField& field, Vec3 from_mm,

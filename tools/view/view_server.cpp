@@ -21,6 +21,7 @@
 #include "tools/view/view_contents.hpp"
 #include "tools/view/view_fields.hpp"
 #include "tools/view/view_files.hpp"
+#include "tools/view/view_picture.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
@@ -29,8 +30,9 @@ using httplib::Response;
 namespace {
 
 constexpr const char* kLoopback = "127.0.0.1";
-constexpr std::size_t kMostPlaces = 20'000;  // of a profile
-constexpr int kMostNodes = 4096;             // a side of a grid
+constexpr std::size_t kMostPlaces = 20'000;           // of a profile
+constexpr double kMostIndex = 1e6, kMostQuads = 512;  // of a tile
+constexpr int kMostNodes = 4096;                      // a side of a grid
 
 // The decoders are WebAssembly in workers that are made of text.
 constexpr const char* kPolicy =
@@ -192,6 +194,26 @@ struct ViewServer::State {
         "application/octet-stream");
   }
 
+  void give_tile(const Request& request, Response& response) {
+    const auto whole = [&](const char* name, double least, double most) {
+      return count(request.get_param_value(name), least, most);
+    };
+    const auto row = whole("row", 0, kMostIndex), col = whole("col", 0, kMostIndex),
+               every = whole("every", 1, kMostIndex), quads = whole("quads", 1, kMostQuads);
+    if (!row || !col || !every || !quads)
+      return say(
+          response, 400,
+          fmt::format("row, col, every and quads (at most {:g}) are whole numbers", kMostQuads));
+    const auto field = field_of(request, response);
+    if (!field) return;
+    const auto n = [](std::size_t v) { return static_cast<std::ptrdiff_t>(v); };
+    const std::vector<float> values = every_nth(*field, n(*row), n(*col), n(*every), n(*quads));
+    give_bytes(request, response,
+               std::make_shared<const std::string>(reinterpret_cast<const char*>(values.data()),
+                                                   values.size() * sizeof(float)),
+               "application/octet-stream");
+  }
+
   void give_profile(const Request& request, Response& response) {
     const auto from = place(request.get_param_value("from")),
                to = place(request.get_param_value("to"));
@@ -206,6 +228,20 @@ struct ViewServer::State {
     const nlohmann::json values{{"values", profile_of(*field, *from, *to, *places)}};
     give_bytes(request, response, std::make_shared<const std::string>(values.dump()),
                "application/json");
+  }
+
+  void give_picture(const Request& request, Response& response) const {
+    const auto most = count(request.get_param_value("most"), 1, kMostNodes);
+    if (!most) return say(response, 400, fmt::format("most: 1 to {}", kMostNodes));
+    const std::string name = request.get_param_value("file");
+    const auto file = file_below(folder, name);
+    if (!file) return say(response, 404, fmt::format("{}: no such file", name));
+    auto png =
+        picture_png(*file, request.get_param_value("linear") == "1", static_cast<int>(*most));
+    if (!png) return say(response, 422, png.error().message);
+    response.set_header("Cache-Control", "no-cache");
+    give_bytes(request, response, std::make_shared<const std::string>(std::move(*png)),
+               "image/png");
   }
 
   void give_contents(const Request& request, Response& response) const {
@@ -248,6 +284,8 @@ struct ViewServer::State {
     server.Get("/maquette.json",
                [this](const Request& q, Response& r) { return give_contents(q, r); });
     server.Get("/grid", [this](const Request& q, Response& r) { return give_grid(q, r); });
+    server.Get("/tile", [this](const Request& q, Response& r) { return give_tile(q, r); });
+    server.Get("/picture", [this](const Request& q, Response& r) { return give_picture(q, r); });
     server.Get("/profile", [this](const Request& q, Response& r) { return give_profile(q, r); });
     server.Get("/files/(.*)", [this](const Request& q, Response& r) {
       const auto file = file_below(folder, std::string_view(q.path).substr(7));

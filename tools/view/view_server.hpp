@@ -11,6 +11,11 @@
 ///   GET /grid?file=PATH&nodes=N[&mean=1]
 ///                                       float32, little-endian, row by row from the south; header
 ///                                       Maquette-Grid says how many and where (ThinnedField)
+///   GET /tile?file=PATH&row=R&col=C&every=N&quads=Q
+///                                       float32 of a square of every n-th node (every_nth)
+///   GET /picture?file=PATH&most=N[&linear=1]
+///                                       a photograph or rendering as PNG of at most N pixels a
+///                                       side (view_picture.hpp)
 ///   GET /profile?file=PATH&from=X,Y&to=X,Y&count=N
 ///                                       {"values": [...]}: mm, null where there is none
 ///

@@ -11,7 +11,8 @@ export interface FieldEntry {
   nodes: [number, number]; spacing_mm: number; origin_mm: [number, number];
 }
 export interface FrameEntry {
-  scene: string; picture: string | null; position_mm: Triple; target_mm: Triple; up: Triple;
+  name: string; kind: 'scene' | 'trajectory' | 'photo'; scene: string; picture: string | null; linear: boolean;
+  time_s?: number; held_out?: boolean; position_mm: Triple; target_mm: Triple; up: Triple;
   across_mm: number; down_mm: number; focal_mm: number;
 }
 export type Triple = [number, number, number];
@@ -57,9 +58,14 @@ export async function getJson<T>(path: string): Promise<T> {
   return carries ? carriedJson(`files/${path}`) : (await answer(fileUrl(path))).json();
 }
 
-/** Address of a picture, for an element. */
-export async function pictureUrl(path: string): Promise<string> {
-  return carries ? carriedUrl(`files/${path}`, 'image/png') : fileUrl(path);
+const kPicturePixels = 2048; // a side
+
+/** Address of a camera's picture, for an element. */
+export async function pictureUrl(frame: FrameEntry): Promise<string> {
+  const path = frame.picture!;
+  if (carries) return carriedUrl(`files/${path}`, 'image/png');
+  if (!frame.linear && /\.(png|jpg)$/.test(path)) return fileUrl(path);
+  return `picture?file=${encodeURIComponent(path)}&most=${kPicturePixels}${frame.linear ? '&linear=1' : ''}`;
 }
 
 /** A raster, thinned to at most so many nodes a side; an exported page has it as it carries it. */
@@ -68,6 +74,12 @@ export async function getGrid(path: string, nodes: number, mean: boolean): Promi
   const response = await answer(`grid?file=${encodeURIComponent(path)}&nodes=${nodes}${mean ? '&mean=1' : ''}`);
   const shape = JSON.parse(response.headers.get('maquette-grid') ?? '{}');
   return { ...shape, values: new Float32Array(await response.arrayBuffer()) };
+}
+
+/** Every n-th node of a square with one more around it (tools/view/view_fields.hpp: every_nth). */
+export async function getTile(path: string, row: number, col: number, every: number, quads: number): Promise<Float32Array> {
+  const url = `tile?file=${encodeURIComponent(path)}&row=${row}&col=${col}&every=${every}&quads=${quads}`;
+  return new Float32Array(await (await answer(url)).arrayBuffer());
 }
 
 /** The raster itself on a line, null where it has no value. */

@@ -34,6 +34,9 @@ export class GroundMaterial {
           varying vec2 modelPlace;
           uniform sampler2D field; uniform bool coloured, signedField;
           uniform vec2 fieldLow, fieldSize, scale, brush; uniform vec3 signedStops[3], positiveStops[6];`)
+        // Hems of squares (raster_ground.ts) look as the edge that they hang from, from both sides.
+        .replace('#include <normal_fragment_begin>', flatShading ? '#include <normal_fragment_begin>'
+          : THREE.ShaderChunk.normal_fragment_begin.replace('gl_FrontFacing ? 1.0 : - 1.0', '1.0'))
         .replace('#include <color_fragment>', `#include <color_fragment>
           if (coloured) {
             vec2 at = (modelPlace - fieldLow) / fieldSize;

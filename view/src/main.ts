@@ -51,7 +51,7 @@ class Page {
     this.colours = new FieldColours(this.material, this.stage.renderer, () => { changed(); this.remember(); });
     this.path = new Toolpath(contents.paths, () => { changed(); this.remember(); }, tell);
     this.stage.relief.add(this.path.group);
-    this.frames = new Frames(contents.frames, this.stage, tell);
+    this.frames = new Frames(contents.frames, this.stage, () => this.remember(), tell);
     this.stage.before = () => this.path.advance();
     this.stage.dress = (pane) => this.colours.dress(pane);
     this.stage.shown = () => this.firstPicture();
@@ -211,6 +211,12 @@ class Page {
   }
 
   private async ask(x: number, y: number): Promise<void> {
+    const camera = byId('profile-mode').getAttribute('aria-pressed') === 'true' ? '' : this.frames.at(x, y);
+    if (camera) {
+      this.frames.open(camera);
+      say(`Camera ${camera}.`);
+      return;
+    }
     const met = await this.stage.ask(x, y);
     if (!met) { say('There is no surface.'); return; }
     const { surface, hit } = met, [px, py, pz] = hit.place;
@@ -328,6 +334,7 @@ class Page {
     }
     if (this.path.name) { p.set('program', this.path.name); p.set('time', this.path.time.toFixed(4)); }
     if (this.frames.current) p.set('frame', this.frames.current);
+    if (this.frames.pictured) p.set('photo', this.frames.pictured);
     if (this.profileEnds) p.set('profile', list(this.profileEnds.flat()));
     this.written = `#${p}`;
     try {
@@ -375,6 +382,7 @@ class Page {
       await this.path.show(p.get('program')!);
     }
     if (p.has('frame')) this.frames.show(p.get('frame')!);
+    if (p.has('photo')) this.frames.open(p.get('photo')!);
     const ends = numbers('profile');
     if (ends.length === 6 && ends.every(Number.isFinite)) {
       byId('profile-mode').setAttribute('aria-pressed', 'true');

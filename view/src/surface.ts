@@ -8,6 +8,7 @@ import { GridGround } from './grid_ground';
 import type { GroundMaterial } from './ground_material';
 import { getGrid, getProfile, type Contents, type FieldEntry, type Triple } from './contents';
 import { figure } from './palette';
+import { RasterGround } from './raster_ground';
 import { TiledGround } from './tiled_ground';
 
 export interface Box { low: Triple; high: Triple }
@@ -30,15 +31,15 @@ export interface Surface {
 
 export interface SurfaceChoice { id: string; label: string; open(): Promise<Surface> }
 
-const kNodes = 501; // a side of a raster that is shown without tiles: half a million triangles
+const kNodes = 501; // a side of a raster that is shown at once: half a million triangles
 
 class FieldSurface extends GridGround implements Surface {
   note: string;
   constructor(public name: string, private entry: FieldEntry, grid: Awaited<ReturnType<typeof getGrid>>, material: GroundMaterial) {
     super(grid, material);
-    const places = grid.whole ? 'Every node is shown' : `${grid.cols} × ${grid.rows} places of ${entry.nodes.join(' × ')} nodes are `
-      + (carries ? 'in this page' : 'shown');
-    this.note = `${places}${grid.whole || carries ? '' : '; maquette lod makes tiles that show all'}.`;
+    // Only an exported page has less than all here.
+    const places = grid.whole ? 'Every node is shown' : `${grid.cols} × ${grid.rows} places of ${entry.nodes.join(' × ')} nodes are in this page`;
+    this.note = `${places}.`;
     if (grid.loss) {
       const loss = `within ${figure(grid.loss.most_mm, 2)} mm of the file (rms ${figure(grid.loss.rms_mm, 2)} mm)`;
       this.note = `${places}, ${loss}.`;
@@ -74,7 +75,9 @@ export function choices(contents: Contents, material: GroundMaterial, told: (pro
   const heights = contents.fields.filter((f) => f.kind === 'height').sort((a, b) => rank(a.path) - rank(b.path));
   for (const entry of heights)
     list.push({ id: entry.path, label: entry.path,
-      open: async () => new FieldSurface(entry.path, entry, await getGrid(entry.path, kNodes, false), material) });
+      open: async () => (carries || Math.max(...entry.nodes) <= kNodes
+        ? new FieldSurface(entry.path, entry, await getGrid(entry.path, kNodes, false), material)
+        : RasterGround.open(entry, material, told, changed)) });
   const field = contents.fields[0];
   if (list.length === 0 && field)
     list.push({ id: 'even', label: 'even ground', open: async () => evenGround(field, material) });

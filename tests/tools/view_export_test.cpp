@@ -20,6 +20,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "support/matchers.hpp"
@@ -175,7 +176,10 @@ TEST_F(Export, NamesWhatDoesNotFit) {
   ASSERT_TRUE(write_file(folder / "a<b/scene.toml",
                          "schema = \"maquette.scene/1\"\n"
                          "surface = \"design.tif\"\n"));
-  ASSERT_TRUE(write_file(folder / "a<b/picture.png", std::string(300'000, 'x')));
+  Grid<std::uint8_t> noise(500, 600);  // 300 kB, however it is packed
+  std::mt19937 random(7);
+  for (std::uint8_t& v : noise.cells()) v = static_cast<std::uint8_t>(random() & 0xff);
+  ASSERT_TRUE(camera::write_png(noise, folder / "a<b/picture.png"));
   ASSERT_TRUE(write_file(folder / "stones.json", R"({"stones": []})"));
   const auto made = make(1.0);
   ASSERT_THAT(made, Succeeds());
@@ -183,9 +187,13 @@ TEST_F(Export, NamesWhatDoesNotFit) {
   EXPECT_THAT(index()["left_out"], ElementsAre("a<b/picture.png"));
   EXPECT_TRUE(index()["entries"].contains("files/stones.json"));
   EXPECT_THAT(*read_file(out), Not(HasSubstr("a<b/")));  // a letter that could begin an element
-  ASSERT_THAT(make(3.0), Succeeds());
+  ASSERT_THAT(make(9.0), Succeeds());
   EXPECT_TRUE(index()["left_out"].empty());
   EXPECT_TRUE(index()["entries"].contains("files/a<b/picture.png"));
+  ASSERT_TRUE(write_file(folder / "a<b/picture.png", "no picture"));
+  fs::resize_file(folder / "deviation.tif", 2000);
+  ASSERT_THAT(make(3.0), Succeeds());
+  EXPECT_THAT(index()["damaged"], ElementsAre("a<b/picture.png", "deviation.tif"));
 }
 
 TEST_F(Export, RefusesAFolderWithNothingToShow) {

@@ -243,7 +243,7 @@ Result<JobResult> view_export_job(const fs::path& folder, const fs::path& out,
   const double most = 1e6 * most_mb;
   const double own = static_cast<double>(single_page(page, {}).size()) + kIndexBytes;
   Pack pack;
-  std::vector<std::string> left_out;
+  std::vector<std::string> left_out, damaged;
   const auto read = [&](const std::string& path) { return read_file(root / path); };
 
   json plans = contents["plans"];
@@ -265,7 +265,7 @@ Result<JobResult> view_export_job(const fs::path& folder, const fs::path& out,
       pack.add("files/" + picture, "plain", *bytes);
       pictures.insert(picture);
     } else {
-      left_out.push_back(picture);
+      (bytes ? left_out : damaged).push_back(picture);
       frame["picture"] = nullptr;
     }
   }
@@ -331,7 +331,7 @@ Result<JobResult> view_export_job(const fs::path& folder, const fs::path& out,
       rasters.push_back(std::move(*raster));
       fields.push_back(entry);
     } else {
-      left_out.push_back(entry["path"]);
+      damaged.push_back(entry["path"]);
     }
     done += 1.0;
     run.progress(0.2 + 0.6 * done / static_cast<double>(contents["fields"].size()));
@@ -374,6 +374,7 @@ Result<JobResult> view_export_job(const fs::path& folder, const fs::path& out,
   pack.add("maquette.json", "deflate", deflated(dump(contents)));
   const json index{{"made_by", fmt::format("maquette {}", kVersion)},
                    {"left_out", left_out},
+                   {"damaged", damaged},
                    {"entries", pack.entries()}};
   const std::string html = single_page(
       page, fmt::format("<script id=\"carried-index\" type=\"application/json\">{}</script>\n"
@@ -386,9 +387,12 @@ Result<JobResult> view_export_job(const fs::path& folder, const fs::path& out,
                               {"nodes_a_side", nodes},
                               {"tilesets", tilesets.size()},
                               {"rasters", rasters.size()},
-                              {"left_out", left_out}});
+                              {"left_out", left_out},
+                              {"damaged", damaged}});
   result.note = human_bytes(static_cast<double>(html.size()));
   if (nodes > 0) result.note += fmt::format(", rasters of at most {0} x {0} nodes", nodes);
+  for (const std::string& name : damaged)
+    run.warn(fmt::format("{} cannot be read and is left out", name));
   for (const std::string& name : left_out)
     run.warn(fmt::format("{} does not fit into {:.3g} MB and is left out; give more by --export-mb",
                          name, most_mb));

@@ -10,14 +10,15 @@
 ///   tiles     all levels from the coarsest to the finest that fits
 ///   rasters   all thinned to at most N nodes a side, the most of kExportSides that fits: heights
 ///             as the surface is there, deviations as means (view_fields.hpp)
-/// What does not fit is left out whole and named: the page says so, and the result.
+/// What does not fit or cannot be read is left out whole and named: the page says so, and the
+/// result.
 ///
 /// Heights of rasters are rounded to kHeightStep_mm (or 1/65534 of their range, if that is more).
 /// How far the carried surface is from the file's is measured at all its nodes and said beside it.
 ///
 /// In the file, behind the page's own text:
-///   <script id="carried-index" type="application/json">   {"made_by", "left_out", "entries":
-///   {NAME:
+///   <script id="carried-index" type="application/json">   {"made_by", "left_out", "damaged",
+///   "entries": {NAME:
 ///       {"at", "size", "coding", "grid"}}}; NAME is "maquette.json", "files/PATH", "grid/PATH" or
 ///       "page/" and a decoder's name; coding "plain", "deflate" (zlib) or "grid"
 ///       (packed_grid.hpp)

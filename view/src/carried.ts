@@ -4,7 +4,7 @@
 import type { Grid } from './contents';
 
 interface Entry { at: number; size: number; coding: 'plain' | 'deflate' | 'grid'; grid?: Record<string, number> }
-interface Index { made_by: string; left_out: string[]; entries: Record<string, Entry> }
+interface Index { made_by: string; left_out: string[]; damaged: string[]; entries: Record<string, Entry> }
 
 const index: Index | null = JSON.parse(document.getElementById('carried-index')?.textContent ?? 'null');
 let packed: Uint8Array | null = null;
@@ -14,6 +14,7 @@ const grids = new Map<string, Promise<Grid>>();
 export const carries = index !== null;
 export const madeBy = index?.made_by ?? '';
 export const leftOut: string[] = index?.left_out ?? [];
+export const damaged: string[] = index?.damaged ?? [];
 
 function all(): Uint8Array {
   if (!packed) {
@@ -23,10 +24,6 @@ function all(): Uint8Array {
     element.remove(); // the text is no longer needed
   }
   return packed;
-}
-
-export function isCarried(name: string): boolean {
-  return Boolean(index?.entries[name]);
 }
 
 export async function carriedBytes(name: string): Promise<ArrayBuffer> {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The page of `maquette view`: what the folder holds, looked at and asked.
 
-import { carries, leftOut, madeBy } from './carried';
+import { carries, damaged, leftOut, madeBy } from './carried';
 import { fileUrl, getContents, getJson, getProfile, type Contents, type Stone, type Triple } from './contents';
 import { addOption, byId } from './elements';
 import { FieldColours } from './field_colours';
@@ -86,7 +86,9 @@ class Page {
     byId('carried-note').hidden = !carries;
     if (carries)
       byId('carried-note').textContent = `This page has its data in itself (${madeBy}) and asks nothing of any network. `
-        + (leftOut.length ? `Left out, for they did not fit: ${leftOut.join(', ')}.` : 'Nothing was left out.');
+        + (leftOut.length ? `Left out, for they did not fit: ${leftOut.join(', ')}. ` : '')
+        + (damaged.length ? `Left out, for they could not be read: ${damaged.join(', ')}.` : '')
+        + (leftOut.length + damaged.length ? '' : 'Nothing was left out.');
     const plan = this.contents.tilesets.find((t) => t.stones)?.stones ?? this.contents.plans[0];
     if (plan) this.readStones(plan).catch((error: Error) => tell(`${plan}: ${error.message}`));
   }

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/diagnose.hpp"
 
+#include <array>
 #include <cmath>
+#include <utility>
 
 #include "diagnosis/detail/choosing.hpp"
 #include "diagnosis/detail/forms.hpp"
@@ -87,6 +89,24 @@ void report_after(const Bank& bank, const Members& members, Diagnosis& d) {
                           std::fmax(1.0, static_cast<double>(d.n_report)));
   const Fit free_fit = detail::fit(bank, model, {kReport});
   d.rms_noise = std::sqrt(free_fit.variance[detail::kPointGroup]);
+}
+
+/// What is known of the poses, with what unevenness of the part makes of all of them alike.
+Fit with_uneven_part(const Measurements& m, const Bank& bank, Fit f, double cell_mm) {
+  const Eigen::Matrix3d plane = detail::plane_covariance(bank, f, cell_mm);
+  const double half = m.scene.half_mm();
+  // A part that rises along y is one turned about x.
+  const std::array<std::pair<Eigen::Index, double>, 3> to{{{2, 1.0}, {4, -half}, {3, half}}};
+  const auto n = static_cast<Eigen::Index>(m.set_ups.size());
+  for (Eigen::Index s = 0; s < n; ++s)
+    for (Eigen::Index t = 0; t < n; ++t)
+      for (Eigen::Index i = 0; i < 3; ++i)
+        for (Eigen::Index j = 0; j < 3; ++j) {
+          const auto& [row, by] = to[static_cast<std::size_t>(i)];
+          const auto& [col, with] = to[static_cast<std::size_t>(j)];
+          f.covariance(6 * s + row, 6 * t + col) += by * with * plane(i, j);
+        }
+  return f;
 }
 
 std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
@@ -208,10 +228,11 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   const Fit f = residuals.fit_of(named);
   const auto r_after = detail::residuals_of(m.observations, named, bank, f);
   report_after(bank, before_sharpening(as_chosen, named), d);
-  d.poses = poses_of(m, f);
+  const Fit of_poses = with_uneven_part(m, bank, f, layout.cell_mm);
+  d.poses = poses_of(m, of_poses);
   d.noise = noise_of(bank, f, layout);
   // Poses of a model that does not hold are those of the misfit.
-  if (!d.remainder.found) detail::add_pose_causes(m, bank, named, search.candidates, f, d);
+  if (!d.remainder.found) detail::add_pose_causes(m, bank, named, search.candidates, of_poses, d);
   MAQUETTE_TRY_VOID(detail::add_stone_causes(m, d, run));
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   d.dependences = detail::dependences(m.observations, r_before, r_after);

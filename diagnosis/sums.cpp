@@ -47,25 +47,62 @@ MatrixXd total(const Sums& sums, std::size_t set, std::size_t scale) {
   return all;
 }
 
-/// Of means over cells; that of a Gaussian process is nearly Gaussian again.
-MatrixXd covariance(const TopSums& s, const Theta& theta, double cell_mm) {
+/// Heights of a process as means over cells see them, white part 1; that of a Gaussian process is
+/// nearly Gaussian again.
+MatrixXd process(const TopSums& s, const Theta& theta, double cell_mm) {
   const auto m = static_cast<Index>(s.weight.size());
-  const double mean = s.points() / static_cast<double>(m);
   const auto at = [](Index i) { return static_cast<std::size_t>(i); };
   const double own = theta.length_mm * theta.length_mm,
                wide = own + (theta.gauss ? cell_mm * cell_mm / 6.0 : 0.0);
   MatrixXd c = MatrixXd::Zero(m, m);
-  for (Index i = 0; i < m; ++i) {
-    c(i, i) = mean / s.weight[at(i)];
-    if (theta.ratio == 0.0) continue;
+  if (theta.ratio == 0.0) return c;
+  for (Index i = 0; i < m; ++i)
     for (Index j = 0; j <= i; ++j) {
       if (s.which[at(i)] != s.which[at(j)]) continue;
       const Vec3 d = s.centre[at(i)] - s.centre[at(j)];
       const double r = std::hypot(d.x, d.y) / std::sqrt(wide);
-      c(i, j) += theta.ratio * own / wide * s.rise[at(i)] * s.rise[at(j)] *
-                 (theta.gauss ? std::exp(-0.5 * r * r) : std::exp(-r));
+      c(i, j) = theta.ratio * own / wide * s.rise[at(i)] * s.rise[at(j)] *
+                (theta.gauss ? std::exp(-0.5 * r * r) : std::exp(-r));
+      c(j, i) = c(i, j);
     }
+  return c;
+}
+
+/// Planes as means over cells see them: height, slope along x, slope along y about the cells'
+/// middle, three columns for each of `which`.
+MatrixXd planes(const TopSums& s) {
+  Vec3 middle;
+  std::uint32_t most = 0;
+  for (std::size_t i = 0; i < s.weight.size(); ++i) {
+    middle += (1.0 / static_cast<double>(s.weight.size())) * s.centre[i];
+    most = std::max(most, s.which[i]);
   }
+  MatrixXd z = MatrixXd::Zero(static_cast<Index>(s.weight.size()), 3 * (Index{most} + 1));
+  for (std::size_t i = 0; i < s.weight.size(); ++i) {
+    const Vec3 off = s.centre[i] - middle;
+    z.block<1, 3>(static_cast<Index>(i), 3 * Index{s.which[i]}) << s.rise[i], s.rise[i] * off.x,
+        s.rise[i] * off.y;
+  }
+  return z;
+}
+/// What gives the plane that fits means best.
+MatrixXd best_plane(const MatrixXd& z) {
+  return z.completeOrthogonalDecomposition().pseudoInverse();
+}
+
+/// Of means over cells. A process has no plane: that is where the part lies, which the poses say.
+/// One as long as the part would let their height be said by how slopes differ within cells, and
+/// 0.002 mm that a simulation is wrong by on slopes becomes 0.1 mm of height.
+MatrixXd covariance(const TopSums& s, const Theta& theta, double cell_mm) {
+  const auto m = static_cast<Index>(s.weight.size());
+  MatrixXd c = process(s, theta, cell_mm);
+  if (theta.ratio > 0.0) {
+    const MatrixXd z = planes(s), fit = best_plane(z);
+    c -= z * (fit * c);
+    c -= (c * fit.transpose()) * z.transpose();
+  }
+  const double mean = s.points() / static_cast<double>(m);
+  for (Index i = 0; i < m; ++i) c(i, i) += mean / s.weight[static_cast<std::size_t>(i)];
   return c;
 }
 
@@ -97,6 +134,14 @@ void each_top(Bank& bank, const Work& work) {
 }
 
 }  // namespace
+
+Eigen::Matrix3d plane_covariance(const Bank& bank, const Fit& fit, double cell_mm) {
+  const TopSums& means = *tops_of(bank, kAll, 0).front();
+  const MatrixXd plane = best_plane(planes(means));
+  return fit.top_variance[0] * plane *
+         process(means, bank.theta[static_cast<std::size_t>(fit.theta[0])], cell_mm) *
+         plane.transpose();
+}
 
 void exchange_residuals(Bank& bank, const std::vector<double>& residual) {
   Points& p = *bank.points;

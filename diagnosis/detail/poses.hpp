@@ -10,8 +10,10 @@
 // components, beside what the fit does not know of them: a pattern counts if it is out of all
 // proportion to them (Student's t with as many degrees of freedom as shifts are left). With one
 // scan there are two, so only gross patterns count. Shifts that the causes found bring along are no
-// finding. Causes that registration takes almost whole (an even coat) are weighed by poses and
-// residuals together: equivalent, or named instead.
+// finding. Where all scans lean the same way it is the part that does: then a pattern of shifts
+// alone is no answer, and what makes both (wear, growth along the program) is named, or nothing.
+// Causes that registration takes almost whole (an even coat) are weighed by poses and residuals
+// together: equivalent, or named instead.
 
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/diagnose.hpp"

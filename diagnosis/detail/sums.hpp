@@ -14,10 +14,10 @@
 // one square are turned (Helmert) into the mean over the set-ups, which has the part's roughness,
 // and differences between set-ups, which have not; each kind has its own variance at each scale.
 //
-// The means of the cells have a dense covariance: white + a stationary process of heights (theta),
-// one for means over the set-ups and one for differences between them. A process longer than a
-// block is the same in neighbouring sets: where all sets are used at once, means over the set-ups
-// have one covariance, not one for each set.
+// The means of the cells have a dense covariance: white + a stationary process of heights (theta)
+// less its best plane, one for means over the set-ups and one for differences between them. A
+// process longer than a block is the same in neighbouring sets: where all sets are used at once,
+// means over the set-ups have one covariance, not one for each set.
 //
 // Sets. Blocks of cells in plan are drawn by the seed for choosing, confirming, reporting;
 // points within `buffer` of a border between blocks count for none.
@@ -162,6 +162,9 @@ struct Fit {
 /// @param model  indices of columns
 [[nodiscard]] Fit fit(const Bank& bank, const std::vector<int>& model,
                       const std::vector<int>& sets);
+/// Of the plane that the fitted process of all means adds to where the part lies (covariances of
+/// the means leave it to the poses): height, mm, and slopes along x and y.
+[[nodiscard]] Eigen::Matrix3d plane_covariance(const Bank& bank, const Fit& fit, double cell_mm);
 /// A column beside a fitted model, at the fit's noise.
 struct Beside {
   Eigen::VectorXd absorbed;  ///< what of one unit the model's columns take

@@ -23,21 +23,14 @@
 #include "cnc/rest.hpp"
 #include "support/matchers.hpp"
 #include "support/shapes.hpp"
+#include "support/terrain.hpp"
 
 namespace maquette::cnc {
 namespace {
 
 using heightmap::ModelField;
 using testing_support::FailsWith;
-
-template <class Height>
-ModelField field_of(std::ptrdiff_t rows, std::ptrdiff_t cols, double spacing, Height&& height) {
-  ModelField f{Grid<float>(rows, cols), Millimetres{spacing}, Millimetres{-4.0}, Millimetres{2.0}};
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c)
-      f.z_mm(r, c) = static_cast<float>(height(f.x_mm(c), f.y_mm(r)));
-  return f;
-}
+using testing_support::field_of;
 
 TEST(Fillet, ACreaseGetsTheRadius) {
   const double R = 2.0;

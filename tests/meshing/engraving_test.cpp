@@ -30,6 +30,7 @@
 #include "meshing/mesh_checks.hpp"
 #include "meshing/shaped_solid.hpp"
 #include "support/matchers.hpp"
+#include "support/mesh_properties.hpp"
 #include "support/shapes.hpp"
 
 namespace maquette::meshing {
@@ -37,6 +38,7 @@ namespace {
 
 using heightmap::ModelField;
 using testing::HasSubstr;
+using testing_support::collected;
 using testing_support::FailsWith;
 using testing_support::random_terrain;
 using testing_support::Succeeds;
@@ -52,15 +54,6 @@ ModelField part() {
   f.x0 = Millimetres{17.3};
   f.y0 = Millimetres{-41.7};
   return f;
-}
-
-TriMesh collected(const MeshStream& stream) {
-  TriMesh mesh;
-  mesh.vertices_mm.resize(stream.vertex_count());
-  mesh.triangles.resize(stream.triangle_count());
-  stream.vertices(0, mesh.vertices_mm);
-  stream.triangles(0, mesh.triangles);
-  return mesh;
 }
 
 ShapedSolid engraved(const ModelField& f, std::vector<EngravedWall> walls) {

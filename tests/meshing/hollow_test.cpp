@@ -28,6 +28,7 @@
 #include "meshing/mesh_checks.hpp"
 #include "meshing/shaped_solid.hpp"
 #include "support/matchers.hpp"
+#include "support/mesh_properties.hpp"
 #include "support/shapes.hpp"
 
 namespace maquette::meshing {
@@ -35,6 +36,7 @@ namespace {
 
 using heightmap::ModelField;
 using testing::HasSubstr;
+using testing_support::collected;
 using testing_support::FailsWith;
 using testing_support::random_terrain;
 using testing_support::Succeeds;
@@ -56,15 +58,6 @@ ModelField roof_of(const ModelField& f, const HollowOptions& o) {
 
 Result<Underside> hollowed(const ModelField& f, double base, const HollowOptions& o) {
   return hollow_underside(f, roof_of(f, o), Millimetres{base}, o);
-}
-
-TriMesh collected(const MeshStream& stream) {
-  TriMesh mesh;
-  mesh.vertices_mm.resize(stream.vertex_count());
-  mesh.triangles.resize(stream.triangle_count());
-  stream.vertices(0, mesh.vertices_mm);
-  stream.triangles(0, mesh.triangles);
-  return mesh;
 }
 
 double lowest(const ModelField& f) {

@@ -20,12 +20,14 @@
 
 #include "meshing/mesh_checks.hpp"
 #include "support/matchers.hpp"
+#include "support/mesh_properties.hpp"
 #include "support/shapes.hpp"
 
 namespace maquette::meshing {
 namespace {
 
 using heightmap::ModelField;
+using testing_support::collected;
 using testing_support::FailsWith;
 using testing_support::random_terrain;
 using testing_support::Succeeds;
@@ -38,15 +40,6 @@ PlacedStone stone_at(int number, double x, double y, double diameter_mm) {
   stone.scale_mm = diameter_mm;
   stone.model_from_stone.translation_mm = {x, y, 0.0};
   return stone;
-}
-
-TriMesh collected(const MeshStream& stream) {
-  TriMesh mesh;
-  mesh.vertices_mm.resize(stream.vertex_count());
-  mesh.triangles.resize(stream.triangle_count());
-  stream.vertices(0, mesh.vertices_mm);
-  stream.triangles(0, mesh.triangles);
-  return mesh;
 }
 
 class TilesWithStones : public testing::TestWithParam<std::uint64_t> {

@@ -10,9 +10,20 @@
 
 #include <gmock/gmock.h>
 
+#include "core/mesh_stream.hpp"
 #include "core/tri_mesh.hpp"
 
 namespace maquette::testing_support {
+
+/// All of a stream at once.
+inline TriMesh collected(const MeshStream& stream) {
+  TriMesh mesh;
+  mesh.vertices_mm.resize(stream.vertex_count());
+  mesh.triangles.resize(stream.triangle_count());
+  stream.vertices(0, mesh.vertices_mm);
+  stream.triangles(0, mesh.triangles);
+  return mesh;
+}
 
 inline double signed_volume_mm3(const TriMesh& m) {
   double six = 0.0;

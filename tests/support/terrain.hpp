@@ -24,14 +24,26 @@ inline const char* name(Ground g) {
   return kNames[static_cast<std::size_t>(g)];
 }
 
-/// Heights of a function of x and y, mm, at the nodes of a square.
+/// Heights of a function of x and y, mm, at the nodes.
 template <class Height>
-heightmap::ModelField field_of(std::ptrdiff_t nodes, double spacing_mm, const Height& height) {
-  heightmap::ModelField f{.z_mm = Grid<float>(nodes, nodes), .spacing = Millimetres{spacing_mm}};
-  for (std::ptrdiff_t r = 0; r < nodes; ++r)
-    for (std::ptrdiff_t c = 0; c < nodes; ++c)
+heightmap::ModelField filled(heightmap::ModelField f, const Height& height) {
+  for (std::ptrdiff_t r = 0; r < f.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < f.z_mm.cols(); ++c)
       f.z_mm(r, c) = static_cast<float>(height(f.x_mm(c), f.y_mm(r)));
   return f;
+}
+/// Of a square.
+template <class Height>
+heightmap::ModelField field_of(std::ptrdiff_t nodes, double spacing_mm, const Height& height) {
+  return filled({.z_mm = Grid<float>(nodes, nodes), .spacing = Millimetres{spacing_mm}}, height);
+}
+/// Of a rectangle whose corner is (-4, 2) mm: frames that are mistaken for each other differ.
+template <class Height>
+heightmap::ModelField field_of(std::ptrdiff_t rows, std::ptrdiff_t cols, double spacing_mm,
+                               const Height& height) {
+  return filled(
+      {Grid<float>(rows, cols), Millimetres{spacing_mm}, Millimetres{-4.0}, Millimetres{2.0}},
+      height);
 }
 
 inline heightmap::ModelField flat_field(std::ptrdiff_t rows, std::ptrdiff_t cols, double spacing_mm,

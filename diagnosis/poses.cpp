@@ -20,7 +20,7 @@ constexpr double kLeastPattern_mm = 0.03;  // what careful registration leaves i
 constexpr double kLeastPose_mm = 0.002;    // no pose is believed to be better
 constexpr double kNoPose_mm = 1e3;         // nothing is known of it
 // A turn that all set-ups share, in standard errors of what the fit knows and of what they differ
-// by: that of two independent ones is so by chance in 2 % of all cases.
+// by: one of two independent ones is so by chance in 3 % of all cases.
 constexpr double kSharedOfKnown = 5.0, kSharedOfSpread = 40.0;
 
 /// Two-sided tail of Student's t.

@@ -20,6 +20,7 @@
 #include "support/bench_times.hpp"
 #include "support/field_mesh.hpp"
 #include "support/matchers.hpp"
+#include "support/peers.hpp"
 #include "support/scan_terrain.hpp"
 
 namespace maquette::scan {
@@ -32,15 +33,7 @@ using namespace testing_support;
 
 /// The command that starts it, without windows.
 std::optional<std::string> cloudcompare() {
-  const char* home = std::getenv("HOME");
-  const char* cache = std::getenv("XDG_CACHE_HOME");
-  const char* given = std::getenv("MAQUETTE_PEERS");
-  const fs::path peers =
-      given != nullptr ? fs::path(given)
-                       : (cache != nullptr ? fs::path(cache)
-                                           : fs::path(home != nullptr ? home : ".") / ".cache") /
-                             "maquette/peers";
-  const fs::path root = peers / "cloudcompare/usr";
+  const fs::path root = peers_folder() / "cloudcompare/usr";
   const std::string offscreen = "QT_QPA_PLATFORM=offscreen ";
   if (fs::exists(root / "bin/CloudCompare")) {
     std::string libraries;

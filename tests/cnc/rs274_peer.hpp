@@ -16,19 +16,13 @@
 #include <fmt/format.h>
 
 #include "core/vec.hpp"
+#include "support/peers.hpp"
 
 namespace maquette::cnc::testing_support {
 
 /// Where tools/setup --peers has put LinuxCNC, if it has.
 inline std::optional<std::filesystem::path> linuxcnc_folder() {
-  const auto variable = [](const char* name) {
-    const char* value = std::getenv(name);
-    return std::string(value != nullptr ? value : "");
-  };
-  std::filesystem::path peers = variable("MAQUETTE_PEERS");
-  if (peers.empty() && !variable("XDG_CACHE_HOME").empty())
-    peers = std::filesystem::path(variable("XDG_CACHE_HOME")) / "maquette/peers";
-  if (peers.empty()) peers = std::filesystem::path(variable("HOME")) / ".cache/maquette/peers";
+  const std::filesystem::path peers = maquette::testing_support::peers_folder();
   if (!std::filesystem::exists(peers / "linuxcnc/usr/bin/rs274")) return std::nullopt;
   return peers / "linuxcnc";
 }

@@ -135,11 +135,13 @@ class Renderer {
       if (lit_by_sample()) image.lit(b.row[i], b.col[i]) = b.lit[i] ? 1 : 0;
       const double scale = options_.exposure_scale / b.samples[i];
       if (image.bands.size() == 1) {
-        image.bands[0](b.row[i], b.col[i]) = static_cast<float>(scale * b.sum[i][1]);
+        image.bands[0](b.row[i], b.col[i]) =
+            static_cast<float>(scale * options_.white_balance[1] * b.sum[i][1]);
         continue;
       }
       for (std::size_t k = 0; k < 3; ++k)
-        image.bands[k](b.row[i], b.col[i]) = static_cast<float>(scale * b.sum[i][k]);
+        image.bands[k](b.row[i], b.col[i]) =
+            static_cast<float>(scale * options_.white_balance[k] * b.sum[i][k]);
     }
     return taken;
   }
@@ -346,7 +348,8 @@ Result<Image> PreparedScene::render(const CameraModel& camera,
   for (const Light& light : shader.lights())
     MAQUETTE_TRY_VOID(detail::check_lamp_in_the_open(scene, light));
 
-  Image image = empty_image(camera, state_->grey && is_grey(lighting), options.geometry);
+  const bool grey = state_->grey && is_grey(lighting) && is_grey(options.white_balance);
+  Image image = empty_image(camera, grey, options.geometry);
   const std::ptrdiff_t rows = camera.height_px, cols = camera.width_px;
   const Renderer renderer(scene, shader, view, options);
   const std::ptrdiff_t tiles_across = (cols + kTile - 1) / kTile;

@@ -87,6 +87,7 @@ struct RenderOptions {
   int samples_per_pixel = 4;  ///< stratified n x n; a square number; 1: the pixel's centre
   int lamp_samples = 1;       ///< per sample and lamp, used when the lamp has a size
   double exposure_scale = 1.0;
+  Bands white_balance{1.0, 1.0, 1.0};  ///< factors besides; unequal ones make three bands
   std::uint64_t seed = 1;
   int gather_samples = 4;  ///< rays per sample for surroundings and bounce, when there is either
   bool bounce = false;     ///< light that comes from one more surface

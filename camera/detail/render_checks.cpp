@@ -83,6 +83,9 @@ Result<void> check_options(const RenderOptions& options) {
   if (!(options.exposure_scale >= 0.0) || !std::isfinite(options.exposure_scale))
     return fail(kCameraOutOfRange,
                 fmt::format("exposure scale {}: 0 or more expected", options.exposure_scale));
+  for (const double w : options.white_balance)
+    if (!(w >= 0.0) || !std::isfinite(w))
+      return fail(kCameraOutOfRange, fmt::format("white balance {}: 0 or more expected", w));
   if (!(options.noise_target >= 0.0) || !std::isfinite(options.noise_target))
     return fail(kCameraOutOfRange, fmt::format("noise target {}: a share of 0 or more expected",
                                                options.noise_target));

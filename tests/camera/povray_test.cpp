@@ -38,7 +38,8 @@ TEST_P(BesidePovray, LinearLightIsTheSameOutsideTheEdgesOfShadows) {
   if (!command) GTEST_SKIP() << "no POV-Ray: tools/setup --peers";
   const heightmap::ModelField field = ground(Ground::rolling, 5, 161, 0.5);
   const TriMesh terrain = mesh_of(field);
-  const TriMesh stone = sphere_solid({30, 45, 9}, 5.0, 24), other = sphere_solid({52, 28, 8}, 3.0, 16);
+  const TriMesh stone = sphere_solid({30, 45, 9}, 5.0, 24),
+                other = sphere_solid({52, 28, 8}, 3.0, 16);
   const Vec3 middle{37, 41, 5};
   const auto material = [](double albedo) {
     return Material{"matt", Lambert{{albedo, albedo, albedo}}, {}};
@@ -57,16 +58,20 @@ TEST_P(BesidePovray, LinearLightIsTheSameOutsideTheEdgesOfShadows) {
   ASSERT_THAT(ours, Succeeds());
 
   const ScratchFolder scratch;
-  const auto theirs = render_with_povray(
-      *command,
-      {{{&terrain, 0.3}, {&stone, 0.5}, {&other, 0.15}}, camera, pose, lamp.position_mm, middle,
-       GetParam().exposure_scale},
-      4, scratch.path());
+  const auto theirs = render_with_povray(*command,
+                                         {{{&terrain, 0.3}, {&stone, 0.5}, {&other, 0.15}},
+                                          camera,
+                                          pose,
+                                          lamp.position_mm,
+                                          middle,
+                                          GetParam().exposure_scale},
+                                         4, scratch.path());
   ASSERT_TRUE(theirs) << std::ifstream(scratch / "said.txt").rdbuf();
 
   Grid<float> lit(ours->lit.rows(), ours->lit.cols());
   std::copy(ours->lit.cells().begin(), ours->lit.cells().end(), lit.cells().begin());
-  const LoadedImage a{{"Y"}, {*theirs}}, b{{"Y", "Z", "lit"}, {ours->bands[0], ours->depth_mm, lit}};
+  const LoadedImage a{{"Y"}, {*theirs}},
+      b{{"Y", "Z", "lit"}, {ours->bands[0], ours->depth_mm, lit}};
   const auto c = compare_images(a, b);
   ASSERT_THAT(c, Succeeds());
   ASSERT_TRUE(c->rest && c->shadow_edges);
@@ -75,10 +80,11 @@ TEST_P(BesidePovray, LinearLightIsTheSameOutsideTheEdgesOfShadows) {
     mean += static_cast<double>(v), most = std::max(most, static_cast<double>(v));
   ASSERT_LT(most, 1.0) << "POV-Ray's picture is cut off there";
   mean *= 255.0 / static_cast<double>(theirs->cells().size());
-  fmt::print("{}: outside shadow edges {:.3f}/255 in the mean, bias {:+.4f}, RMSE {:.3f}, of {:.0f} "
-             "({} pixels); at the edges {:.2f} ({} pixels)\n",
-             GetParam().name, c->rest->mean_abs_diff_255, c->rest->bias_255, c->rest->rmse_255, mean,
-             c->rest->pixels, c->shadow_edges->mean_abs_diff_255, c->shadow_edges->pixels);
+  fmt::print(
+      "{}: outside shadow edges {:.3f}/255 in the mean, bias {:+.4f}, RMSE {:.3f}, of {:.0f} "
+      "({} pixels); at the edges {:.2f} ({} pixels)\n",
+      GetParam().name, c->rest->mean_abs_diff_255, c->rest->bias_255, c->rest->rmse_255, mean,
+      c->rest->pixels, c->shadow_edges->mean_abs_diff_255, c->shadow_edges->pixels);
   EXPECT_GT(c->rest->pixels, 30000U);
   EXPECT_LT(c->rest->mean_abs_diff_255, 0.5);
   EXPECT_LT(std::abs(c->rest->bias_255), 0.02);

@@ -27,8 +27,9 @@ namespace maquette::testing_support {
 inline std::optional<std::string> povray() {
   const std::filesystem::path root = peers_folder() / "povray/usr";
   if (std::filesystem::exists(root / "bin/povray"))
-    return fmt::format("LD_LIBRARY_PATH='{0}/lib/x86_64-linux-gnu:{0}/lib/aarch64-linux-gnu' '{0}/bin/povray'",
-                       root.string());
+    return fmt::format(
+        "LD_LIBRARY_PATH='{0}/lib/x86_64-linux-gnu:{0}/lib/aarch64-linux-gnu' '{0}/bin/povray'",
+        root.string());
   if (std::system("command -v povray > /dev/null") == 0) return "povray";
   return std::nullopt;
 }
@@ -47,8 +48,8 @@ struct PovrayScene {
 
 namespace povray_detail {
 
-/// POV-Ray's axes are left-handed for the eye alone: with right, up and direction given, numbers are
-/// what they are.
+/// POV-Ray's axes are left-handed for the eye alone: with right, up and direction given, numbers
+/// are what they are.
 inline std::string vector(Vec3 v) {
   return fmt::format("<{:.9g},{:.9g},{:.9g}>", v.x, v.y, v.z);
 }
@@ -65,17 +66,15 @@ inline void write(const PovrayScene& s, const std::filesystem::path& path) {
   // It fades light as 2 / (1 + (d / fade_distance)^2): at a distance of a thousand of those the
   // square law to 1e-6.
   constexpr double kFar = 1000.0;
-  out.print(
-      "light_source {{ {} color rgb {:.9g} fade_distance {:.12g} fade_power 2 }}\n",
-      vector(s.lamp_mm), 0.5 * (1.0 + kFar * kFar) * s.exposure_scale,
-      norm(s.target_mm - s.lamp_mm) / kFar);
+  out.print("light_source {{ {} color rgb {:.9g} fade_distance {:.12g} fade_power 2 }}\n",
+            vector(s.lamp_mm), 0.5 * (1.0 + kFar * kFar) * s.exposure_scale,
+            norm(s.target_mm - s.lamp_mm) / kFar);
   for (const PovrayObject& o : s.objects) {
     out.print("mesh2 {{\nvertex_vectors {{ {}", o.mesh->vertices_mm.size());
     for (const Vec3& v : o.mesh->vertices_mm) out.print(",\n{}", vector(v));
     out.print(" }}\nface_indices {{ {}", o.mesh->triangles.size());
     for (const auto& t : o.mesh->triangles) out.print(",\n<{},{},{}>", t[0], t[1], t[2]);
-    out.print(
-        " }}\npigment {{ rgb 1 }} finish {{ ambient 0 diffuse {:.9g} }} }}\n", o.albedo);
+    out.print(" }}\npigment {{ rgb 1 }} finish {{ ambient 0 diffuse {:.9g} }} }}\n", o.albedo);
   }
 }
 

@@ -476,6 +476,23 @@ PartComparison part_of(const std::vector<Sums>& all, std::size_t part) {
 
 }  // namespace
 
+std::vector<Grid<float>> linear_light(const LoadedImage& image) {
+  auto channels = light_channels(image);
+  // OpenEXR's order is the alphabet's.
+  const auto place = [](const Channel& c) {
+    return std::string_view("rgb").find(lower(c.name.substr(c.name.rfind('.') + 1)));
+  };
+  std::stable_sort(channels.begin(), channels.end(),
+                   [&](const Channel& a, const Channel& b) { return place(a) < place(b); });
+  std::vector<Grid<float>> light;
+  for (const Channel& c : channels) {
+    light.push_back(*c.values);
+    if (image.eight_bit)
+      for (float& v : light.back().cells()) v = linear_of_srgb(v);
+  }
+  return light;
+}
+
 Result<Comparison> compare_images(const LoadedImage& real, const LoadedImage& rendered,
                                   const CompareOptions& options) {
   const auto a = light_channels(real), b = light_channels(rendered);

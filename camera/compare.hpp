@@ -55,6 +55,9 @@ struct CompareOptions {
   int edge_px = 3;          ///< pixels this near to an edge of light and shadow are of the edge
 };
 
+/// The bands of light of a file, linear: those of 8 bits are taken for sRGB. In the order R, G, B.
+[[nodiscard]] std::vector<Grid<float>> linear_light(const LoadedImage& image);
+
 /// Linear files (EXR) are encoded to sRGB before comparison with 8-bit files; two
 /// files of the same kind are compared as they are. A one-channel file is compared
 /// with every channel of a colour file. Depth, mask and alpha channels are left out,

@@ -19,10 +19,11 @@ using detail::Unknowns;
 constexpr double kLeastEigenvalue = 1e-9;  ///< of derivatives of unit length
 constexpr double kNamed = 0.2;             ///< of a direction of length 1
 constexpr double kStepDone = 0.1;          ///< of a standard deviation of independent values
-constexpr double kStillWithin = 1.0;  ///< of a standard deviation: what samples of a pixel differ by
-constexpr int kFreeSteps = 4;         ///< at the end, whose cost is not asked for
+constexpr double kStillWithin =
+    1.0;                       ///< of a standard deviation: what samples of a pixel differ by
+constexpr int kFreeSteps = 4;  ///< at the end, whose cost is not asked for
 constexpr double kLeastLikeness = 0.5;
-constexpr int kTries = 6;                  ///< of damping, until no step is better
+constexpr int kTries = 6;  ///< of damping, until no step is better
 /// Noise of a rendering is in what is left and in its derivatives: with four samples exposure comes
 /// out 0.05 % low on rough terrain, with sixteen 0.02 % high.
 constexpr int kLeastSamples = 16;
@@ -40,8 +41,8 @@ Result<void> check_photos(const std::vector<MatchPhoto>& photos, const MatchSear
     if (search.white_balance && p.light.size() != 3)
       return wrong(p.name + " is grey: it says nothing of white balance");
     if (!(p.exposure_scale > 0.0) || !std::isfinite(p.exposure_scale))
-      return wrong(fmt::format("{}: exposure scale {}; more than 0 expected", p.name,
-                               p.exposure_scale));
+      return wrong(
+          fmt::format("{}: exposure scale {}; more than 0 expected", p.name, p.exposure_scale));
   }
   if ((search.lamp_position || search.lamp_brightness) && lighting.lamps.empty())
     return wrong("the scene has no lamp to be searched for");
@@ -175,10 +176,10 @@ class Matcher {
     }
   }
 
-  /// Pixels take other samples of the scene wherever the camera stands, so the cost is rough by what
-  /// these differ by, and has small hollows beside its lowest place. Where derivatives say that
-  /// nothing is left to gain counts, not the hollow: plain steps, of which the one that has the
-  /// shortest before it is taken.
+  /// Pixels take other samples of the scene wherever the camera stands, so the cost is rough by
+  /// what these differ by, and has small hollows beside its lowest place. Where derivatives say
+  /// that nothing is left to gain counts, not the hollow: plain steps, of which the one that has
+  /// the shortest before it is taken.
   Result<void> finish(MatchLevel& level, PhotographMatch& out, const RunContext& run) {
     MatchState best;
     double shortest = INFINITY;

@@ -5,14 +5,14 @@
 /// Exposure, white balance, lamp and camera poses that make renderings of a scene look like
 /// photographs of it.
 ///
-/// Room    camera:  scene, photographs, a start for each unknown -> [match] -> values with covariance
-/// Takes   linear light of photographs, seen by a pinhole (distortion taken off before)
+/// Room    camera:  scene, photographs, a start for each unknown -> [match] -> values with
+/// covariance Takes   linear light of photographs, seen by a pinhole (distortion taken off before)
 /// Gives   the start with what was searched in its place, and how sure each number is
 ///
 /// Method
 /// - A pixel of a photograph is exposure x white balance x rendered radiance, and noise. Gauss and
-///   Newton, damped (Levenberg, Marquardt), from pictures of at least kCoarsest pixels across to the
-///   finest, each of twice as many pixels; everything is rendered anew in each step.
+///   Newton, damped (Levenberg, Marquardt), from pictures of at least kCoarsest pixels across to
+///   the finest, each of twice as many pixels; everything is rendered anew in each step.
 /// - Derivatives: exposure and white balance are factors; of the lamp, differences of renderings on
 ///   both sides, so shadows move; of a pose, the rendering's own gradient times how far what a
 ///   pixel shows moves.
@@ -45,23 +45,24 @@ struct MatchPhoto {
   std::vector<Grid<float>> light;  ///< one or three bands, linear; kSaturated and more is left out
   CameraModel camera;              ///< of the size of `light`
   RigidTransform model_from_camera;
-  double exposure_scale = 1.0;     ///< as RenderOptions::exposure_scale
+  double exposure_scale = 1.0;  ///< as RenderOptions::exposure_scale
 };
 
 struct MatchSearch {
-  bool exposure = false;        ///< one factor for all photographs
-  bool exposure_each = false;   ///< a factor for each
-  bool white_balance = false;   ///< red and blue against green, of all
-  bool lamp_position = false;   ///< of the first lamp, three numbers
+  bool exposure = false;         ///< one factor for all photographs
+  bool exposure_each = false;    ///< a factor for each
+  bool white_balance = false;    ///< red and blue against green, of all
+  bool lamp_position = false;    ///< of the first lamp, three numbers
   bool lamp_brightness = false;  ///< irradiance of the first lamp at its target
-  bool pose = false;            ///< of each photograph's camera, six numbers
+  bool pose = false;             ///< of each photograph's camera, six numbers
 };
 
 struct MatchOptions {
   MatchSearch search;
-  int finest_px = 1024;     ///< pictures are made no wider than this
-  int most_steps = 40;      ///< in each size
-  RenderOptions render;     ///< at least 16 samples are taken; exposure_scale and white_balance are not used
+  int finest_px = 1024;  ///< pictures are made no wider than this
+  int most_steps = 40;   ///< in each size
+  RenderOptions
+      render;  ///< at least 16 samples are taken; exposure_scale and white_balance are not used
 };
 
 /// What is searched for, and what else makes a picture.
@@ -79,8 +80,9 @@ struct MatchedNumber {
 
 struct PhotographMatch {
   MatchState state;
-  /// Factors are relative (value over start), their sigma too; a lamp's place in mm of the model; of
-  /// a pose how far it was moved in the camera's own frame: mm right, up, back; mrad about those.
+  /// Factors are relative (value over start), their sigma too; a lamp's place in mm of the model;
+  /// of a pose how far it was moved in the camera's own frame: mm right, up, back; mrad about
+  /// those.
   std::vector<MatchedNumber> numbers;
   std::vector<std::vector<double>> covariance;  ///< of `numbers`, in that order
   std::size_t pixels = 0;                       ///< values of the finest pictures that counted
@@ -97,11 +99,8 @@ inline constexpr int kCoarsest = 64;
 ///         too little of the scene in a picture; CAMERA_MATCH_OPEN: numbers that make up for each
 ///         other, by name; CAMERA_MATCH_NOT_CONVERGED: steps do not end, or a photograph does not
 ///         look like its rendering in the end (correlation below 0.5); what render() returns
-[[nodiscard]] Result<PhotographMatch> match_photographs(const PreparedScene& scene,
-                                                        const std::vector<MatchPhoto>& photos,
-                                                        const Lighting& lighting,
-                                                        const Bands& white_balance,
-                                                        const MatchOptions& options,
-                                                        const RunContext& run = {});
+[[nodiscard]] Result<PhotographMatch> match_photographs(
+    const PreparedScene& scene, const std::vector<MatchPhoto>& photos, const Lighting& lighting,
+    const Bands& white_balance, const MatchOptions& options, const RunContext& run = {});
 
 }  // namespace maquette::camera

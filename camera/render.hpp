@@ -87,15 +87,15 @@ struct RenderOptions {
   int samples_per_pixel = 4;  ///< stratified n x n; a square number; 1: the pixel's centre
   int lamp_samples = 1;       ///< per sample and lamp, used when the lamp has a size
   double exposure_scale = 1.0;
-  Bands white_balance{1.0, 1.0, 1.0};  ///< factors besides; unequal ones make three bands
   std::uint64_t seed = 1;
   int gather_samples = 4;  ///< rays per sample for surroundings and bounce, when there is either
   bool bounce = false;     ///< light that comes from one more surface
   /// Adaptive: samples_per_pixel more at a time until the standard error of a pixel is below
   /// this share of its value (of 2 % of white, if it is darker); 0: off.
   double noise_target = 0.0;
-  int max_samples = 256;  ///< per pixel, when adaptive
-  bool geometry = false;  ///< normals, positions, angles and parts, too
+  int max_samples = 256;               ///< per pixel, when adaptive
+  bool geometry = false;               ///< normals, positions, angles and parts, too
+  Bands white_balance{1.0, 1.0, 1.0};  ///< beside exposure_scale; unequal ones make three bands
 };
 
 struct Image {

@@ -1,19 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <cmath>
-#include <deque>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 #include "camera/image_io.hpp"
-#include "camera/spectrum.hpp"
 #include "core/files.hpp"
-#include "heightmap/field_io.hpp"
-#include "meshing/mesh_io.hpp"
-#include "meshing/stones.hpp"
-#include "tools/corrections_file.hpp"
 #include "tools/jobs.hpp"
+#include "tools/scene_loading.hpp"
 #include "tools/trajectory_file.hpp"
 #include "tools/version.hpp"
 
@@ -21,148 +16,7 @@ namespace maquette::tools {
 using nlohmann::json;
 namespace {
 
-constexpr double kBuildShare = 0.2;        ///< of the progress shown
-constexpr double kBaseThicknessMm = 10.0;  ///< of a field's block, as where it is made a mesh
-
-camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
-  const camera::Bands bands{albedo, albedo, albedo};
-  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
-  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
-  return camera::Lambert{bands};
-}
-
-/// Everything that a scene points at, kept alive, and the scene made of it.
-struct Loaded {
-  heightmap::ModelField field;
-  std::deque<TriMesh> meshes;
-  std::vector<camera::SceneObject> objects;
-  camera::Lighting lighting;
-  camera::Bands white_radiance{};  ///< W m^-2 sr^-1 of 1.0; 0: not known
-  std::size_t triangles = 0;
-};
-
-Result<camera::Material> find_material(const Scene& s, const std::string& name) {
-  for (const SceneMaterial& m : s.parts.materials)
-    if (m.name == name) return material_of(m);
-  std::string known;
-  for (const SceneMaterial& m : s.parts.materials) known += (known.empty() ? "" : ", ") + m.name;
-  return fail(kConfigInvalid,
-              fmt::format("material \"{}\" is not described; [[material]] tables: {}", name,
-                          known.empty() ? "none" : known));
-}
-
-Result<void> load_surface(const Scene& s, const camera::Material& material, Loaded& to,
-                          const RunContext& run) {
-  if (is_field(s.surface) && s.corrections.empty()) {
-    MAQUETTE_TRY(to.field, heightmap::read_model_field(s.surface));
-    const auto lowest = static_cast<double>(heightmap::height_range(to.field.z_mm).min);
-    camera::SceneObject ground;
-    ground.material = material;
-    ground.field = &to.field;
-    ground.base_mm = lowest - kBaseThicknessMm;
-    to.objects.push_back(std::move(ground));
-    to.triangles +=
-        2 * static_cast<std::size_t>((to.field.z_mm.rows() - 1) * (to.field.z_mm.cols() - 1));
-    return {};
-  }
-  MAQUETTE_TRY(TriMesh mesh, load_solid(s.surface, run));
-  if (!s.corrections.empty()) {
-    MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
-    for (Vec3& v : mesh.vertices_mm) v = corrections.actual_from_planned.point(v);
-  }
-  to.meshes.push_back(std::move(mesh));
-  to.objects.push_back({&to.meshes.back(), material});
-  return {};
-}
-
-Result<void> load_objects(const Scene& s, const camera::Material& surface, Loaded& to,
-                          const RunContext& run) {
-  if (!s.stones.empty()) {
-    camera::Material material = surface;
-    if (!s.stone_material.empty()) {
-      MAQUETTE_TRY(material, find_material(s, s.stone_material));
-    }
-    MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(s.stones));
-    RigidTransform lies;  // glued on, they go with the surface
-    if (!s.corrections.empty()) {
-      MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
-      lies = corrections.actual_from_planned;
-    }
-    for (const auto& stone : stones) {
-      to.meshes.push_back(meshing::stone_mesh(stone));
-      to.objects.push_back({&to.meshes.back(), material, lies});
-    }
-  }
-  std::vector<std::tuple<fs::path, double, const TriMesh*>>
-      known;  // one copy for one file and scale
-  for (const SceneMesh& o : s.parts.objects) {
-    MAQUETTE_TRY(const auto material, find_material(s, o.material));
-    const TriMesh* mesh = nullptr;
-    for (const auto& [path, scale, loaded] : known)
-      if (path == o.mesh && scale == o.scale) mesh = loaded;
-    if (mesh == nullptr) {
-      MAQUETTE_TRY(TriMesh fresh, meshing::read_mesh(o.mesh, run));
-      for (Vec3& v : fresh.vertices_mm) v = o.scale * v;
-      to.meshes.push_back(std::move(fresh));
-      mesh = &to.meshes.back();
-      known.emplace_back(o.mesh, o.scale, mesh);
-    }
-    const Quaternion& q = o.quaternion_wxyz;
-    if (std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) > 1e-3)
-      return fail(kConfigInvalid,
-                  fmt::format("object {}: the quaternion is no rotation; its length "
-                              "must be 1",
-                              o.mesh.string()));
-    to.objects.push_back({mesh, material, {normalized(q), o.position_mm}});
-  }
-  for (const TriMesh& mesh : to.meshes) to.triangles += mesh.triangles.size();
-  return {};
-}
-
-Result<void> load_lighting(const Scene& s, Loaded& to) {
-  SceneLamp first;
-  first.position_mm = s.lamp_position_mm;
-  first.target_mm = s.lamp_target_mm;
-  first.diameter_mm = s.lamp_diameter_mm;
-  first.beam_deg = s.lamp_beam_deg;
-  first.sun_diameter_deg = s.sun_diameter_deg;
-  first.kelvin = s.lamp_kelvin;
-  first.intensity = s.lamp_intensity;
-  first.spectrum = s.lamp_spectrum;
-  MAQUETTE_TRY(auto lamp, lamp_of(first));
-  to.lighting.lamps.push_back(std::move(lamp));
-  for (const SceneLamp& l : s.parts.lamps) {
-    MAQUETTE_TRY(auto more, lamp_of(l));
-    to.lighting.lamps.push_back(std::move(more));
-  }
-  MAQUETTE_TRY(to.lighting.ambient, bands_of(s.ambient, "ambient"));
-  for (const ScenePanel& p : s.parts.panels) {
-    MAQUETTE_TRY(const auto radiance, bands_of(p.radiance, "panel: radiance"));
-    to.lighting.panels.push_back({p.corner_mm, p.side_a_mm, p.side_b_mm, radiance});
-  }
-  if (s.lamp_illuminance_lux > 0.0 && (s.lamp_kelvin > 0.0 || !s.lamp_spectrum.empty())) {
-    camera::SpectralCurve spectrum = camera::black_body(std::max(s.lamp_kelvin, 1.0));
-    if (!s.lamp_spectrum.empty()) {
-      MAQUETTE_TRY(spectrum, camera::read_spectrum(s.lamp_spectrum));
-    }
-    to.white_radiance =
-        camera::white_radiance(spectrum, s.lamp_illuminance_lux, camera::box_bands());
-  }
-  return {};
-}
-
-Result<std::unique_ptr<Loaded>> load_scene(const Scene& s, const RunContext& run) {
-  auto loaded = std::make_unique<Loaded>();
-  camera::Material surface{"surface", law_by_name(s.reflectance, s.albedo, s.lunar_lambert_l), {}};
-  if (!s.surface_material.empty()) {
-    MAQUETTE_TRY(surface, find_material(s, s.surface_material));
-  }
-  MAQUETTE_TRY_VOID(load_surface(s, surface, *loaded, run));
-  MAQUETTE_TRY_VOID(load_objects(s, surface, *loaded, run));
-  MAQUETTE_TRY_VOID(load_lighting(s, *loaded));
-  return loaded;
-}
-
+constexpr double kBuildShare = 0.2;  ///< of the progress shown
 /// 8-bit sRGB of one or three bands.
 Result<void> write_preview(const camera::Image& image, const fs::path& path,
                            const camera::Metadata& metadata) {
@@ -216,7 +70,7 @@ struct Frame {
 
 /// What a picture file says about how it was made.
 camera::Metadata metadata_of(const std::string& scene_text, const Frame& frame,
-                             const Loaded& loaded, const camera::Image& image) {
+                             const LoadedScene& loaded, const camera::Image& image) {
   const RigidTransform& t = frame.model_from_camera;
   camera::Metadata m{
       {"maquette:scene", scene_text},
@@ -243,11 +97,7 @@ fs::path preview_path(const fs::path& picture) {
 Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
   const auto seed = static_cast<std::uint64_t>(s.seed);
   if (s.trajectory.empty()) {
-    const RigidTransform pose =
-        std::isnan(s.camera_target_mm.x)
-            ? RigidTransform{normalized(s.camera_quaternion_wxyz), s.camera_position_mm}
-            : camera::look_at(s.camera_position_mm, s.camera_target_mm);
-    return std::vector<Frame>{{out, pose, std::nullopt, seed}};
+    return std::vector<Frame>{{out, pose_of(s), std::nullopt, seed}};
   }
   MAQUETTE_TRY(const auto poses, read_trajectory(s.trajectory));
   std::vector<Frame> frames;
@@ -318,23 +168,10 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   if (!prepared) return within(std::move(prepared.error()));
   run.progress(kBuildShare);
 
-  const camera::CameraModel camera{static_cast<int>(s.resolution_px[0]),
-                                   static_cast<int>(s.resolution_px[1]),
-                                   s.pixel_pitch_um,
-                                   s.focal_length_mm,
-                                   s.principal_point_px.empty() ? NAN : s.principal_point_px[0],
-                                   s.principal_point_px.empty() ? NAN : s.principal_point_px[1],
-                                   s.aspect,
-                                   s.skew_px};
-  camera::RenderOptions options;
-  options.samples_per_pixel = static_cast<int>(s.samples_per_pixel);
-  options.lamp_samples = static_cast<int>(s.lamp_samples);
-  options.exposure_scale = s.exposure_scale;
-  options.gather_samples = static_cast<int>(s.gather_samples);
-  options.bounce = s.bounce;
-  options.noise_target = s.noise_target;
-  options.max_samples = static_cast<int>(s.max_samples);
-  options.geometry = s.geometry;
+  const camera::CameraModel camera = camera_of(s);
+  auto wanted = render_options_of(s);
+  if (!wanted) return within(std::move(wanted.error()));
+  camera::RenderOptions& options = *wanted;
   JobResult result;
   double sum = 0.0, samples = 0.0;
   std::uint64_t seen = 0;

@@ -55,6 +55,9 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"lamp_beam_deg", &s.lamp_beam_deg, "full angle", 0.01, 180});
   t.add({"exposure_scale", &s.exposure_scale,
          "value of a white Lambert surface that faces the lamp at its target", 1e-9, 1e9});
+  t.add({"white_balance", &s.white_balance, "factors on the picture's bands, besides", 0, 1e6});
+  t.add({"lamp_irradiance", &s.lamp_irradiance,
+         "of the first lamp at its target, beside those of [[lamp]], ambient and panels", 0, 1e9});
   t.add({"albedo", &s.albedo, "", 0.001, 1});
   t.add({"reflectance",
          &s.reflectance,

@@ -38,6 +38,7 @@ struct Scene {
   Vec3 lamp_target_mm{100.0, 100.0, 0.0};
   double lamp_diameter_mm = 0.0, lamp_beam_deg = 56.0;
   double exposure_scale = 1.0;
+  std::vector<double> white_balance{1.0}, lamp_irradiance{1.0};
   double albedo = 0.3;
   std::string reflectance = "lambert";
   double lunar_lambert_l = 0.5;

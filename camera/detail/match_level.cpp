@@ -13,11 +13,11 @@ constexpr double kHuber = 1.345;      ///< 95 % of least squares' efficiency for
 constexpr double kOfMedian = 1.4826;  ///< standard deviation over the median of absolute values
 constexpr int kEdgePx = 2;
 constexpr float kEdgeWeight = 0.1F;
-constexpr std::size_t kBins = 16;       ///< of brightness
+constexpr std::size_t kBins = 16;  ///< of brightness
 constexpr std::size_t kLeastInBin = 60;
 constexpr std::size_t kLeastPixels = 40;
 constexpr double kLeastSigma = 1e-5;
-constexpr double kLampTurn = 0.005;   ///< step of a lamp's place over its distance
+constexpr double kLampTurn = 0.005;  ///< step of a lamp's place over its distance
 constexpr double kBrighter = 0.1;
 constexpr int kDifferingSamples = 4;
 constexpr std::ptrdiff_t kCellsAcross = 24, kLeastCellPx = 4, kLargestCellPx = 32;
@@ -121,7 +121,8 @@ Result<void> MatchLevel::stand_at(const MatchState& state, const RunContext& run
         for (const double side : {-1.0, 1.0}) {
           MatchState moved = state;
           moved.lighting.lamps.front().position_mm += side * lamp_step_mm_ * ways[k];
-          MAQUETTE_TRY((side < 0.0 ? s.lamp_minus : s.lamp_plus)[k], picture(p, moved, differing_, run));
+          MAQUETTE_TRY((side < 0.0 ? s.lamp_minus : s.lamp_plus)[k],
+                       picture(p, moved, differing_, run));
         }
     }
     if (search.lamp_brightness) {
@@ -186,7 +187,8 @@ void MatchLevel::weigh() {
     return std::sqrt(std::max(0.0, factor(p, b, state_) * rendered(s, s.image, b, i)));
   };
   double most = 1e-9;
-  over_values([&](auto p, auto r, auto c, auto b, double) { most = std::max(most, bright(p, r, c, b)); });
+  over_values(
+      [&](auto p, auto r, auto c, auto b, double) { most = std::max(most, bright(p, r, c, b)); });
   const auto bin = [&](double value) { return std::min(value / most, 0.999999) * kBins; };
   std::array<std::vector<double>, kBins> off;
   std::vector<double> all;
@@ -211,8 +213,7 @@ void MatchLevel::weigh() {
     const double at = std::clamp(bin(bright(p, r, c, b)) - 0.5, 0.0, kBins - 1.0);
     const auto k = std::min(static_cast<std::size_t>(at), kBins - 2);
     const double share = at - static_cast<double>(k);
-    shown_[p].sigma[b](r, c) =
-        static_cast<float>((1.0 - share) * sigma[k] + share * sigma[k + 1]);
+    shown_[p].sigma[b](r, c) = static_cast<float>((1.0 - share) * sigma[k] + share * sigma[k + 1]);
   });
 }
 
@@ -245,14 +246,14 @@ Eigen::Matrix<double, kOwn, 1> MatchLevel::derivative(std::size_t p, std::size_t
   const double fx = 1e3 * camera.focal_length_mm / camera.pixel_pitch_um, fy = camera.aspect * fx;
   const double y = -(static_cast<double>(r) + 0.5 - camera.principal_y_px) / fy;
   const double x = (static_cast<double>(c) + 0.5 - camera.principal_x_px + camera.skew_px * y) / fx;
-  const double depth =
-      static_cast<double>(s.image.depth_mm(r, c)) / std::sqrt(1.0 + x * x + y * y);
+  const double depth = static_cast<double>(s.image.depth_mm(r, c)) / std::sqrt(1.0 + x * x + y * y);
   const Vec3 place = depth * Vec3{x, y, -1.0};
   const std::array<Vec3, 3> ways{Vec3{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   for (Eigen::Index k = 0; k < 6; ++k) {
     const Vec3 way = ways[static_cast<std::size_t>(k % 3)];
     const Vec3 moves = k < 3 ? -way : -cross(way, place);
-    const double du = fx * (moves.x + x * moves.z) / depth, dv = -fy * (moves.y + y * moves.z) / depth;
+    const double du = fx * (moves.x + x * moves.z) / depth,
+                 dv = -fy * (moves.y + y * moves.z) / depth;
     d(kPose + k) = -(gx * du + gy * dv);
   }
   return d;

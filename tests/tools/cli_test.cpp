@@ -1162,10 +1162,11 @@ TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
 
 TEST_F(CommandLine, EveryVerbHasHelpWithAnExample) {
   for (const char* verb :
-       {"init", "run",     "fuse",   "stones",   "mesh",     "bands",      "stone-parts",
-        "mill", "spheres", "verify", "backplot", "export",   "render",     "compare",
-        "scan", "clean",   "merge",  "deviate",  "diagnose", "compensate", "detectability",
-        "info", "doctor",  "lod",    "view",     "expose",   "stack",      "calibrate"}) {
+       {"init",        "run",        "fuse",          "stones",    "mesh",     "bands",
+        "stone-parts", "mill",       "spheres",       "verify",    "backplot", "export",
+        "render",      "compare",    "scan",          "clean",     "merge",    "deviate",
+        "diagnose",    "compensate", "detectability", "info",      "doctor",   "lod",
+        "view",        "expose",     "stack",         "calibrate", "match"}) {
     const auto o = run(std::string(verb) + " --help");
     EXPECT_EQ(o.exit_code, 0) << verb;
     EXPECT_THAT(o.out, HasSubstr("Example: maquette " + std::string(verb)));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// expose, stack, calibrate, compare
+// expose, stack, calibrate, compare, match
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -11,6 +11,7 @@
 #include "tools/jobs_calibrate.hpp"
 #include "tools/jobs_compare.hpp"
 #include "tools/jobs_expose.hpp"
+#include "tools/jobs_match.hpp"
 
 namespace maquette::tools {
 namespace fs = std::filesystem;
@@ -126,6 +127,33 @@ Command add_compare(CLI::App& root, const CommonOptions&) {
                                                                  : camera::Match::none;
             return finish(console, "compare",
                           [&](const RunContext& run) { return compare_job(o->job, o->out, run); });
+          }};
+}
+
+Command add_match(CLI::App& root, const CommonOptions&) {
+  struct Choice {
+    MatchJob job;
+    fs::path out = "matched";
+  };
+  auto o = std::make_shared<Choice>();
+  auto* app = root.add_subcommand(
+      "match",
+      "Exposure, white balance, lamp and camera poses that make renderings look like photographs, "
+      "each with its uncertainty, and scene files with them (docs/camera.md).\n"
+      "Example: maquette match match.toml --out matched");
+  app->add_option("file", o->job.file, "match.toml: scene, photographs, what is searched")
+      ->required();
+  app->add_option("--max-mean-255", o->job.max_mean_255,
+                  "exit code 1 if a photograph held out (any, if none is) differs by more");
+  app->add_option("--out", o->out, "folder: match.json, match.html, scene.toml, scene_PHOTO.toml")
+      ->capture_default_str();
+  return {app, [o](Console& console) {
+            std::vector<std::string> said;
+            auto code = finish(console, "match", [&](const RunContext& run) {
+              return match_job(o->job, o->out, said, run);
+            });
+            for (const std::string& line : said) console.result(line);
+            return code;
           }};
 }
 

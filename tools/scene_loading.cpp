@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tools/scene_loading.hpp"
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "camera/spectrum.hpp"
+#include "heightmap/field_io.hpp"
+#include "meshing/mesh_io.hpp"
+#include "meshing/stones.hpp"
+#include "tools/corrections_file.hpp"
+#include "tools/jobs.hpp"
+
+namespace maquette::tools {
+namespace {
+
+constexpr double kBaseThicknessMm = 10.0;  ///< of a field's block, as where it is made a mesh
+
+camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
+  const camera::Bands bands{albedo, albedo, albedo};
+  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
+  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
+  return camera::Lambert{bands};
+}
+
+Result<camera::Material> find_material(const Scene& s, const std::string& name) {
+  for (const SceneMaterial& m : s.parts.materials)
+    if (m.name == name) return material_of(m);
+  std::string known;
+  for (const SceneMaterial& m : s.parts.materials) known += (known.empty() ? "" : ", ") + m.name;
+  return fail(kConfigInvalid,
+              fmt::format("material \"{}\" is not described; [[material]] tables: {}", name,
+                          known.empty() ? "none" : known));
+}
+
+Result<void> load_surface(const Scene& s, const camera::Material& material, LoadedScene& to,
+                          const RunContext& run) {
+  if (is_field(s.surface) && s.corrections.empty()) {
+    MAQUETTE_TRY(to.field, heightmap::read_model_field(s.surface));
+    const auto lowest = static_cast<double>(heightmap::height_range(to.field.z_mm).min);
+    camera::SceneObject ground;
+    ground.material = material;
+    ground.field = &to.field;
+    ground.base_mm = lowest - kBaseThicknessMm;
+    to.objects.push_back(std::move(ground));
+    to.triangles +=
+        2 * static_cast<std::size_t>((to.field.z_mm.rows() - 1) * (to.field.z_mm.cols() - 1));
+    return {};
+  }
+  MAQUETTE_TRY(TriMesh mesh, load_solid(s.surface, run));
+  if (!s.corrections.empty()) {
+    MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
+    for (Vec3& v : mesh.vertices_mm) v = corrections.actual_from_planned.point(v);
+  }
+  to.meshes.push_back(std::move(mesh));
+  to.objects.push_back({&to.meshes.back(), material});
+  return {};
+}
+
+Result<void> load_objects(const Scene& s, const camera::Material& surface, LoadedScene& to,
+                          const RunContext& run) {
+  if (!s.stones.empty()) {
+    camera::Material material = surface;
+    if (!s.stone_material.empty()) {
+      MAQUETTE_TRY(material, find_material(s, s.stone_material));
+    }
+    MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(s.stones));
+    RigidTransform lies;  // glued on, they go with the surface
+    if (!s.corrections.empty()) {
+      MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
+      lies = corrections.actual_from_planned;
+    }
+    for (const auto& stone : stones) {
+      to.meshes.push_back(meshing::stone_mesh(stone));
+      to.objects.push_back({&to.meshes.back(), material, lies});
+    }
+  }
+  std::vector<std::tuple<fs::path, double, const TriMesh*>>
+      known;  // one copy for one file and scale
+  for (const SceneMesh& o : s.parts.objects) {
+    MAQUETTE_TRY(const auto material, find_material(s, o.material));
+    const TriMesh* mesh = nullptr;
+    for (const auto& [path, scale, loaded] : known)
+      if (path == o.mesh && scale == o.scale) mesh = loaded;
+    if (mesh == nullptr) {
+      MAQUETTE_TRY(TriMesh fresh, meshing::read_mesh(o.mesh, run));
+      for (Vec3& v : fresh.vertices_mm) v = o.scale * v;
+      to.meshes.push_back(std::move(fresh));
+      mesh = &to.meshes.back();
+      known.emplace_back(o.mesh, o.scale, mesh);
+    }
+    const Quaternion& q = o.quaternion_wxyz;
+    if (std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) > 1e-3)
+      return fail(kConfigInvalid,
+                  fmt::format("object {}: the quaternion is no rotation; its length "
+                              "must be 1",
+                              o.mesh.string()));
+    to.objects.push_back({mesh, material, {normalized(q), o.position_mm}});
+  }
+  for (const TriMesh& mesh : to.meshes) to.triangles += mesh.triangles.size();
+  return {};
+}
+
+Result<void> load_lighting(const Scene& s, LoadedScene& to) {
+  SceneLamp first;
+  first.position_mm = s.lamp_position_mm;
+  first.target_mm = s.lamp_target_mm;
+  first.diameter_mm = s.lamp_diameter_mm;
+  first.beam_deg = s.lamp_beam_deg;
+  first.sun_diameter_deg = s.sun_diameter_deg;
+  first.kelvin = s.lamp_kelvin;
+  first.irradiance = s.lamp_irradiance;
+  first.intensity = s.lamp_intensity;
+  first.spectrum = s.lamp_spectrum;
+  MAQUETTE_TRY(auto lamp, lamp_of(first));
+  to.lighting.lamps.push_back(std::move(lamp));
+  for (const SceneLamp& l : s.parts.lamps) {
+    MAQUETTE_TRY(auto more, lamp_of(l));
+    to.lighting.lamps.push_back(std::move(more));
+  }
+  MAQUETTE_TRY(to.lighting.ambient, bands_of(s.ambient, "ambient"));
+  for (const ScenePanel& p : s.parts.panels) {
+    MAQUETTE_TRY(const auto radiance, bands_of(p.radiance, "panel: radiance"));
+    to.lighting.panels.push_back({p.corner_mm, p.side_a_mm, p.side_b_mm, radiance});
+  }
+  if (s.lamp_illuminance_lux > 0.0 && (s.lamp_kelvin > 0.0 || !s.lamp_spectrum.empty())) {
+    camera::SpectralCurve spectrum = camera::black_body(std::max(s.lamp_kelvin, 1.0));
+    if (!s.lamp_spectrum.empty()) {
+      MAQUETTE_TRY(spectrum, camera::read_spectrum(s.lamp_spectrum));
+    }
+    to.white_radiance =
+        camera::white_radiance(spectrum, s.lamp_illuminance_lux, camera::box_bands());
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<std::unique_ptr<LoadedScene>> load_scene(const Scene& s, const RunContext& run) {
+  auto loaded = std::make_unique<LoadedScene>();
+  camera::Material surface{"surface", law_by_name(s.reflectance, s.albedo, s.lunar_lambert_l), {}};
+  if (!s.surface_material.empty()) {
+    MAQUETTE_TRY(surface, find_material(s, s.surface_material));
+  }
+  MAQUETTE_TRY_VOID(load_surface(s, surface, *loaded, run));
+  MAQUETTE_TRY_VOID(load_objects(s, surface, *loaded, run));
+  MAQUETTE_TRY_VOID(load_lighting(s, *loaded));
+  return loaded;
+}
+
+camera::CameraModel camera_of(const Scene& s) {
+  const bool middle = s.principal_point_px.empty();
+  return {static_cast<int>(s.resolution_px[0]),
+          static_cast<int>(s.resolution_px[1]),
+          s.pixel_pitch_um,
+          s.focal_length_mm,
+          middle ? NAN : s.principal_point_px[0],
+          middle ? NAN : s.principal_point_px[1],
+          s.aspect,
+          s.skew_px};
+}
+
+RigidTransform pose_of(const Scene& s) {
+  return std::isnan(s.camera_target_mm.x)
+             ? RigidTransform{normalized(s.camera_quaternion_wxyz), s.camera_position_mm}
+             : camera::look_at(s.camera_position_mm, s.camera_target_mm);
+}
+
+Result<camera::RenderOptions> render_options_of(const Scene& s) {
+  camera::RenderOptions options;
+  options.samples_per_pixel = static_cast<int>(s.samples_per_pixel);
+  options.lamp_samples = static_cast<int>(s.lamp_samples);
+  options.exposure_scale = s.exposure_scale;
+  MAQUETTE_TRY(options.white_balance, bands_of(s.white_balance, "white_balance"));
+  options.seed = static_cast<std::uint64_t>(s.seed);
+  options.gather_samples = static_cast<int>(s.gather_samples);
+  options.bounce = s.bounce;
+  options.noise_target = s.noise_target;
+  options.max_samples = static_cast<int>(s.max_samples);
+  options.geometry = s.geometry;
+  return options;
+}
+
+}  // namespace maquette::tools

@@ -19,9 +19,10 @@ using detail::Unknowns;
 constexpr double kLeastEigenvalue = 1e-9;  ///< of derivatives of unit length
 constexpr double kNamed = 0.2;             ///< of a direction of length 1
 constexpr double kStepDone = 0.1;          ///< of a standard deviation of independent values
-constexpr double kStillWithin =
-    1.0;                       ///< of a standard deviation: what samples of a pixel differ by
-constexpr int kFreeSteps = 4;  ///< at the end, whose cost is not asked for
+constexpr double kStillWithin = 1.0;       ///< of a standard deviation
+constexpr double kUnseen = 0.05;           ///< change of a picture over what is left of its values
+constexpr double kStuck = 10.0;            ///< of damping: derivatives say nothing more
+constexpr int kFreeSteps = 4;              ///< at the end, whose cost is not asked for
 constexpr double kLeastLikeness = 0.5;
 constexpr int kTries = 6;  ///< of damping, until no step is better
 /// Noise of a rendering is in what is left and in its derivatives: with four samples exposure comes
@@ -171,7 +172,9 @@ class Matcher {
       const double size = std::sqrt(step.undamped.dot(e.normal * step.undamped) / n);
       ++out.steps;
       out.state = step.state;
-      if (step.better && size > kStepDone && i + 1 < options_.most_steps) continue;
+      const bool goes_on = step.better && size > kStepDone && damping < kStuck &&
+                           (last || e.change_by(step.undamped) > kUnseen);
+      if (goes_on && i + 1 < options_.most_steps) continue;
       return last ? finish(level, out, run) : Result<void>{};
     }
   }
@@ -182,7 +185,7 @@ class Matcher {
   /// the shortest before it is taken.
   Result<void> finish(MatchLevel& level, PhotographMatch& out, const RunContext& run) {
     MatchState best;
-    double shortest = INFINITY;
+    double shortest = INFINITY, change = INFINITY;
     for (int i = 0; i < kFreeSteps; ++i) {
       MAQUETTE_TRY_VOID(level.stand_at(out.state, run));
       const NormalEquations e = level.equations();
@@ -194,12 +197,13 @@ class Matcher {
       ++out.steps;
       if (left < shortest) {
         shortest = left;
+        change = e.change_by(step);
         best = out.state;
       }
       if (left < kStepDone) break;
       out.state = unknowns_.moved(out.state, step);
     }
-    if (!(shortest < kStillWithin))
+    if (!(shortest < kStillWithin) && !(change < kUnseen))
       return fail(kMatchNotConverged,
                   fmt::format("after {} steps the next one would still be {:.2g} standard "
                               "deviations long; start closer, or search for less",
@@ -214,6 +218,9 @@ class Matcher {
     const NormalEquations e = level.equations();
     const detail::ScoreSums sums = level.scores();
     Eigen::MatrixXd covariance = covariance_at(e, sums);
+    const Eigen::VectorXd left = Directions(e.normal).inverse() * e.gradient;
+    const Eigen::VectorXd scattered = covariance.diagonal();
+    covariance += left * left.transpose();
     const auto n = static_cast<double>(unknowns_.count());
     const auto alike = level.likeness();
     for (std::size_t p = 0; p < photos_.size(); ++p)
@@ -226,7 +233,7 @@ class Matcher {
                           single = bread * sums.of_values * bread;
     double share = 0.0;
     for (Eigen::Index i = 0; i < covariance.rows(); ++i)
-      share += std::min(1.0, single(i, i) / covariance(i, i)) / n;
+      share += std::min(1.0, single(i, i) / scattered(i)) / n;
     out.pixels = sums.values;
     out.independent_pixels = share * static_cast<double>(sums.values);
     out.rms_255 = 255.0 * level.scatter();

@@ -14,8 +14,8 @@
 ///   Newton, damped (Levenberg, Marquardt), from pictures of at least kCoarsest pixels across to
 ///   the finest, each of twice as many pixels; everything is rendered anew in each step.
 /// - Derivatives: exposure and white balance are factors; of the lamp, differences of renderings on
-///   both sides, so shadows move; of a pose, the rendering's own gradient times how far what a
-///   pixel shows moves.
+///   both sides, where no shadow moves; of a pose, the rendering's own gradient times how far what
+///   a pixel shows moves.
 /// - Weights: residuals against the scatter of all pixels of the same brightness, Huber's loss,
 ///   within two pixels of an edge of light and shadow a tenth of the weight. Left out: saturated
 ///   pixels, background and what borders on it.

@@ -18,6 +18,9 @@ constexpr std::size_t kLeastInBin = 60;
 constexpr std::size_t kLeastPixels = 40;
 constexpr double kLeastSigma = 1e-5;
 constexpr double kLampTurn = 0.005;  ///< step of a lamp's place over its distance
+/// Of a pixel's light: one of its samples has come into a shadow. Such jumps are thirty times what
+/// shading changes by; taken for derivatives they hide it, and a lamp's distance is never found.
+constexpr double kFlip = 0.15;
 constexpr double kBrighter = 0.1;
 constexpr int kDifferingSamples = 4;
 constexpr std::ptrdiff_t kCellsAcross = 24, kLeastCellPx = 4, kLargestCellPx = 32;
@@ -228,11 +231,13 @@ Eigen::Matrix<double, kOwn, 1> MatchLevel::derivative(std::size_t p, std::size_t
   d(kExposure) = value;
   if (s.light.size() == 3 && b == 0) d(kRed) = value;
   if (s.light.size() == 3 && b == 2) d(kBlue) = value;
-  if (search.lamp_position)
-    for (std::size_t k = 0; k < 3; ++k)
-      d(kLamp + static_cast<Eigen::Index>(k)) =
-          f * (rendered(s, s.lamp_plus[k], b, i) - rendered(s, s.lamp_minus[k], b, i)) /
-          (2.0 * lamp_step_mm_);
+  if (search.lamp_position && s.weight(r, c) == 1.0F)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double more = rendered(s, s.lamp_plus[k], b, i),
+                   less = rendered(s, s.lamp_minus[k], b, i);
+      if (std::abs(more - less) < kFlip * std::max(more, less))
+        d(kLamp + static_cast<Eigen::Index>(k)) = f * (more - less) / (2.0 * lamp_step_mm_);
+    }
   if (search.lamp_brightness)
     d(kBrightness) = (f * rendered(s, s.brighter, b, i) - value) / kBrighter;
   if (!search.pose) return d;
@@ -262,7 +267,7 @@ Eigen::Matrix<double, kOwn, 1> MatchLevel::derivative(std::size_t p, std::size_t
 NormalEquations MatchLevel::equations() const {
   const Eigen::Index n = unknowns_.count();
   NormalEquations out{Eigen::MatrixXd::Zero(n, n), Eigen::MatrixXd::Zero(n, n),
-                      Eigen::VectorXd::Zero(n), 0.0};
+                      Eigen::VectorXd::Zero(n)};
   using Own2 = Eigen::Matrix<double, kOwn, kOwn>;
   using Own1 = Eigen::Matrix<double, kOwn, 1>;
   std::vector<Own2> normal(shown_.size(), Own2::Zero()), bread = normal;
@@ -277,6 +282,7 @@ NormalEquations MatchLevel::equations() const {
     normal[p] += down * square;
     if (inside) bread[p] += square;
     gradient[p] += weight * down * z * d;
+    ++out.values;
     out.cost += weight * (inside ? 0.5 * z * z : kHuber * (std::abs(z) - 0.5 * kHuber));
   });
   for (std::size_t p = 0; p < shown_.size(); ++p)

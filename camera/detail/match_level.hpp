@@ -4,6 +4,7 @@
 /// @file match_level.hpp
 /// Photographs in one size beside their renderings: residuals, weights, derivatives.
 
+#include <cmath>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -17,6 +18,11 @@ struct NormalEquations {
   Eigen::MatrixXd normal, bread;  ///< weighted squares of derivatives; of residuals inside the loss
   Eigen::VectorXd gradient;       ///< what a step should be, times `normal`
   double cost = 0.0;
+  std::size_t values = 0;  ///< that count
+  /// How much a step would change pictures, root mean square over what is left of a value.
+  [[nodiscard]] double change_by(const Eigen::VectorXd& step) const {
+    return std::sqrt(step.dot(normal * step) / static_cast<double>(values));
+  }
 };
 /// Sums of scores squared: with neighbouring cells, and of single values.
 struct ScoreSums {
@@ -51,8 +57,8 @@ class MatchLevel {
     // Of the state stood at.
     Image image, brighter;
     std::array<Image, 3> lamp_minus, lamp_plus;
-    Grid<float> weight;               ///< 0: left out
-    std::vector<Grid<float>> sigma;   ///< by band
+    Grid<float> weight;              ///< 0: left out
+    std::vector<Grid<float>> sigma;  ///< by band
   };
   [[nodiscard]] Result<Image> picture(std::size_t photo, const MatchState& state,
                                       const RenderOptions& render, const RunContext& run) const;
@@ -63,8 +69,7 @@ class MatchLevel {
   void weigh();
   /// Of one value by what the photograph depends on.
   [[nodiscard]] Eigen::Matrix<double, kOwn, 1> derivative(std::size_t photo, std::size_t band,
-                                                          std::ptrdiff_t r,
-                                                          std::ptrdiff_t c) const;
+                                                          std::ptrdiff_t r, std::ptrdiff_t c) const;
   /// each(photo, row, column, band, residual) of all that counts.
   template <class Each>
   void over_values(const Each& each) const;

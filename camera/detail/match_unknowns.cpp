@@ -75,8 +75,7 @@ std::vector<std::string> Unknowns::names(const std::vector<MatchPhoto>& photos) 
   };
   put(0, kRed, "white_balance.red");
   put(0, kBlue, "white_balance.blue");
-  for (Eigen::Index k = 0; k < 3; ++k)
-    put(0, kLamp + k, fmt::format("lamp.{}_mm", "xyz"[k]));
+  for (Eigen::Index k = 0; k < 3; ++k) put(0, kLamp + k, fmt::format("lamp.{}_mm", "xyz"[k]));
   put(0, kBrightness, "lamp.brightness");
   for (std::size_t p = 0; p < photos.size(); ++p) {
     put(p, kExposure, search_.exposure_each ? photos[p].name + ": exposure" : "exposure");

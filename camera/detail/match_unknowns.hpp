@@ -17,7 +17,14 @@ namespace maquette::camera::detail {
 /// Of what one photograph depends on, in this order: exposure, red, blue, lamp x, y, z, brightness,
 /// pose (mm right, up, back; rad about those).
 inline constexpr Eigen::Index kOwn = 13;
-enum Own : Eigen::Index { kExposure = 0, kRed = 1, kBlue = 2, kLamp = 3, kBrightness = 6, kPose = 7 };
+enum Own : Eigen::Index {
+  kExposure = 0,
+  kRed = 1,
+  kBlue = 2,
+  kLamp = 3,
+  kBrightness = 6,
+  kPose = 7
+};
 
 class Unknowns {
  public:

@@ -142,15 +142,15 @@ void print(const PhotographMatch& m) {
 TEST(MatchPhotographs, FindsWhatAnotherRendererHides) {
   const Vec3 lamp = kLamp + Vec3{9, -7, 12};
   const Bands balance{0.8, 1.0, 1.2};
-  std::vector<MatchPhoto> photos{
-      shoot("south.exr", {90, -260, 380}, {lamp, balance, 0.93}, 256, 1),
-      shoot("east.exr", {420, 60, 330}, {lamp, balance, 1.08}, 256, 2)};
+  std::vector<MatchPhoto> photos{shoot("south.exr", {90, -260, 380}, {lamp, balance, 0.93}, 256, 1),
+                                 shoot("east.exr", {420, 60, 330}, {lamp, balance, 1.08}, 256, 2)};
   const auto real = photos;
   push(photos[0], {1.2, -0.8, 1.5}, {1, 2, -1}, 4e-3);
   push(photos[1], {-1.0, 0.7, -2.0}, {0, -1, 1}, 5e-3);
   const auto m = match_photographs(
       *world().scene, photos, lighting(), {1, 1, 1},
-      search_for({.exposure_each = true, .white_balance = true, .lamp_position = true, .pose = true}));
+      search_for(
+          {.exposure_each = true, .white_balance = true, .lamp_position = true, .pose = true}));
   ASSERT_THAT(m, Succeeds());
   print(*m);
   const auto near = [&](const std::string& name, double truth) {
@@ -165,8 +165,7 @@ TEST(MatchPhotographs, FindsWhatAnotherRendererHides) {
   near("lamp.y_mm", lamp.y);
   near("lamp.z_mm", lamp.z);
   for (std::size_t p = 0; p < 2; ++p) {
-    const RigidTransform way =
-        photos[p].model_from_camera.inverse() * real[p].model_from_camera;
+    const RigidTransform way = photos[p].model_from_camera.inverse() * real[p].model_from_camera;
     near(real[p].name + ": right_mm", way.translation_mm.x);
     near(real[p].name + ": up_mm", way.translation_mm.y);
     near(real[p].name + ": back_mm", way.translation_mm.z);
@@ -182,8 +181,7 @@ double difference_255(const MatchPhoto& p, const MatchState& state, double expos
   o.samples_per_pixel = 16;
   o.exposure_scale = exposure;
   o.white_balance = state.white_balance;
-  const auto image =
-      world().scene->render(p.camera, p.model_from_camera, state.lighting, o);
+  const auto image = world().scene->render(p.camera, p.model_from_camera, state.lighting, o);
   EXPECT_THAT(image, Succeeds());
   LoadedImage real{{"R", "G", "B"}, {}, true, 255.0}, rendered;
   for (const Grid<float>& band : p.light) {
@@ -236,12 +234,25 @@ TEST(MatchPhotographs, ErrorsScatterAsStated) {
                           search_for({.exposure = true, .lamp_position = true, .pose = true}));
     ASSERT_THAT(m, Succeeds());
     const RigidTransform way = p.model_from_camera.inverse() * clean.model_from_camera;
-    const std::array truth{1.0, kLamp.x, kLamp.y, kLamp.z, way.translation_mm.x,
-                           way.translation_mm.y, way.translation_mm.z, 2e3 * way.rotation.x,
-                           2e3 * way.rotation.y, 2e3 * way.rotation.z};
-    const std::array names{"exposure", "lamp.x_mm", "lamp.y_mm", "lamp.z_mm",
-                           "photo.exr: right_mm", "photo.exr: up_mm", "photo.exr: back_mm",
-                           "photo.exr: about_right_mrad", "photo.exr: about_up_mrad",
+    const std::array truth{1.0,
+                           kLamp.x,
+                           kLamp.y,
+                           kLamp.z,
+                           way.translation_mm.x,
+                           way.translation_mm.y,
+                           way.translation_mm.z,
+                           2e3 * way.rotation.x,
+                           2e3 * way.rotation.y,
+                           2e3 * way.rotation.z};
+    const std::array names{"exposure",
+                           "lamp.x_mm",
+                           "lamp.y_mm",
+                           "lamp.z_mm",
+                           "photo.exr: right_mm",
+                           "photo.exr: up_mm",
+                           "photo.exr: back_mm",
+                           "photo.exr: about_right_mrad",
+                           "photo.exr: about_up_mrad",
                            "photo.exr: about_back_mrad"};
     for (std::size_t k = 0; k < truth.size(); ++k) {
       const MatchedNumber& n = number(*m, names[k]);
@@ -263,7 +274,8 @@ TEST(MatchPhotographs, RefusesWhatMakesUpForEachOther) {
   };
   const auto brightness = match(lighting(), {.exposure = true, .lamp_brightness = true});
   ASSERT_THAT(brightness, FailsWith(kMatchOpen));
-  EXPECT_THAT(brightness.error().message, AllOf(HasSubstr("exposure"), HasSubstr("lamp.brightness")));
+  EXPECT_THAT(brightness.error().message,
+              AllOf(HasSubstr("exposure"), HasSubstr("lamp.brightness")));
   Lighting sun = lighting();
   sun.lamps[0].sun_diameter_deg = 0.0;
   const auto distance = match(sun, {.exposure = true, .lamp_position = true});

@@ -74,6 +74,12 @@ Result<void> write_png_grid(const Grid<Pixel>& image, const fs::path& path,
   return write_file(spec, image.cells().data(), OIIO::TypeDesc::UINT8, path, metadata);
 }
 
+/// Has OpenImageIO its reader of cameras' raw files?
+bool reads_raw() {
+  const std::string formats(OIIO::get_string_attribute("format_list"));
+  return ("," + formats + ",").find(",raw,") != std::string::npos;
+}
+
 }  // namespace
 
 Result<void> write_exr(const std::vector<std::pair<std::string, const Grid<float>*>>& channels,
@@ -189,13 +195,24 @@ Result<LoadedImage> read_image(const fs::path& path) {
     return fail(kFileNotFound, fmt::format("{}: no such file", path.string()));
   const auto because = [&](const std::string& reason) {
     return fail(kImageNotReadable,
-                fmt::format("{}: OpenImageIO: {}; a PNG, TIFF or OpenEXR image was expected",
+                fmt::format("{}: OpenImageIO: {}; a PNG, TIFF, OpenEXR or raw image was expected",
                             path.string(), reason));
   };
   OIIO::ImageSpec wish;
   wish.attribute("oiio:UnassociatedAlpha", 1);  // values as in the file, not multiplied by alpha
+  // Raw files: light in proportion, white where the sensor ends, whatever the picture shows.
+  wish.attribute("raw:ColorSpace", "linear");
+  wish.attribute("raw:use_camera_wb", 1);
+  wish.attribute("raw:auto_bright", 0);
+  wish.attribute("raw:adjust_maximum_thr", 0.0F);
   auto in = OIIO::ImageInput::open(path.string(), &wish);
-  if (!in) return because(OIIO::geterror());
+  if (!in) {
+    const std::string reason = OIIO::geterror();
+    return because(reads_raw() ? reason
+                               : reason +
+                                     " (it was built without libraw: raw files of cameras are "
+                                     "not read; convert this to a linear TIFF if it is one)");
+  }
   const OIIO::ImageSpec spec = in->spec();
   if (spec.width < 1 || spec.height < 1 || spec.depth > 1 || spec.deep || spec.nchannels < 1 ||
       std::int64_t{spec.width} * spec.height > kMaxPixels)

@@ -47,7 +47,9 @@ using Metadata = std::vector<std::pair<std::string, std::string>>;
 /// Linear value 0..1 -> sRGB 0..255 (IEC 61966-2-1), clamped.
 [[nodiscard]] std::uint8_t srgb8(double linear);
 
-/// Channels as float, 8-bit and 16-bit files scaled to 0..1; encoding as in the file.
+/// Channels as float, 8-bit and 16-bit files scaled to 0..1; encoding as in the file. Raw files of
+/// cameras (by libraw, where OpenImageIO has it) come developed: black level off, white balance as
+/// shot, interpolated colours with sRGB's primaries, linear, 1 where the sensor ends.
 struct LoadedImage {
   std::vector<std::string> names;
   std::vector<Grid<float>> channels;

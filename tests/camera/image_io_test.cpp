@@ -6,6 +6,7 @@
 //   read_image scales, keeps coding .. 8 and 16 bit files written by OpenImageIO
 //   alpha does not multiply .......... values under transparent pixels
 //   sRGB ............................. values of IEC 61966-2-1, order, clamping
+//   raw files ........................ a DNG of grey: linear light as shot, 1 where the sensor ends
 //   bad files and bad folders ........ each error code; nothing is left behind
 //   same bytes ....................... written twice
 
@@ -153,6 +154,94 @@ TEST(ReadImage, SaysWhatIsWrong) {
   const auto half = read_image(folder / "half.png");
   ASSERT_THAT(half, FailsWith(kImageNotReadable));
   EXPECT_THAT(half.error().message, testing::HasSubstr("half.png"));
+}
+
+/// A DNG without compression (TIFF 6 and Adobe's DNG 1.4): RGGB, black 512, white 16383, of a
+/// camera that sees sRGB's primaries and is half as sensitive in red, three quarters in blue.
+std::string grey_dng(std::uint32_t width, std::uint32_t height, std::uint16_t left,
+                     std::uint16_t right) {
+  struct Tag {
+    std::uint16_t tag, type;  // 1 byte, 2 text, 3 short, 4 long, 5 and 10 ratios
+    std::uint32_t count;
+    std::string bytes;
+  };
+  const auto number = [](auto v) {
+    return std::string(reinterpret_cast<const char*>(&v), sizeof v);
+  };
+  std::vector<Tag> tags;
+  const auto shorts = [&](std::uint16_t tag, std::initializer_list<std::uint16_t> all) {
+    std::string bytes;
+    for (const std::uint16_t v : all) bytes += number(v);
+    tags.push_back({tag, 3, static_cast<std::uint32_t>(all.size()), bytes});
+  };
+  const auto longs = [&](std::uint16_t tag, std::uint32_t v) {
+    tags.push_back({tag, 4, 1, number(v)});
+  };
+  const auto text = [&](std::uint16_t tag, const std::string& t) {
+    tags.push_back({tag, 2, static_cast<std::uint32_t>(t.size() + 1), t + '\0'});
+  };
+  const auto ratios = [&](std::uint16_t tag, std::uint16_t type, std::vector<std::int32_t> all) {
+    std::string bytes;
+    for (const std::int32_t v : all) bytes += number(v) + number(std::int32_t{10000});
+    tags.push_back({tag, type, static_cast<std::uint32_t>(all.size()), bytes});
+  };
+  longs(254, 0), longs(256, width), longs(257, height);
+  shorts(258, {16}), shorts(259, {1}), shorts(262, {32803});
+  text(271, "Test"), text(272, "Grey");
+  longs(273, 0);  // where the strip begins, below
+  shorts(274, {1}), shorts(277, {1});
+  longs(278, height), longs(279, 2 * width * height);
+  shorts(284, {1}), shorts(33421, {2, 2});
+  tags.push_back({33422, 1, 4, std::string("\0\1\1\2", 4)});
+  tags.push_back({50706, 1, 4, std::string("\1\4\0\0", 4)});
+  text(50708, "Test Grey");
+  longs(50714, 512), longs(50717, 16383);
+  ratios(50721, 10, {32405, -15371, -4985, -9693, 18760, 416, 556, -2040, 10572});
+  ratios(50728, 5, {5000, 10000, 7500});
+  shorts(50778, {21});
+  const std::size_t after = 8 + 2 + 12 * tags.size() + 4;
+  std::string far;
+  for (const Tag& t : tags)
+    if (t.bytes.size() > 4) far += t.bytes + std::string(t.bytes.size() % 2, '\0');
+  std::string file = std::string("II*\0", 4) + number(std::uint32_t{8}) +
+                     number(static_cast<std::uint16_t>(tags.size()));
+  std::size_t at = after;
+  for (const Tag& t : tags) {
+    file += number(t.tag) + number(t.type) + number(t.count);
+    if (t.tag == 273) {
+      file += number(static_cast<std::uint32_t>(after + far.size()));
+    } else if (t.bytes.size() <= 4) {
+      file += t.bytes + std::string(4 - t.bytes.size(), '\0');
+    } else {
+      file += number(static_cast<std::uint32_t>(at));
+      at += t.bytes.size() + t.bytes.size() % 2;
+    }
+  }
+  file += number(std::uint32_t{0}) + far;
+  for (std::uint32_t y = 0; y < height; ++y)
+    for (std::uint32_t x = 0; x < width; ++x) {
+      const int light = x < width / 2 ? left : right;
+      const int seen = (x + y) % 2 == 1 ? light : (y % 2 == 0 ? light / 2 : 3 * light / 4);
+      file += number(static_cast<std::uint16_t>(512 + seen));
+    }
+  return file;
+}
+
+TEST(ReadImage, DevelopsRawFilesToLinearLight) {
+  const std::string formats(OIIO::get_string_attribute("format_list"));
+  if (formats.find("raw,") == std::string::npos)
+    GTEST_SKIP() << "this OpenImageIO reads no raw files";
+  const ScratchFolder folder;
+  ASSERT_TRUE(write_file(folder / "grey.dng", grey_dng(64, 48, 8000, 2000)));
+  const auto image = read_image(folder / "grey.dng");
+  ASSERT_THAT(image, Succeeds());
+  EXPECT_FALSE(image->eight_bit);
+  ASSERT_EQ(image->channels.size(), 3U);
+  for (const Grid<float>& band : image->channels) {
+    ASSERT_EQ(band.cols(), 64);
+    EXPECT_NEAR(band(20, 12), 8000.0 / (16383 - 512), 2e-4);
+    EXPECT_NEAR(band(20, 52), 2000.0 / (16383 - 512), 2e-4);
+  }
 }
 
 TEST(WriteImages, SayWhatIsWrongAndLeaveNothing) {

@@ -217,22 +217,20 @@ std::string page_of(const MatchJob& job, const Matched& m) {
       m.match.rms_255)});
   Table numbers{{"", "start", "found", "uncertainty"}, {}};
   for (const auto& n : m.match.numbers)
-    numbers.rows.push_back(
-        {{n.name}, number(n.start, 4), number(n.value, 4), number(n.sigma, 4)});
+    numbers.rows.push_back({{n.name}, number(n.start, 4), number(n.value, 4), number(n.sigma, 4)});
   d.push_back(numbers);
   Table photos{{"photograph", "", "before, /255", "after, /255", "bias", "outside shadow edges",
                 "at shadow edges"},
                {}};
   for (const Seen& s : m.photos)
-    photos.rows.push_back({{s.name},
-                           {s.file->held_out ? "held out" : "searched in"},
-                           number(s.before.mean_abs_diff_255, 2),
-                           number(s.after.mean_abs_diff_255, 2),
-                           number(s.after.bias_255, 2),
-                           number(s.after.rest ? s.after.rest->mean_abs_diff_255 : NAN, 2),
-                           number(s.after.shadow_edges ? s.after.shadow_edges->mean_abs_diff_255
-                                                       : NAN,
-                                  2)});
+    photos.rows.push_back(
+        {{s.name},
+         {s.file->held_out ? "held out" : "searched in"},
+         number(s.before.mean_abs_diff_255, 2),
+         number(s.after.mean_abs_diff_255, 2),
+         number(s.after.bias_255, 2),
+         number(s.after.rest ? s.after.rest->mean_abs_diff_255 : NAN, 2),
+         number(s.after.shadow_edges ? s.after.shadow_edges->mean_abs_diff_255 : NAN, 2)});
   d.push_back(photos);
   return "<!doctype html><meta charset=\"utf-8\"><title>match</title><style>body{font:15px "
          "sans-serif;max-width:70em;margin:1em auto;padding:0 1em}td,th{padding:2px "
@@ -254,14 +252,13 @@ Result<JobResult> match_job(const MatchJob& job, const fs::path& folder,
   JobResult result;
   result.outputs = {folder / "match.json", folder / "match.html"};
   const ordered_json figures = figures_of(*matched);
-  result.figures_json = figures.dump(
-      2, ' ', false, ordered_json::error_handler_t::replace);
+  result.figures_json = figures.dump(2, ' ', false, ordered_json::error_handler_t::replace);
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json + "\n"));
   MAQUETTE_TRY_VOID(write_file(result.outputs[1], page_of(job, *matched)));
   MAQUETTE_TRY_VOID(write_scenes(file, *scene, *matched, folder, result.outputs));
   for (const auto& n : matched->match.numbers)
-    said.push_back(fmt::format("{:<36} {:>12.5g} -> {:>12.5g} +- {:.2g}", n.name, n.start, n.value,
-                               n.sigma));
+    said.push_back(
+        fmt::format("{:<36} {:>12.5g} -> {:>12.5g} +- {:.2g}", n.name, n.start, n.value, n.sigma));
   const bool held_out = std::any_of(matched->photos.begin(), matched->photos.end(),
                                     [](const Seen& s) { return s.file->held_out; });
   double worst = 0.0;
@@ -273,8 +270,8 @@ Result<JobResult> match_job(const MatchJob& job, const fs::path& folder,
   }
   result.note = fmt::format("{:.2f}/255 at most{}", worst, held_out ? ", held out" : "");
   if (worst > job.max_mean_255)
-    result.unmet = fmt::format("a mean difference of {:.3f}/255 is more than {}/255", worst,
-                               job.max_mean_255);
+    result.unmet =
+        fmt::format("a mean difference of {:.3f}/255 is more than {}/255", worst, job.max_mean_255);
   return result;
 }
 

@@ -37,8 +37,13 @@ Result<MatchFile> read_match(const fs::path& path) {
   MatchFile m;
   Schema s;
   s.add({"schema", &m.schema_name, "", -kInf, kInf, {"maquette.match/1"}, true});
-  s.add({"scene", &m.scene, "what `render` takes: surface, lamp and camera to start with", -kInf,
-         kInf, {}, true});
+  s.add({"scene",
+         &m.scene,
+         "what `render` takes: surface, lamp and camera to start with",
+         -kInf,
+         kInf,
+         {},
+         true});
   s.add({"search",
          &m.search,
          "",
@@ -67,9 +72,10 @@ Result<MatchFile> read_match(const fs::path& path) {
   std::set<std::string> stems;
   for (const MatchFilePhoto& p : m.photos)
     if (!stems.insert(p.image.stem().string()).second)
-      return wrong(fmt::format("two photographs are called {}; each is to have a scene file of its "
-                               "name",
-                               p.image.stem().string()));
+      return wrong(
+          fmt::format("two photographs are called {}; each is to have a scene file of its "
+                      "name",
+                      p.image.stem().string()));
   const auto wanted = [&](const char* what) {
     return std::find(m.search.begin(), m.search.end(), what) != m.search.end();
   };

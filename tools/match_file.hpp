@@ -2,8 +2,8 @@
 #pragma once
 
 /// @file match_file.hpp
-/// What `match` takes: a scene, photographs of it, what is searched (docs/camera.md); and scene files
-/// with what was found in its place.
+/// What `match` takes: a scene, photographs of it, what is searched (docs/camera.md); and scene
+/// files with what was found in its place.
 
 #include <deque>
 #include <filesystem>
@@ -35,8 +35,8 @@ struct MatchFile {
 /// one name; exposure beside exposure_each.
 [[nodiscard]] Result<MatchFile> read_match(const std::filesystem::path& path);
 
-/// The scene file with other values, its paths as they are from `to`'s folder. Of keys that mean the
-/// same the old ones go.
+/// The scene file with other values, its paths as they are from `to`'s folder. Of keys that mean
+/// the same the old ones go.
 struct SceneChanges {
   std::vector<std::pair<std::string, std::vector<double>>> lists;
   std::vector<std::pair<std::string, double>> numbers;

@@ -116,9 +116,9 @@ TEST_F(MatchCommand, FindsWhatWasChangedAndHoldsForAnotherPhotograph) {
   const Outcome rendered = run(fmt::format("render {} --out {}", (out / "scene_east.toml").string(),
                                            (scratch / "again.exr").string()));
   ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
-  const Outcome compared = run(fmt::format(
-      "compare {} {} --fast --max-mean-255 3 --out {}", (scratch / "east.png").string(),
-      (scratch / "again.exr").string(), (scratch / "compared").string()));
+  const Outcome compared = run(
+      fmt::format("compare {} {} --fast --max-mean-255 3 --out {}", (scratch / "east.png").string(),
+                  (scratch / "again.exr").string(), (scratch / "compared").string()));
   EXPECT_EQ(compared.exit_code, 0) << compared.err;
   EXPECT_EQ(run(fmt::format("match {} --max-mean-255 0.001 --out {}", match.string(), out.string()))
                 .exit_code,
@@ -142,8 +142,8 @@ TEST_F(MatchCommand, FindsAPose) {
 TEST_F(MatchCommand, SaysWhatIsWrong) {
   shoot("south", kSouth);
   const auto fails = [&](const fs::path& match, const char* code, const char* says) {
-    const Outcome o = run(fmt::format("match {} --json --out {}", match.string(),
-                                      (scratch / "not_made").string()));
+    const Outcome o = run(
+        fmt::format("match {} --json --out {}", match.string(), (scratch / "not_made").string()));
     EXPECT_EQ(o.exit_code, 2);
     EXPECT_THAT(o.err + o.out, HasSubstr(code));
     EXPECT_THAT(o.err + o.out, HasSubstr(says));

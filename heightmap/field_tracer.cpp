@@ -339,7 +339,7 @@ struct FieldTracer::Pyramid {
   double low = INFINITY, high = -INFINITY;
   std::vector<detail::WalkLevel> walk_levels;
   detail::WalkField field{};
-  detail::Walk walk = detail::best_walk();
+  detail::Walks walks = detail::best_walks();
 };
 
 FieldTracer::FieldTracer(const ModelField& field, Instructions instructions)
@@ -348,7 +348,7 @@ FieldTracer::FieldTracer(const ModelField& field, Instructions instructions)
   MAQUETTE_CHECK(z.rows() >= 2 && z.cols() >= 2 && field.spacing.value() > 0.0,
                  "a field of {} x {} nodes, spacing {} mm, has no triangles", z.rows(), z.cols(),
                  field.spacing.value());
-  if (instructions == Instructions::common) pyramid_->walk = detail::common_walk();
+  if (instructions == Instructions::common) pyramid_->walks = detail::common_walks();
   auto& levels = pyramid_->levels;
   levels.emplace_back((z.rows() - 1 + kLeafCells - 1) / kLeafCells,
                       (z.cols() - 1 + kLeafCells - 1) / kLeafCells, kLeafCells);
@@ -365,16 +365,25 @@ FieldTracer::FieldTracer(const ModelField& field, Instructions instructions)
     pyramid_->high = std::max(pyramid_->high, static_cast<double>(h));
   for (const Level& level : levels)
     pyramid_->walk_levels.push_back({level.low.data(), level.high.data(), level.block_cols});
-  pyramid_->field = {z.cells().data(),
-                     z.rows(),
-                     z.cols(),
-                     field.x0.value(),
-                     field.y0.value(),
-                     field.spacing.value(),
-                     pyramid_->walk_levels.data(),
-                     static_cast<std::int32_t>(levels.size()),
-                     pyramid_->low,
-                     pyramid_->high};
+  detail::WalkField& walk = pyramid_->field;
+  walk.z_mm = z.cells().data();
+  walk.rows = z.rows();
+  walk.cols = z.cols();
+  walk.x0_mm = field.x0.value();
+  walk.y0_mm = field.y0.value();
+  walk.spacing_mm = field.spacing.value();
+  walk.levels = pyramid_->walk_levels.data();
+  walk.level_count = static_cast<std::int32_t>(levels.size());
+  const std::array<double, 3> low{field.x0.value(), field.y0.value(), pyramid_->low};
+  const std::array<double, 3> high{field.x_mm(z.cols() - 1), field.y_mm(z.rows() - 1),
+                                   pyramid_->high};
+  walk.size_mm = (high[0] - low[0]) + (high[1] - low[1]) + (high[2] - low[2]);
+  for (std::size_t i = 0; i < 3; ++i) {
+    walk.low[i] = low[i] - 1e-6 * walk.size_mm;
+    walk.high[i] = high[i] + 1e-6 * walk.size_mm;
+  }
+  walk.per_mm = 1.0 / walk.spacing_mm;
+  walk.height_slack_mm = 0x1.0p-20 * (std::abs(low[2]) + std::abs(high[2]));
 }
 FieldTracer::FieldTracer(FieldTracer&&) noexcept = default;
 FieldTracer::~FieldTracer() = default;
@@ -494,23 +503,69 @@ detail::WalkRay walk_ray(Vec3 o, Vec3 d, double from_mm, double to_mm) {
   return {{o.x, o.y, o.z}, {d.x, d.y, d.z}, from_mm, to_mm};
 }
 
+std::optional<FieldHit> hit_of(const ModelField& f, const detail::WalkHit& hit, Vec3 origin,
+                               Vec3 direction) {
+  if (hit.row < 0) return std::nullopt;
+  return hit_at(f, {hit.distance_mm, hit.row, hit.col, hit.lower_right}, origin, direction);
+}
+
+/// Sixteen rays at a time; `take` gets each one's answer.
+template <class Pyramid, class Give, class Take>
+void in_packets(const Pyramid& p, std::size_t count, bool any, const Give& give, const Take& take) {
+  constexpr std::size_t kMost = 16;
+  std::array<detail::WalkRay, kMost> rays;
+  std::array<detail::WalkHit, kMost> hits;
+  for (std::size_t i = 0; i < count; i += kMost) {
+    const std::size_t n = std::min(kMost, count - i);
+    for (std::size_t k = 0; k < n; ++k) rays[k] = give(i + k);
+    p.walks.many(p.field, rays.data(), static_cast<std::int64_t>(n), any, hits.data());
+    for (std::size_t k = 0; k < n; ++k) take(i + k, hits[k]);
+  }
+}
+
 }  // namespace
 
 std::optional<FieldHit> FieldTracer::trace(Vec3 origin, Vec3 direction, double from_mm) const {
   const Pyramid& p = *pyramid_;
   if (!(p.low <= p.high)) return std::nullopt;  // nothing but voids
   detail::WalkHit hit;
-  p.walk(p.field, walk_ray(origin, direction, from_mm, kInf), false, hit);
-  if (hit.row < 0) return std::nullopt;
-  return hit_at(*field_, {hit.distance_mm, hit.row, hit.col, hit.lower_right}, origin, direction);
+  p.walks.one(p.field, walk_ray(origin, direction, from_mm, kInf), false, hit);
+  return hit_of(*field_, hit, origin, direction);
+}
+
+void FieldTracer::trace_many(std::span<const Ray> rays,
+                             std::span<std::optional<FieldHit>> hits) const {
+  MAQUETTE_CHECK(rays.size() == hits.size(), "{} rays, {} hits", rays.size(), hits.size());
+  const Pyramid& p = *pyramid_;
+  std::fill(hits.begin(), hits.end(), std::nullopt);
+  if (!(p.low <= p.high)) return;
+  in_packets(
+      p, rays.size(), false,
+      [&](std::size_t i) { return walk_ray(rays[i].origin_mm, rays[i].direction, 0.0, kInf); },
+      [&](std::size_t i, const detail::WalkHit& hit) {
+        hits[i] = hit_of(*field_, hit, rays[i].origin_mm, rays[i].direction);
+      });
 }
 
 bool FieldTracer::blocked(Vec3 origin, Vec3 direction, double to_mm, double from_mm) const {
   const Pyramid& p = *pyramid_;
   if (!(p.low <= p.high)) return false;
   detail::WalkHit hit;
-  p.walk(p.field, walk_ray(origin, direction, from_mm, to_mm), true, hit);
+  p.walks.one(p.field, walk_ray(origin, direction, from_mm, to_mm), true, hit);
   return hit.row >= 0;
+}
+
+void FieldTracer::blocked_many(std::span<const Segment> rays, std::span<bool> blocked) const {
+  MAQUETTE_CHECK(rays.size() == blocked.size(), "{} rays, {} answers", rays.size(), blocked.size());
+  const Pyramid& p = *pyramid_;
+  std::fill(blocked.begin(), blocked.end(), false);
+  if (!(p.low <= p.high)) return;
+  in_packets(
+      p, rays.size(), true,
+      [&](std::size_t i) {
+        return walk_ray(rays[i].origin_mm, rays[i].direction, 0.0, rays[i].to_mm);
+      },
+      [&](std::size_t i, const detail::WalkHit& hit) { blocked[i] = hit.row >= 0; });
 }
 
 void FieldTracer::trace_bundle(const Ray& axis, double radius_mm, std::span<const Ray> rays,

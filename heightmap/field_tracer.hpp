@@ -13,7 +13,8 @@
 /// Holds   No ray slips between two triangles: edges and vertices belong to all
 ///         triangles that share them. A triangle with a corner that is not finite
 ///         is a hole. A ray that lies in a triangle's plane does not hit that
-///         triangle (it meets its neighbours).
+///         triangle (it meets its neighbours). A ray whose origin or direction is not finite
+///         meets nothing.
 /// Cost    5 to 7 M rays of a picture and 3 M grazing shadow rays per CPU second over 16 M
 ///         cells, 1.15 to 1.4 times Embree's robust grid (tools/bench render).
 ///         0.55 byte per cell beside the field. Building reads the field once, in
@@ -60,7 +61,20 @@ class FieldTracer {
   struct Ray {
     Vec3 origin_mm, direction;  ///< unit
   };
-  /// trace() of rays that stay close together, in one walk through the pyramid.
+  /// trace() of many rays: the same answers to the bit, up to twice as fast where each sixteen that
+  /// follow one another lie close, as 4 x 4 pixels of a picture do; not slower than one by one.
+  /// @pre hits is as long as rays
+  void trace_many(std::span<const Ray> rays, std::span<std::optional<FieldHit>> hits) const;
+
+  struct Segment {
+    Vec3 origin_mm, direction;  ///< unit
+    double to_mm;
+  };
+  /// blocked() of many, likewise.
+  /// @pre blocked is as long as rays
+  void blocked_many(std::span<const Segment> rays, std::span<bool> blocked) const;
+
+  /// trace() of rays that stay within a tube, in one walk through the pyramid.
   /// @param axis  over the field no ray is farther from it than `radius_mm`
   /// @pre hits is as long as rays
   void trace_bundle(const Ray& axis, double radius_mm, std::span<const Ray> rays,

@@ -24,6 +24,11 @@ struct WalkField {
   const WalkLevel* levels;  ///< leaves of 4 x 4 cells first, the last is one block
   std::int32_t level_count;
   double low_mm, high_mm;
+  // The field's box, a millionth of its size larger than need be, and what follows from it.
+  double low[3], high[3];
+  double size_mm;
+  double per_mm;           ///< cells
+  double height_slack_mm;  ///< rounding of heights in single precision
 };
 /// From `from_mm` to `to_mm` along a unit direction, both excluded.
 struct WalkRay {
@@ -45,9 +50,22 @@ using Walk = void (*)(const WalkField& field, const WalkRay& ray, bool any, Walk
 void walk_common(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
 void walk_avx512(const WalkField& field, const WalkRay& ray, bool any, WalkHit& hit);
 
+/// The same of many rays. Sixteen at a time go together where they are close: what holds them all
+/// walks down to blocks of 16 leaves, so that the levels above are looked at once for all.
+using WalkMany = void (*)(const WalkField& field, const WalkRay* rays, std::int64_t count, bool any,
+                          WalkHit* hits);
+void walk_many_common(const WalkField& field, const WalkRay* rays, std::int64_t count, bool any,
+                      WalkHit* hits);
+void walk_many_avx512(const WalkField& field, const WalkRay* rays, std::int64_t count, bool any,
+                      WalkHit* hits);
+
+struct Walks {
+  Walk one;
+  WalkMany many;
+};
 /// The fastest that this processor can run.
-[[nodiscard]] Walk best_walk();
+[[nodiscard]] Walks best_walks();
 /// What the rest of the program is compiled for.
-[[nodiscard]] Walk common_walk();
+[[nodiscard]] Walks common_walks();
 
 }  // namespace maquette::heightmap::detail

@@ -5,5 +5,6 @@
 #if defined(__AVX512F__)
 #include <immintrin.h>
 #define MAQUETTE_WALK walk_avx512
+#define MAQUETTE_WALK_MANY walk_many_avx512
 #include "heightmap/detail/field_walk.inc"
 #endif

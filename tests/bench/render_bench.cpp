@@ -1,18 +1,27 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Terrain under the renderer: our tracer and Embree's robust grid on the same 4000 x 4000 quads of
-// 0.5 mm, the same rays. Build, memory, rays per CPU second of a picture and of its shadows, and
-// how many rays the two do not agree on; then a picture of 4256 x 2832 pixels with a hard shadow.
+// 0.5 mm, the same rays, one by one and sixteen at a time (4 x 4 pixels). Build, memory, rays per
+// CPU second of a picture and of its shadows, and how many rays the two do not agree on; then a
+// picture of 4256 x 2832 pixels with a hard shadow.
 //
-//   render_bench [pixels on a side]     3200 unless given
+//   render_bench [pixels on a side]     3200 unless given, a multiple of 4
+//   render_bench leak [million rays]    100 unless given: rays that must cross the surface, at its
+//                                       nodes and edges, one by one and in packets
 
+#include <array>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
+#include <string_view>
+#include <vector>
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include "camera/render.hpp"
+#include "core/random.hpp"
 #include "heightmap/field_tracer.hpp"
 #include "support/bench_times.hpp"
 #include "support/embree_terrain.hpp"
@@ -30,8 +39,192 @@ double cost(const F& f) {
   return cpu_seconds() - start;
 }
 
+struct Bench {
+  const heightmap::ModelField& part;
+  const heightmap::FieldTracer& own;
+  const EmbreeTerrain& peer;
+};
+/// Rays in the order of a picture's 4 x 4 blocks.
+struct Shots {
+  std::vector<heightmap::FieldTracer::Segment> rays;
+  std::vector<unsigned char> own, own_many, peer, peer_many;
+  explicit Shots(std::size_t n) : rays(n), own(n), own_many(n), peer(n), peer_many(n) {}
+};
+
+void line(const char* what, double n, double own_s, double peer_s) {
+  fmt::print("{:<26}{:>12.2f}{:>16.2f}\n", what, 1e-6 * n / own_s, 1e-6 * n / peer_s);
+}
+/// What the two do not agree on; by how much such a ray would have to be moved for our tracer to
+/// say what Embree says, which works in single precision.
+template <class Ask>
+void compare(const Shots& s, const Ask& ask) {
+  std::size_t differ = 0, apart = 0, hits = 0, many = 0, rounding = 0;
+  for (std::size_t i = 0; i < s.rays.size(); ++i) {
+    hits += s.own[i];
+    many += s.own[i] != s.own_many[i] ? 1U : 0U;
+    apart += s.peer[i] != s.peer_many[i] ? 1U : 0U;
+    if (s.own[i] == s.peer[i]) continue;
+    ++differ;
+    bool either = false;
+    for (const double by : {-1e-3, -3e-4, 3e-4, 1e-3}) {
+      auto moved = s.rays[i];
+      moved.origin_mm.z += by;
+      either = either || ask(moved) == (s.peer[i] != 0);
+    }
+    rounding += either ? 1U : 0U;
+  }
+  fmt::print(
+      "  {} of {} differ between ours and Embree ({} of them agree if moved by 0.001 mm), {} "
+      "between our rays alone\n  and in packets, {} between Embree's; {} hit\n",
+      differ, s.rays.size(), rounding, many, apart, hits);
+}
+
+void primary(const Bench& b, Shots& s, std::vector<Vec3>& point) {
+  const std::size_t n = s.rays.size();
+  std::vector<std::optional<heightmap::FieldHit>> hits(16);
+  std::vector<heightmap::FieldTracer::Ray> rays(16);
+  const double own = cost([&] {
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto hit = b.own.trace(s.rays[i].origin_mm, s.rays[i].direction);
+      s.own[i] = hit ? 1 : 0;
+      if (hit) point[i] = hit->point_mm + 0.02 * hit->normal;
+    }
+  });
+  const double own_many = cost([&] {
+    for (std::size_t i = 0; i < n; i += 16) {
+      for (std::size_t k = 0; k < 16; ++k)
+        rays[k] = {s.rays[i + k].origin_mm, s.rays[i + k].direction};
+      b.own.trace_many(rays, hits);
+      for (std::size_t k = 0; k < 16; ++k) {
+        s.own_many[i + k] = hits[k] ? 1 : 0;
+        if (hits[k] && point[i + k] != hits[k]->point_mm + 0.02 * hits[k]->normal)
+          s.own_many[i + k] = 2;  // another place
+      }
+    }
+  });
+  const double peer = cost([&] {
+    for (std::size_t i = 0; i < n; ++i)
+      s.peer[i] = b.peer.trace(s.rays[i].origin_mm, s.rays[i].direction) ? 1 : 0;
+  });
+  std::array<Vec3, 16> from, way;
+  std::array<bool, 16> met;
+  const double peer_many = cost([&] {
+    for (std::size_t i = 0; i < n; i += 16) {
+      for (std::size_t k = 0; k < 16; ++k)
+        from[k] = s.rays[i + k].origin_mm, way[k] = s.rays[i + k].direction;
+      b.peer.trace16(from.data(), way.data(), met.data());
+      for (std::size_t k = 0; k < 16; ++k) s.peer_many[i + k] = met[k] ? 1 : 0;
+    }
+  });
+  line("primary, M rays/CPU s", static_cast<double>(n), own, peer);
+  line("  in packets", static_cast<double>(n), own_many, peer_many);
+  compare(s, [&](const auto& r) { return b.own.trace(r.origin_mm, r.direction).has_value(); });
+}
+
+void shadow(const Bench& b, Shots& s) {
+  const std::size_t n = s.rays.size();
+  const double own = cost([&] {
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto& r = s.rays[i];
+      s.own[i] = b.own.blocked(r.origin_mm, r.direction, r.to_mm) ? 1 : 0;
+    }
+  });
+  std::array<bool, 16> met;
+  const double own_many = cost([&] {
+    for (std::size_t i = 0; i < n; i += 16) {
+      b.own.blocked_many({&s.rays[i], 16}, met);
+      for (std::size_t k = 0; k < 16; ++k) s.own_many[i + k] = met[k] ? 1 : 0;
+    }
+  });
+  const double peer = cost([&] {
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto& r = s.rays[i];
+      s.peer[i] = b.peer.blocked(r.origin_mm, r.direction, r.to_mm) ? 1 : 0;
+    }
+  });
+  std::array<Vec3, 16> from, way;
+  std::array<double, 16> length;
+  const double peer_many = cost([&] {
+    for (std::size_t i = 0; i < n; i += 16) {
+      for (std::size_t k = 0; k < 16; ++k) {
+        const auto& r = s.rays[i + k];
+        from[k] = r.origin_mm, way[k] = r.direction, length[k] = r.to_mm;
+      }
+      b.peer.blocked16(from.data(), way.data(), length.data(), met.data());
+      for (std::size_t k = 0; k < 16; ++k) s.peer_many[i + k] = met[k] ? 1 : 0;
+    }
+  });
+  line("shadow, M rays/CPU s", static_cast<double>(n), own, peer);
+  line("  in packets", static_cast<double>(n), own_many, peer_many);
+  compare(s, [&](const auto& r) { return b.own.blocked(r.origin_mm, r.direction, r.to_mm); });
+}
+
+/// Rays from above all heights to below all of them, over the field all the way, through nodes and
+/// points of edges and diagonals: each must meet the surface.
+int leak(double millions) {
+  const heightmap::ModelField part = rough_part(1, 4001, 4001, 0.5);
+  const heightmap::HeightRange range = heightmap::height_range(part.z_mm);
+  const double top = static_cast<double>(range.max) + 1.0;
+  int lost = 0;
+  for (const auto instructions :
+       {heightmap::FieldTracer::Instructions::best, heightmap::FieldTracer::Instructions::common}) {
+    const heightmap::FieldTracer tracer(part, instructions);
+    const auto packets = static_cast<std::uint64_t>(millions * 1e6 / 2.0 / 32.0);
+    std::uint64_t alone = 0, together = 0, differ = 0;
+    std::array<heightmap::FieldTracer::Ray, 16> rays;
+    std::array<std::optional<heightmap::FieldHit>, 16> hits;
+    const double seconds = cost([&] {
+      for (std::uint64_t p = 0; p < packets; ++p) {
+        std::uint64_t draw = 64 * p;
+        const auto uniform = [&](double lo, double hi) {
+          return lo + (hi - lo) * random_uniform(77, draw++);
+        };
+        const auto r0 = static_cast<std::ptrdiff_t>(uniform(1600.0, 2400.0));
+        const auto c0 = static_cast<std::ptrdiff_t>(uniform(1600.0, 2400.0));
+        const double turn = uniform(0.0, 6.283185307179586), lean = uniform(0.0, 3.0);
+        const Vec3 way = p % 16 == 0 ? Vec3{0.0, 0.0, -1.0}
+                                     : Vec3{lean * std::cos(turn), lean * std::sin(turn), -1.0};
+        const Vec3 at{part.x_mm(c0), part.y_mm(r0), static_cast<double>(part.z_mm(r0, c0))};
+        const Vec3 eye = at - (top - at.z + uniform(0.0, 300.0)) * way;
+        for (std::size_t k = 0; k < 16; ++k) {
+          const auto r = r0 + static_cast<std::ptrdiff_t>(k / 4);
+          const auto c = c0 + static_cast<std::ptrdiff_t>(k % 4);
+          const auto node = [&](std::ptrdiff_t i, std::ptrdiff_t j) {
+            return Vec3{part.x_mm(c + j), part.y_mm(r + i),
+                        static_cast<double>(part.z_mm(r + i, c + j))};
+          };
+          const std::size_t kind = (p / 16 + k) % 4;
+          const double share = kind == 0 ? 0.0 : uniform(0.0, 1.0);
+          const Vec3 a = node(0, 0), b = node(kind >= 2 ? 1 : 0, kind % 2 == 1 ? 1 : 0);
+          const Vec3 target = a + share * (b - a);
+          // From one eye, and side by side.
+          rays[k] = p % 2 == 0 ? heightmap::FieldTracer::Ray{eye, normalized(target - eye)}
+                               : heightmap::FieldTracer::Ray{target + (eye - at), normalized(way)};
+        }
+        tracer.trace_many(rays, hits);
+        for (std::size_t k = 0; k < 16; ++k) {
+          const auto one = tracer.trace(rays[k].origin_mm, rays[k].direction);
+          together += hits[k] ? 0U : 1U;
+          alone += one ? 0U : 1U;
+          differ += one.has_value() != hits[k].has_value() ||
+                            (one && one->distance_mm != hits[k]->distance_mm)
+                        ? 1U
+                        : 0U;
+        }
+      }
+    });
+    fmt::print(
+        "{}: {} rays through nodes and edges, alone and in packets: {} and {} slip through, "
+        "{} differ ({:.0f} CPU s)\n",
+        instructions == heightmap::FieldTracer::Instructions::best ? "best" : "common",
+        32 * packets, alone, together, differ, seconds);
+    lost += alone + together + differ > 0 ? 1 : 0;
+  }
+  return lost == 0 ? 0 : 1;
+}
+
 int run(int side) {
-  const heightmap::ModelField part = testing_support::rough_part(1, 4001, 4001, 0.5);
+  const heightmap::ModelField part = rough_part(1, 4001, 4001, 0.5);
   const double cells = 4000.0 * 4000.0;
   std::optional<heightmap::FieldTracer> own;
   const double own_build = cost([&] { own.emplace(part); });
@@ -46,53 +239,31 @@ int run(int side) {
   // A camera beyond the south edge that sees sky, too.
   const Vec3 eye{1000.0, -700.0, 900.0}, lamp{-3000.0, 500.0, 1200.0};
   const RigidTransform pose = camera::look_at(eye, {1000.0, 700.0, 0.0});
-  const std::size_t rays = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
-  std::vector<Vec3> way(rays), point(rays), to_lamp(rays);
-  std::vector<double> length(rays);
-  for (int r = 0; r < side; ++r)
-    for (int c = 0; c < side; ++c)
-      way[static_cast<std::size_t>(r) * static_cast<std::size_t>(side) +
-          static_cast<std::size_t>(c)] =
-          normalized(pose.direction({(c + 0.5) / side - 0.5, 0.5 - (r + 0.5) / side, -1.0}));
-  std::vector<unsigned char> ours(rays), theirs(rays);
-  const double own_primary = cost([&] {
-    for (std::size_t i = 0; i < rays; ++i) {
-      const auto hit = own->trace(eye, way[i]);
-      ours[i] = hit ? 1 : 0;
-      if (hit) point[i] = hit->point_mm + 0.02 * hit->normal;
-    }
-  });
-  const double peer_primary = cost([&] {
-    for (std::size_t i = 0; i < rays; ++i) theirs[i] = peer->trace(eye, way[i]) ? 1 : 0;
-  });
-  const auto report = [&](const char* what, double a, double b, std::size_t n) {
-    std::size_t differ = 0, hits = 0;
-    for (std::size_t i = 0; i < rays; ++i)
-      differ += ours[i] != theirs[i] ? 1U : 0U, hits += std::size_t{ours[i]};
-    fmt::print("{:<26}{:>12.2f}{:>16.2f}   {} of {} differ, {} hit\n", what,
-               1e-6 * static_cast<double>(n) / a, 1e-6 * static_cast<double>(n) / b, differ, n,
-               hits);
-  };
-  report("primary, M rays per CPU s", own_primary, peer_primary, rays);
-  std::vector<std::size_t> seen;
-  for (std::size_t i = 0; i < rays; ++i) {
-    if (ours[i] == 0) continue;
-    const Vec3 l = lamp - point[i];
-    length[i] = norm(l);
-    to_lamp[i] = normalized(l);
-    seen.push_back(i);
+  const Bench bench{part, *own, *peer};
+  std::vector<Vec3> point;
+  std::vector<unsigned char> seen;
+  {
+    Shots shots(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+    point.resize(shots.rays.size());
+    std::size_t i = 0;
+    for (int block = 0; block < side / 4 * (side / 4); ++block)
+      for (int k = 0; k < 16; ++k) {
+        const int r = block / (side / 4) * 4 + k / 4, c = block % (side / 4) * 4 + k % 4;
+        shots.rays[i++] = {
+            eye, normalized(pose.direction({(c + 0.5) / side - 0.5, 0.5 - (r + 0.5) / side, -1.0})),
+            0.0};
+      }
+    primary(bench, shots, point);
+    seen = std::move(shots.own);
   }
-  std::fill(ours.begin(), ours.end(), static_cast<unsigned char>(0));
-  std::fill(theirs.begin(), theirs.end(), static_cast<unsigned char>(0));
-  const double own_shadow = cost([&] {
-    for (const std::size_t i : seen)
-      ours[i] = own->blocked(point[i], to_lamp[i], length[i]) ? 1 : 0;
-  });
-  const double peer_shadow = cost([&] {
-    for (const std::size_t i : seen)
-      theirs[i] = peer->blocked(point[i], to_lamp[i], length[i]) ? 1 : 0;
-  });
-  report("shadow, M rays per CPU s", own_shadow, peer_shadow, seen.size());
+  std::vector<heightmap::FieldTracer::Segment> to_lamp;
+  for (std::size_t i = 0; i < point.size(); ++i)
+    if (seen[i] != 0)
+      to_lamp.push_back({point[i], normalized(lamp - point[i]), norm(lamp - point[i])});
+  to_lamp.resize(to_lamp.size() / 16 * 16);
+  Shots shots(to_lamp.size());
+  shots.rays = std::move(to_lamp);
+  shadow(bench, shots);
   peer.reset();
   own.reset();
 
@@ -118,5 +289,7 @@ int run(int side) {
 }  // namespace maquette
 
 int main(int count, char** words) {
+  if (count > 1 && std::string_view(words[1]) == "leak")
+    return maquette::leak(count > 2 ? std::atof(words[2]) : 100.0);
   return maquette::run(count > 1 ? std::atoi(words[1]) : 3200);
 }

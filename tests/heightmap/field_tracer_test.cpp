@@ -10,6 +10,9 @@
 //   the triangle test is right ....... height_at at the hit; a second formula (Moeller
 //                                      and Trumbore in long double) on random rays
 //   distance > from_mm, both sides ... walk along a ray through all its crossings
+//   rays together = rays alone ....... packets of pictures, lamps, parallel and unrelated rays, on
+//                                      grid lines, from inside, grazing; both instruction sets
+//   not finite: nothing .............. each component of origin and direction
 //   voids are holes .................. rays through and beside a missing node
 //   0.55 byte per cell ............... counted
 //
@@ -17,9 +20,11 @@
 
 #include "heightmap/field_tracer.hpp"
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -345,6 +350,146 @@ TEST_P(FieldTracerSeeded, ABundleHitsWhatItsRaysHit) {
     }
   }
   EXPECT_GT(hits, 5000);
+}
+
+/// Every kind of rays that somebody may hand over together.
+std::vector<FieldTracer::Ray> packet_of_rays(const ModelField& f, Draws& draw, int kind) {
+  const HeightRange range = height_range(f.z_mm);
+  const double wide = f.x_mm(f.z_mm.cols() - 1) - f.x0.value(),
+               deep = f.y_mm(f.z_mm.rows() - 1) - f.y0.value(), step = f.spacing.value();
+  const auto place = [&] {
+    return Vec3{f.x0.value() + draw.uniform(-0.1, 1.1) * wide,
+                f.y0.value() + draw.uniform(-0.1, 1.1) * deep,
+                draw.uniform(static_cast<double>(range.min), static_cast<double>(range.max))};
+  };
+  const auto on_a_node = [&] {
+    return node(f, draw.index(f.z_mm.rows() - 1), draw.index(f.z_mm.cols() - 1));
+  };
+  const Vec3 at = kind % 2 == 0 ? place() : on_a_node();
+  Vec3 way = draw.direction();
+  if (kind % 5 == 1) way = {0.0, 0.0, -1.0};  // through nodes, downwards
+  if (kind % 5 == 2) way = {kind % 3 == 0 ? 1.0 : 0.0, kind % 3 == 0 ? 0.0 : -1.0, 0.0};  // a line
+  if (kind % 5 == 3) way = normalized(Vec3{way.x, way.y, 0.02 * way.z});                  // grazing
+  const double back = draw.uniform(0.0, 1.0) < 0.3 ? 0.0 : draw.uniform(0.0, 3.0 * (wide + deep));
+  const Vec3 eye = at - back * way;
+  const double spread = std::pow(10.0, draw.uniform(-4.0, 0.0));
+  std::vector<FieldTracer::Ray> rays;
+  for (std::ptrdiff_t k = 0; k < 1 + draw.index(40); ++k) {
+    const Vec3 aside{step * static_cast<double>(k % 4), step * static_cast<double>(k / 4 % 4), 0.0};
+    switch (kind % 7) {
+      case 0:  // a picture
+        rays.push_back({eye, normalized(way + spread * draw.direction())});
+        break;
+      case 1:  // a sun
+      case 2:
+        rays.push_back({eye + aside, way});
+        break;
+      case 3:  // towards a lamp
+        rays.push_back({at + aside, normalized(eye + 10.0 * step * draw.direction() - at - aside)});
+        break;
+      case 4:  // from one node to others
+        rays.push_back({eye, normalized(at + aside - eye + Vec3{0.0, 0.0, 1e-9})});
+        break;
+      case 5:  // unrelated
+        rays.push_back({place(), draw.direction()});
+        break;
+      default:  // the same
+        rays.push_back({eye, way});
+    }
+  }
+  return rays;
+}
+
+TEST_P(FieldTracerSeeded, RaysTogetherHitWhatTheyHitAlone) {
+  Draws draw{seed() + 500};
+  int hits = 0, blocks = 0;
+  for (const auto& [rows, cols, step] :
+       {std::tuple{2L, 2L, 1.0}, {5L, 9L, 0.3}, {83L, 61L, 0.5}, {700L, 431L, 0.1}}) {
+    ModelField f = rough_ground(seed(), rows, cols, step, -3.1, 200.7);
+    if (rows > 50) f.z_mm(rows / 2, cols / 2) = NAN;
+    const FieldTracer tracer(f), common(f, FieldTracer::Instructions::common);
+    for (int i = 0; i < 1500; ++i) {
+      const auto rays = packet_of_rays(f, draw, i);
+      std::vector<std::optional<FieldHit>> many(rays.size()), many_common(rays.size());
+      tracer.trace_many(rays, many);
+      common.trace_many(rays, many_common);
+      std::vector<FieldTracer::Segment> segments;
+      for (const FieldTracer::Ray& ray : rays) {
+        const auto one = tracer.trace(ray.origin_mm, ray.direction);
+        const double far = one && i % 2 == 0 ? one->distance_mm : draw.uniform(0.0, 300.0);
+        segments.push_back({ray.origin_mm, ray.direction, far});
+      }
+      std::array<bool, 64> stopped{}, stopped_common{};
+      tracer.blocked_many(segments, {stopped.data(), rays.size()});
+      common.blocked_many(segments, {stopped_common.data(), rays.size()});
+      for (std::size_t k = 0; k < rays.size(); ++k) {
+        const auto one = tracer.trace(rays[k].origin_mm, rays[k].direction);
+        for (const auto& other : {many[k], many_common[k]}) {
+          ASSERT_EQ(one.has_value(), other.has_value()) << "packet " << i << ", ray " << k;
+          if (!one) continue;
+          ++hits;
+          ASSERT_EQ(one->distance_mm, other->distance_mm) << "packet " << i << ", ray " << k;
+          ASSERT_EQ(one->normal, other->normal) << "packet " << i << ", ray " << k;
+        }
+        const bool blocked =
+            tracer.blocked(rays[k].origin_mm, rays[k].direction, segments[k].to_mm);
+        ASSERT_EQ(blocked, one && one->distance_mm < segments[k].to_mm);
+        ASSERT_EQ(blocked, stopped[k]) << "packet " << i << ", ray " << k;
+        ASSERT_EQ(blocked, stopped_common[k]) << "packet " << i << ", ray " << k;
+        blocks += blocked ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GT(hits, 30'000);
+  EXPECT_GT(blocks, 7'000);
+}
+
+TEST_P(FieldTracerSeeded, RaysFromJustOffTheSurfaceMeetWhatAllTrianglesSay) {
+  // Shadows: the ray's line meets, backwards, the triangle that it begins beside.
+  const ModelField f = rough_ground(seed(), 47, 38, 0.25, 900.0, -40.0);
+  const FieldTracer tracer(f), common(f, FieldTracer::Instructions::common);
+  Draws draw{seed() + 600};
+  int hits = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const Vec3 n = node(f, draw.index(46), draw.index(37));
+    const Vec3 high{n.x + draw.uniform(0.0, 0.25), n.y + draw.uniform(0.0, 0.25), 50.0};
+    const auto ground = tracer.trace(high, {0.0, 0.0, -1.0});
+    ASSERT_TRUE(ground.has_value());
+    const Vec3 start = ground->point_mm + std::pow(10.0, draw.uniform(-12.0, -1.0)) *
+                                              (i % 3 == 0 ? -1.0 : 1.0) * ground->normal;
+    Vec3 way = draw.direction();
+    if (i % 4 == 0)
+      way = normalized(way - (1.0 - 1e-7) * dot(way, ground->normal) * ground->normal);
+    const double expected = without_pyramid(f, start, way, 0.0);
+    for (const FieldTracer* t : {&tracer, &common}) {
+      const auto hit = t->trace(start, way);
+      ASSERT_EQ(hit ? hit->distance_mm : INFINITY, expected) << "ray " << i;
+    }
+    hits += std::isfinite(expected) ? 1 : 0;
+  }
+  EXPECT_GT(hits, 800);
+}
+
+TEST(FieldTracer, WhatIsNotFiniteMeetsNothing) {
+  const ModelField f = rough_ground(3, 40, 40, 1.0);
+  const FieldTracer tracer(f);
+  for (const double odd : {static_cast<double>(NAN), static_cast<double>(INFINITY)})
+    for (int k = 0; k < 6; ++k) {
+      FieldTracer::Ray ray{{20.0, 10.0, 20.0}, {0.0, 0.6, -0.8}};
+      (k == 0   ? ray.origin_mm.x
+       : k == 1 ? ray.origin_mm.y
+       : k == 2 ? ray.origin_mm.z
+       : k == 3 ? ray.direction.x
+       : k == 4 ? ray.direction.y
+                : ray.direction.z) = odd;
+      EXPECT_FALSE(tracer.trace(ray.origin_mm, ray.direction).has_value()) << k;
+      EXPECT_FALSE(tracer.blocked(ray.origin_mm, ray.direction, 100.0)) << k;
+      const std::vector<FieldTracer::Ray> rays{{{20.0, 10.0, 20.0}, {0.0, 0.6, -0.8}}, ray};
+      std::vector<std::optional<FieldHit>> hits(2);
+      tracer.trace_many(rays, hits);
+      EXPECT_TRUE(hits[0].has_value()) << k;
+      EXPECT_FALSE(hits[1].has_value()) << k;
+    }
 }
 
 TEST_P(FieldTracerSeeded, AgreesWithASecondFormula) {

@@ -82,7 +82,53 @@ struct EmbreeTerrain {
     return r.tfar < 0.0F;
   }
 
+  /// Sixteen rays at a time that stay close together. `hit` of each: something is met.
+  void trace16(const Vec3* o, const Vec3* d, bool* hit) const {
+    alignas(64) int valid[16];
+    alignas(64) RTCRayHit16 q;
+    for (int i = 0; i < 16; ++i) {
+      valid[i] = -1;
+      set(q.ray, i, ray(o[i], d[i], 1e9));
+      q.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+    }
+    RTCIntersectContext context = coherent();
+    rtcIntersect16(valid, scene, &context, &q);
+    for (int i = 0; i < 16; ++i) hit[i] = q.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+  }
+  void blocked16(const Vec3* o, const Vec3* d, const double* length, bool* hit) const {
+    alignas(64) int valid[16];
+    alignas(64) RTCRay16 q;
+    for (int i = 0; i < 16; ++i) {
+      valid[i] = -1;
+      set(q, i, ray(o[i], d[i], length[i]));
+    }
+    RTCIntersectContext context = coherent();
+    rtcOccluded16(valid, scene, &context, &q);
+    for (int i = 0; i < 16; ++i) hit[i] = q.tfar[i] < 0.0F;
+  }
+
   ssize_t bytes = 0;  ///< that Embree holds
+
+ private:
+  static RTCIntersectContext coherent() {
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    return context;
+  }
+  static void set(RTCRay16& to, int i, const RTCRay& r) {
+    to.org_x[i] = r.org_x;
+    to.org_y[i] = r.org_y;
+    to.org_z[i] = r.org_z;
+    to.dir_x[i] = r.dir_x;
+    to.dir_y[i] = r.dir_y;
+    to.dir_z[i] = r.dir_z;
+    to.tnear[i] = 0.0F;
+    to.tfar[i] = r.tfar;
+    to.time[i] = 0.0F;
+    to.mask[i] = r.mask;
+    to.id[i] = to.flags[i] = 0;
+  }
 };
 
 }  // namespace maquette::testing_support

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/ray_scene.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <new>
@@ -149,6 +151,7 @@ struct RayScene::State {
   void measure(const std::vector<RayObject>& objects);
   void mesh_hit(Vec3 origin_mm, Vec3 direction, std::optional<RayHit>& nearest) const;
   [[nodiscard]] bool mesh_blocks(Vec3 start, Vec3 to) const;
+  [[nodiscard]] heightmap::FieldTracer::Segment over_terrain(const ShadowRay& ray) const;
 };
 
 RTCScene RayScene::State::new_scene() const {
@@ -347,24 +350,44 @@ void RayScene::State::mesh_hit(Vec3 origin_mm, Vec3 direction,
   nearest = hit;
 }
 
+namespace {
+
+/// Keeps the nearer of what is known and the terrain's hit.
+void keep_nearer(const std::optional<heightmap::FieldHit>& hit, std::uint32_t object,
+                 Vec3 direction, std::optional<RayHit>& nearest) {
+  if (!hit || (nearest && nearest->distance_mm <= hit->distance_mm)) return;
+  nearest = RayHit{
+      hit->distance_mm, hit->point_mm, hit->normal, object, 0, dot(direction, hit->normal) <= 0.0};
+}
+
+/// So many go through a terrain together.
+constexpr std::size_t kTogether = 16;
+
+}  // namespace
+
 std::optional<RayHit> RayScene::first_hit(Vec3 origin_mm, Vec3 direction) const {
   std::optional<RayHit> nearest;
   for (const auto& terrain : state_->terrains)
-    if (const auto hit = terrain.tracer.trace(origin_mm, direction))
-      if (!nearest || hit->distance_mm < nearest->distance_mm)
-        nearest = RayHit{hit->distance_mm,
-                         hit->point_mm,
-                         hit->normal,
-                         terrain.object,
-                         0,
-                         dot(direction, hit->normal) <= 0.0};
+    keep_nearer(terrain.tracer.trace(origin_mm, direction), terrain.object, direction, nearest);
   state_->mesh_hit(origin_mm, direction, nearest);
   return nearest;
 }
 
 void RayScene::first_hits(std::span<const Ray> rays, std::span<std::optional<RayHit>> hits) const {
+  std::fill(hits.begin(), hits.end(), std::nullopt);
+  std::array<heightmap::FieldTracer::Ray, kTogether> packet;
+  std::array<std::optional<heightmap::FieldHit>, kTogether> met;
+  for (const auto& terrain : state_->terrains)
+    for (std::size_t first = 0; first < rays.size(); first += kTogether) {
+      const std::size_t n = std::min(kTogether, rays.size() - first);
+      for (std::size_t i = 0; i < n; ++i)
+        packet[i] = {rays[first + i].origin_mm, rays[first + i].direction};
+      terrain.tracer.trace_many({packet.data(), n}, {met.data(), n});
+      for (std::size_t i = 0; i < n; ++i)
+        keep_nearer(met[i], terrain.object, rays[first + i].direction, hits[first + i]);
+    }
   for (std::size_t i = 0; i < rays.size(); ++i)
-    hits[i] = first_hit(rays[i].origin_mm, rays[i].direction);
+    state_->mesh_hit(rays[i].origin_mm, rays[i].direction, hits[i]);
 }
 
 bool RayScene::State::mesh_blocks(Vec3 start, Vec3 to) const {
@@ -383,15 +406,38 @@ bool RayScene::State::mesh_blocks(Vec3 start, Vec3 to) const {
   return ray.tfar < 0.0F;
 }
 
+heightmap::FieldTracer::Segment RayScene::State::over_terrain(const ShadowRay& ray) const {
+  const Vec3 start = ray.point_mm + kFieldShare * offset_mm * ray.normal;
+  const Vec3 way = ray.to_mm - start;
+  const double length = norm(way);
+  return {start, (1.0 / length) * way, length};
+}
+
 bool RayScene::blocked(const ShadowRay& ray) const {
   const State& s = *state_;
   for (const auto& terrain : s.terrains) {
-    const Vec3 start = ray.point_mm + kFieldShare * s.offset_mm * ray.normal;
-    const Vec3 way = ray.to_mm - start;
-    const double length = norm(way);
-    if (terrain.tracer.blocked(start, (1.0 / length) * way, length)) return true;
+    const auto segment = s.over_terrain(ray);
+    if (terrain.tracer.blocked(segment.origin_mm, segment.direction, segment.to_mm)) return true;
   }
   return s.mesh_blocks(ray.point_mm + s.offset_mm * ray.normal - s.middle, ray.to_mm - s.middle);
+}
+
+void RayScene::blocked(std::span<const ShadowRay> rays, std::span<bool> blocked) const {
+  const State& s = *state_;
+  std::fill(blocked.begin(), blocked.end(), false);
+  std::array<heightmap::FieldTracer::Segment, kTogether> packet;
+  std::array<bool, kTogether> met;
+  for (const auto& terrain : s.terrains)
+    for (std::size_t first = 0; first < rays.size(); first += kTogether) {
+      const std::size_t n = std::min(kTogether, rays.size() - first);
+      for (std::size_t i = 0; i < n; ++i) packet[i] = s.over_terrain(rays[first + i]);
+      terrain.tracer.blocked_many({packet.data(), n}, {met.data(), n});
+      for (std::size_t i = 0; i < n; ++i) blocked[first + i] = blocked[first + i] || met[i];
+    }
+  for (std::size_t i = 0; i < rays.size(); ++i)
+    blocked[i] =
+        blocked[i] || s.mesh_blocks(rays[i].point_mm + s.offset_mm * rays[i].normal - s.middle,
+                                    rays[i].to_mm - s.middle);
 }
 
 bool RayScene::inside(Vec3 point_mm) const {

@@ -74,6 +74,9 @@ class RayScene {
   /// Something stands between a surface point and `to_mm`. The ray starts
   /// offset_mm() off the surface, off terrain a millionth of that. Thread-safe.
   [[nodiscard]] bool blocked(const ShadowRay& ray) const;
+  /// The same for rays that stay close together, faster; the same answers.
+  /// @pre blocked is as long as rays
+  void blocked(std::span<const ShadowRay> rays, std::span<bool> blocked) const;
 
   /// The point lies inside a closed solid or on its surface: straight up or
   /// straight down the first face is seen from its back or touches the point.

@@ -105,7 +105,12 @@ struct Block {
   std::array<Bands, kLanes> sum;
   std::array<double, kLanes> square;  ///< sum of squares of the middle band, per sample
   std::array<int, kLanes> samples;
-  std::array<bool, kLanes> lit;              ///< by the first lamp, in the last sample
+  std::array<bool, kLanes> lit;     ///< by the first lamp, in the last sample
+  std::array<Bands, kLanes> light;  ///< in the last sample
+  // Lanes that meet something, one after the other.
+  std::array<std::size_t, kLanes> of;
+  std::array<detail::Seen, kLanes> seen;
+  std::array<detail::Lit, kLanes> arrived;
   bool open = true;                          ///< wants more samples
   std::vector<std::vector<DiscPoint>> lens;  ///< points of one pass, per light and lane
   std::vector<DiscPoint> points;
@@ -166,8 +171,30 @@ class Renderer {
         b.samples[i] = 0;
       }
     trace(b);
+    mark_lit(image, b);
     for (std::size_t i = 0; i < b.lanes; ++i)
       if (b.hits[i]) record(image, b.row[i], b.col[i], b.rays[i].direction, *b.hits[i]);
+  }
+
+  /// Where light of the first lamp's centre arrives, unless the samples will say so.
+  void mark_lit(Image& image, Block& b) const {
+    if (shader_.lights().empty() || lit_by_sample()) return;
+    const std::size_t n = seen(b, [](std::size_t) { return DiscPoint{}; });
+    shader_.direct({b.seen.data(), n}, shader_.lights().front(), {b.arrived.data(), n});
+    for (std::size_t k = 0; k < n; ++k)
+      image.lit(b.row[b.of[k]], b.col[b.of[k]]) = b.arrived[k].arrives ? 1 : 0;
+  }
+
+  /// Lanes that meet something, each with a place of a lens. @return how many
+  template <class Lens>
+  std::size_t seen(Block& b, const Lens& lens) const {
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < b.lanes; ++i) {
+      if (!b.hits[i]) continue;
+      b.of[n] = i;
+      b.seen[n++] = {&*b.hits[i], b.rays[i].direction, lens(i)};
+    }
+    return n;
   }
 
   /// The one sample is the pixel's centre and the lamp is a point: its light is the mask.
@@ -183,13 +210,8 @@ class Renderer {
   void record(Image& image, std::ptrdiff_t r, std::ptrdiff_t c, Vec3 view,
               const RayHit& hit) const {
     image.depth_mm(r, c) = static_cast<float>(hit.distance_mm);
-    const Light* light = shader_.lights().empty() ? nullptr : &shader_.lights().front();
-    if (light != nullptr && !lit_by_sample()) {
-      bool arrives = false;
-      (void)shader_.direct(hit, view, *light, {}, arrives);
-      image.lit(r, c) = arrives ? 1 : 0;
-    }
     if (!options_.geometry) return;
+    const Light* light = shader_.lights().empty() ? nullptr : &shader_.lights().front();
     const auto put = [&](std::array<Grid<float>, 3>& to, Vec3 v) {
       to[0](r, c) = static_cast<float>(v.x);
       to[1](r, c) = static_cast<float>(v.y);
@@ -231,9 +253,11 @@ class Renderer {
       }
       trace(b);
     }
+    shine(b, s);
     for (std::size_t i = 0; i < b.lanes; ++i) {
+      if (b.hits[i] && shader_.gathers()) gather(b, i, pass, s);
       const Bands value =
-          b.hits[i] ? shade(b, i, pass, s) : shader_.background(view_.eye, b.rays[i].direction);
+          b.hits[i] ? b.light[i] : shader_.background(view_.eye, b.rays[i].direction);
       for (std::size_t k = 0; k < 3; ++k) b.sum[i][k] += value[k];
       b.square[i] += value[1] * value[1];
       ++b.samples[i];
@@ -245,32 +269,36 @@ class Renderer {
     return random_bits(b.key[lane], static_cast<std::uint64_t>(pass) * kPass + what);
   }
 
-  [[nodiscard]] Bands shade(Block& b, std::size_t i, int pass, int s) const {
-    const RayHit& hit = *b.hits[i];
-    const Vec3 view = b.rays[i].direction;
-    Bands sum{};
+  /// Light of the lamps in sample s.
+  void shine(Block& b, int s) const {
+    b.light.fill({});
     for (std::size_t l = 0; l < shader_.lights().size(); ++l) {
       const Light& light = shader_.lights()[l];
       const int count = light.extended() ? options_.lamp_samples : 1;
       for (int k = 0; k < count; ++k) {
-        const DiscPoint p = light.extended()
-                                ? b.lens[l * kLanes + i][static_cast<std::size_t>(s * count + k)]
-                                : DiscPoint{};
-        bool arrives = false;
-        const Bands got = shader_.direct(hit, view, light, p, arrives);
-        if (l == 0) b.lit[i] = arrives;
-        for (std::size_t j = 0; j < 3; ++j) sum[j] += got[j] / count;
+        const std::size_t n = seen(b, [&](std::size_t i) {
+          return light.extended() ? b.lens[l * kLanes + i][static_cast<std::size_t>(s * count + k)]
+                                  : DiscPoint{};
+        });
+        shader_.direct({b.seen.data(), n}, light, {b.arrived.data(), n});
+        for (std::size_t m = 0; m < n; ++m) {
+          if (l == 0) b.lit[b.of[m]] = b.arrived[m].arrives;
+          for (std::size_t j = 0; j < 3; ++j)
+            b.light[b.of[m]][j] += b.arrived[m].radiance[j] / count;
+        }
       }
     }
-    if (!shader_.gathers()) return sum;
+  }
+
+  /// Light of the surroundings and of other surfaces.
+  void gather(Block& b, std::size_t i, int pass, int s) const {
     stratified_disc(options_.gather_samples,
                     random_bits(stream(b, i, pass, kGather), static_cast<std::uint64_t>(s)),
                     b.points);
     const Bands got =
-        shader_.gathered(hit, view, b.points,
+        shader_.gathered(*b.hits[i], b.rays[i].direction, b.points,
                          random_bits(stream(b, i, pass, kBounce), static_cast<std::uint64_t>(s)));
-    for (std::size_t j = 0; j < 3; ++j) sum[j] += got[j];
-    return sum;
+    for (std::size_t j = 0; j < 3; ++j) b.light[i][j] += got[j];
   }
 
   /// A block goes on until all its pixels are good enough: one that happens to see only light or

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/detail/shader.hpp"
 
+#include <array>
 #include <cmath>
 
+#include "core/check.hpp"
 #include "core/random.hpp"
 
 namespace maquette::camera::detail {
@@ -44,20 +46,50 @@ Bands Shader::reflected(const RayHit& hit, const Angles& angles) const {
   return factor;
 }
 
-Bands Shader::direct(const RayHit& hit, Vec3 view, const Light& light, DiscPoint p,
-                     bool& arrives) const {
-  const double mu = -dot(view, hit.normal);
-  const Light::Arrival arrival = light.arrive(hit.point_mm, p);
-  const double mu0 = dot(arrival.direction, hit.normal);
-  if (mu0 <= 0.0 || arrival.strength <= 0.0) return {};
+bool Shader::faces(const Seen& seen, const Light::Arrival& arrival) {
+  return dot(arrival.direction, seen.hit->normal) > 0.0 && arrival.strength > 0.0;
+}
+
+RayScene::ShadowRay Shader::shadow_ray(const RayHit& hit, const Light::Arrival& arrival) const {
   const double reach = std::isinf(arrival.distance_mm) ? far_mm_ : arrival.distance_mm;
-  if (scene_.blocked({hit.point_mm, hit.normal, hit.point_mm + reach * arrival.direction}))
-    return {};
-  arrives = true;
-  if (!hit.front || mu <= 0.0) return {};
-  Bands radiance = reflected(hit, {mu0, mu, -dot(view, arrival.direction)});
-  for (std::size_t b = 0; b < 3; ++b) radiance[b] *= arrival.strength * light.colour()[b];
-  return radiance;
+  return {hit.point_mm, hit.normal, hit.point_mm + reach * arrival.direction};
+}
+
+Lit Shader::unshadowed(const Seen& seen, const Light& light, const Light::Arrival& arrival) const {
+  const RayHit& hit = *seen.hit;
+  const double mu = -dot(seen.view, hit.normal), mu0 = dot(arrival.direction, hit.normal);
+  Lit lit{{}, true};
+  if (!hit.front || mu <= 0.0) return lit;
+  lit.radiance = reflected(hit, {mu0, mu, -dot(seen.view, arrival.direction)});
+  for (std::size_t b = 0; b < 3; ++b) lit.radiance[b] *= arrival.strength * light.colour()[b];
+  return lit;
+}
+
+Lit Shader::direct(const Seen& seen, const Light& light) const {
+  const Light::Arrival arrival = light.arrive(seen.hit->point_mm, seen.lens);
+  if (!faces(seen, arrival) || scene_.blocked(shadow_ray(*seen.hit, arrival))) return {};
+  return unshadowed(seen, light, arrival);
+}
+
+void Shader::direct(std::span<const Seen> seen, const Light& light, std::span<Lit> lit) const {
+  constexpr std::size_t kMost = 16;
+  MAQUETTE_CHECK(seen.size() <= kMost && lit.size() == seen.size(), "{} places, {} answers",
+                 seen.size(), lit.size());
+  std::array<Light::Arrival, kMost> arrivals;
+  std::array<RayScene::ShadowRay, kMost> rays;
+  std::array<std::size_t, kMost> of;
+  std::array<bool, kMost> blocked;
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    lit[i] = {};
+    arrivals[i] = light.arrive(seen[i].hit->point_mm, seen[i].lens);
+    if (!faces(seen[i], arrivals[i])) continue;
+    of[n] = i;
+    rays[n++] = shadow_ray(*seen[i].hit, arrivals[i]);
+  }
+  scene_.blocked({rays.data(), n}, {blocked.data(), n});
+  for (std::size_t k = 0; k < n; ++k)
+    if (!blocked[k]) lit[of[k]] = unshadowed(seen[of[k]], light, arrivals[of[k]]);
 }
 
 Bands Shader::background(Vec3 origin_mm, Vec3 direction) const {
@@ -91,8 +123,7 @@ Bands Shader::incoming(const RayHit& from, Vec3 direction, std::uint64_t stream)
     const DiscPoint p = lights_[i].extended() ? concentric_disc(random_uniform(stream, 2 * i),
                                                                 random_uniform(stream, 2 * i + 1))
                                               : DiscPoint{};
-    bool arrives = false;
-    add(sum, direct(*hit, direction, lights_[i], p, arrives), 1.0);
+    add(sum, direct({&*hit, direction, p}, lights_[i]).radiance, 1.0);
   }
   return sum;
 }

@@ -5,6 +5,7 @@
 /// Radiance that leaves a surface point towards the camera.
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "camera/lamp.hpp"
@@ -13,10 +14,16 @@
 
 namespace maquette::camera::detail {
 
-/// A camera ray and what it meets.
+/// What a camera ray meets, and a place of a lamp's lens.
 struct Seen {
-  Vec3 direction;
-  const RayHit* hit = nullptr;  ///< null: background
+  const RayHit* hit = nullptr;
+  Vec3 view;  ///< of the ray
+  DiscPoint lens{};
+};
+/// Light of one lamp there.
+struct Lit {
+  Bands radiance{};
+  bool arrives = false;  ///< whether or not it goes on to the camera
 };
 
 class Shader {
@@ -27,10 +34,11 @@ class Shader {
   [[nodiscard]] const std::vector<Light>& lights() const { return lights_; }
   [[nodiscard]] bool gathers() const { return gathers_; }
 
-  /// Light of one lamp at a point, from the place `p` of its lens.
-  /// @param arrives  becomes true if light arrives, whether or not it goes on to the camera
-  [[nodiscard]] Bands direct(const RayHit& hit, Vec3 view, const Light& light, DiscPoint p,
-                             bool& arrives) const;
+  /// Light of one lamp.
+  [[nodiscard]] Lit direct(const Seen& seen, const Light& light) const;
+  /// The same for what is close together: faster, the same bits.
+  /// @pre at most 16, lit is as long as seen
+  void direct(std::span<const Seen> seen, const Light& light, std::span<Lit> lit) const;
   /// Mean over `directions` of light from the surroundings and other surfaces.
   /// @param stream  of random numbers for this point
   [[nodiscard]] Bands gathered(const RayHit& hit, Vec3 view,
@@ -40,6 +48,12 @@ class Shader {
   [[nodiscard]] Bands background(Vec3 origin_mm, Vec3 direction) const;
 
  private:
+  /// The lamp is in front of the surface and shines there.
+  [[nodiscard]] static bool faces(const Seen& seen, const Light::Arrival& arrival);
+  [[nodiscard]] RayScene::ShadowRay shadow_ray(const RayHit& hit,
+                                               const Light::Arrival& arrival) const;
+  [[nodiscard]] Lit unshadowed(const Seen& seen, const Light& light,
+                               const Light::Arrival& arrival) const;
   [[nodiscard]] Bands reflected(const RayHit& hit, const Angles& angles) const;
   [[nodiscard]] Bands incoming(const RayHit& from, Vec3 direction, std::uint64_t stream) const;
 

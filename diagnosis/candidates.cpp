@@ -28,6 +28,12 @@ std::vector<Column> nuisances_of(const Measurements& m) {
     all.push_back(column("milled_minus_design", {"", 1.0, INFINITY}, [](const Observation& o) {
       return o.on_surface ? o.milled_minus_design_mm : 0.0;
     }));
+  // Nobody declares whether a film follows the ridges between passes or levels over them.
+  if (m.scene.has_path && m.scene.coat_mm > 0.0)
+    all.push_back(column("film_over_ridges", {"", 1.0, INFINITY},
+                         [coat = m.scene.coat_mm](const Observation& o) {
+                           return o.on_surface ? coat * (film(o) - dot(o.along, o.normal)) : 0.0;
+                         }));
   return all;
 }
 

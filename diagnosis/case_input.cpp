@@ -44,6 +44,21 @@ struct Loaded {
   double sigma = 0.05, beam_mm = 0.0;
 };
 
+/// Whether over much of the surface passes of quite other times lie so close above those that made
+/// it that a few hundredths up or down would make them the surface.
+bool do_passes_cross(const std::vector<Observation>& all) {
+  constexpr double kClose_mm = 0.03, kOtherTime = 0.1, kShare = 0.2;
+  std::size_t with_passes = 0, cross = 0;
+  for (const Observation& o : all) {
+    if (!o.rivals || !(o.path_share >= 0.0)) continue;
+    ++with_passes;
+    cross += std::any_of(o.rivals->begin(), o.rivals->end(), [&](const Rival& r) {
+      return r.above_mm < kClose_mm && std::abs(r.state.path_share - o.path_share) > kOtherTime;
+    });
+  }
+  return static_cast<double>(cross) > kShare * static_cast<double>(with_passes);
+}
+
 /// Offset of a point along the simulated surface's normal, coat taken off.
 std::optional<double> offset(const SimulatedSurface& surface, const Box3& box, Vec3 p, double coat,
                              Vec3* normal) {
@@ -274,6 +289,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         "tested");
   }
   m.scene = scene_of(design, path ? &*path : nullptr, ball_radius_mm);
+  m.scene.coat_mm = input.coat_mm;
   const SimulatedSurface surface(milled, path ? &*path : nullptr, run);
   if (path && (surface.cut_share() < 0.3 || !(surface.program_misfit_mm() < kOtherProgram_mm)))
     return fail(
@@ -510,6 +526,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                             "needed, so that a cause can be confirmed where it was not chosen",
                             blocks.size(), layout.set_of_block.size(),
                             layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
+  m.scene.passes_cross = do_passes_cross(m.observations);
   MAQUETTE_TRY_VOID(take_off(input.known, m));
   if (seen_stones) {
     MAQUETTE_TRY_VOID(detail::shift_seats(input.known, m, seen_stones->plan));

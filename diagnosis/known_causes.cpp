@@ -118,6 +118,8 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
         scene.waves_x.push_back(2.0 * scene.half_mm() / v);
         scene.waves_y.push_back(2.0 * scene.half_mm() / v);
         scene.waves_path.push_back(scene.cut_mm / v);
+        scene.slow_waves_x.push_back(2.0 * scene.half_mm() / v);
+        scene.slow_waves_y.push_back(2.0 * scene.half_mm() / v);
       }
     const auto form = closest(*effect, scene, k);
     if (!form)

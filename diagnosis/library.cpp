@@ -7,26 +7,39 @@ namespace maquette::diagnosis {
 
 namespace detail {
 
-Form step_form(int axis, double share, double step, double minutes) {
-  Form f{fmt::format("after {:.4f} of the program", share), {step_after(axis, share, "step_mm")}};
-  f.fixed = {{"moment_min", share * minutes}};
-  if (step > 1e-3)
-    f.finer = [=] {
-      std::vector<Form> near;
-      for (int k = -6; k <= 6; ++k)
-        if (share + k * step / 7.0 > 0.0)
-          near.push_back(step_form(axis, share + k * step / 7.0, step / 7.0, minutes));
-      return near;
-    };
-  return f;
-}
+namespace {
+
+/// A step whose moment is refined; `step`: distance to the next such form.
+struct MakeStep {
+  int axis;
+  double size_mm, radius_mm, minutes;
+  Form operator()(double share, double step) const {
+    Form f{fmt::format("after {:.4f} of the program", share),
+           {step_after(axis, share, "step_mm", size_mm, radius_mm)}};
+    f.fixed = {{"moment_min", share * minutes}};
+    f.sign = size_mm > 0.0 ? 1 : size_mm < 0.0 ? -1 : 0;
+    if (step > 1e-3)
+      f.finer = [make = *this, share, step] {
+        std::vector<Form> near;
+        for (int k = -6; k <= 6; ++k)
+          if (share + k * step / 7.0 > 0.0)
+            near.push_back(make(share + k * step / 7.0, step / 7.0));
+        return near;
+      };
+    return f;
+  }
+};
+
+}  // namespace
 
 std::vector<Form> step_forms(int axis, const Scene& scene) {
   std::vector<Form> forms;
-  for (const double share : scene.steps[static_cast<std::size_t>(axis)])
-    forms.push_back(step_form(axis, share, 1.0 / 64.0, scene.duration_min));
-  for (int k = 1; k < 16; ++k)
-    forms.push_back(step_form(axis, k / 16.0, 1.0 / 16.0, scene.duration_min));
+  for (const double size : sizes_of_drifts(scene, axis == 2 ? 0.05 : 0.2)) {
+    const MakeStep make{axis, size, scene.ball_radius_mm, scene.duration_min};
+    for (const double share : scene.steps[static_cast<std::size_t>(axis)])
+      forms.push_back(make(share, 1.0 / 64.0));
+    for (int k = 1; k < 16; ++k) forms.push_back(make(k / 16.0, 1.0 / 16.0));
+  }
   return forms;
 }
 

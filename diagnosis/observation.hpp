@@ -199,12 +199,17 @@ using Trail = std::function<Drift(const CutState&)>;
 struct Scene {
   Box3 box;  ///< of the part's surface
   bool has_path = false;
+  /// Passes of quite other times run through the surface side by side: one raster over another.
+  bool passes_cross = false;
   double duration_min = 0.0;
   double ball_radius_mm = 3.0;
+  double coat_mm = 0.0;  ///< as declared
   std::vector<double>
       section_starts;  ///< shares of time at which sections begin, the first left out
   /// Candidates of chatter: waves over the longer side along x and y, over the cutting length.
   std::vector<double> waves_x, waves_y, waves_path;
+  /// Candidates of guides that wave: over the longer side.
+  std::vector<double> slow_waves_x, slow_waves_y;
   double cut_mm = 0.0;  ///< cutting length of the program
   /// Of a width of lost motion, mm: the side of the slack on which each axis stands, -1 .. 1, less
   /// its mean over the cut. Empty without a program.

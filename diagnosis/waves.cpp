@@ -2,8 +2,10 @@
 #include "diagnosis/detail/waves.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <complex>
+#include <cstdint>
 #include <numbers>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -160,6 +162,62 @@ std::vector<double> unbowed(const std::vector<Observation>& all, std::vector<dou
   return residual;
 }
 
+/// Slow waves along x or y alone, the two that leave least of the profile across the other axis
+/// once a bow has been taken off: numbers of waves over `span` (mm), 2 to 8. That they are there is
+/// for others to say. Choosing blocks only.
+std::vector<double> slow_waves(const std::vector<Observation>& all,
+                               const std::vector<double>& residual, const Layout& layout, int axis,
+                               double span) {
+  constexpr std::size_t kBins = 256, kMost = 2;
+  constexpr double kFirst = 2.0, kLast = 8.0, kStep = 0.25;
+  using Quadric = Eigen::Matrix<double, 6, 1>;
+  const auto quadric = [&](Vec3 p) {
+    const double u = 2.0 * (p.x - layout.x0) / span - 1.0, v = 2.0 * (p.y - layout.y0) / span - 1.0;
+    return Quadric{1.0, u, v, u * u, u * v, v * v};
+  };
+  Eigen::Matrix<double, 6, 6> gram = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
+  Quadric sum = Quadric::Zero();
+  std::vector<std::uint32_t> chosen;
+  for (std::uint32_t i = 0; i < all.size(); ++i) {
+    if (layout.set_of(all[i].place.x, all[i].place.y) != kChoose) continue;
+    chosen.push_back(i);
+    const Quadric q = quadric(all[i].place);
+    gram += q * q.transpose();
+    sum += residual[i] * q;
+  }
+  const Quadric bow = gram.ldlt().solve(sum);
+  std::array<double, kBins> total{}, count{};
+  for (const std::uint32_t i : chosen) {
+    const Observation& o = all[i];
+    const double at = (axis == 0 ? o.tip.x - layout.x0 : o.tip.y - layout.y0) / span * kBins;
+    if (!(at >= 0.0 && at < kBins)) continue;
+    total[static_cast<std::size_t>(at)] += residual[i] - bow.dot(quadric(o.place));
+    count[static_cast<std::size_t>(at)] += 1.0;
+  }
+  std::vector<double> taken;  // of the sum of squares, by number of waves
+  for (double waves = kFirst; waves <= kLast; waves += kStep) {
+    using Profile = Eigen::Matrix<double, 5, 1>;
+    Eigen::Matrix<double, 5, 5> a = 1e-9 * Eigen::Matrix<double, 5, 5>::Identity();
+    Profile b = Profile::Zero();
+    for (std::size_t k = 0; k < kBins; ++k) {
+      const double u = (static_cast<double>(k) + 0.5) / kBins,
+                   phase = 2.0 * std::numbers::pi * waves * u;
+      const Profile p{1.0, u, u * u, std::sin(phase), std::cos(phase)};
+      a += count[k] * p * p.transpose();
+      b += total[k] * p;
+    }
+    taken.push_back(b.dot(a.ldlt().solve(b)));
+  }
+  std::vector<std::pair<double, double>> peaks;
+  for (std::size_t k = 0; k < taken.size(); ++k)
+    if ((k == 0 || taken[k] >= taken[k - 1]) && (k + 1 == taken.size() || taken[k] >= taken[k + 1]))
+      peaks.emplace_back(taken[k], kFirst + kStep * static_cast<double>(k));
+  std::sort(peaks.rbegin(), peaks.rend());
+  std::vector<double> waves;
+  for (std::size_t k = 0; k < std::min(kMost, peaks.size()); ++k) waves.push_back(peaks[k].second);
+  return waves;
+}
+
 /// Those of `more` that none of `waves` stands for.
 void append(std::vector<double>& waves, const std::vector<double>& more) {
   constexpr double kApart = 0.75;  // of a wave over the span
@@ -174,6 +232,8 @@ void append(std::vector<double>& waves, const std::vector<double>& more) {
 void find_waves(const std::vector<Observation>& all, const std::vector<double>& residual,
                 const Layout& layout, Scene& scene) {
   const std::vector<double> flat = unbowed(all, residual, layout);
+  scene.slow_waves_x = slow_waves(all, residual, layout, 0, 2.0 * scene.half_mm());
+  scene.slow_waves_y = slow_waves(all, residual, layout, 1, 2.0 * scene.half_mm());
   for (const auto* r : {&residual, &flat}) {
     append(scene.waves_x, strongest_waves(all, *r, layout, 0, 2.0 * scene.half_mm()));
     append(scene.waves_y, strongest_waves(all, *r, layout, 1, 2.0 * scene.half_mm()));

@@ -71,6 +71,11 @@ template <class Change>
   c.cut = change;
   return c;
 }
+/// By how much balls are larger or smaller in forms that are made of a size.
+inline constexpr double kBallSizes_mm[] = {0.02, -0.02, 0.06, -0.06, 0.15, -0.15, 0.4, -0.4};
+/// A film of one thickness in hollows, too, about `size_mm` of it: the surface that a ball smaller
+/// by that would have left, its centre where it was.
+[[nodiscard]] Form film_on_balls(const Scene& scene, double size_mm);
 /// Form::finer of make(value, step), a form of one positive parameter whose grid has the ratio
 /// `step`: three neighbours on either side at the `parts`-th root of it; none from `least` on.
 template <class Make>
@@ -100,15 +105,29 @@ template <class Make>
   return {axis == 0 ? value : 0.0, axis == 1 ? value : 0.0, axis == 2 ? value : 0.0};
 }
 
-/// From a moment of the program on, the tip is off by a constant along one axis.
-[[nodiscard]] inline Column step_after(int axis, double share, std::string name) {
-  return tip_column(fmt::format("step_{}{:.6f}", kAxisName[axis], share),
-                    {std::move(name), 1.0, 5.0}, [axis, share](const CutState& s) {
-                      return along_axis(axis, s.path_share > share ? 1.0 : 0.0);
-                    });
+/// A column of tips that are displaced by d(state): to first order, or where passes cross, which
+/// then one by one stay or no longer stay in the surface, the secant at `size_mm` (0: first order).
+template <class Displacement>
+[[nodiscard]] Column timed_column(std::string key, Parameter parameter, double size_mm,
+                                  double radius_mm, Displacement d) {
+  if (size_mm == 0.0) return tip_column(std::move(key), std::move(parameter), d);
+  return cut_column(fmt::format("{}of{}", key, size_mm), std::move(parameter), size_mm, radius_mm,
+                    [d](const Observation&, const CutState& s, Vec3) { return CutChange{d(s)}; });
 }
-/// The same as a form whose moment is refined; `step`: distance to the next such form.
-[[nodiscard]] Form step_form(int axis, double share, double step, double minutes);
+/// From a moment of the program on, the tip is off by a constant along one axis.
+[[nodiscard]] inline Column step_after(int axis, double share, std::string name, double size_mm,
+                                       double radius_mm) {
+  return timed_column(fmt::format("step_{}{:.6f}", kAxisName[axis], share),
+                      {std::move(name), 1.0, 5.0}, size_mm, radius_mm,
+                      [axis, share](const CutState& s) {
+                        return along_axis(axis, s.path_share > share ? 1.0 : 0.0);
+                      });
+}
+/// Of forms that displace passes against each other: first order where neighbours move alike, up
+/// and down by `usual_mm` where passes cross.
+[[nodiscard]] inline std::vector<double> sizes_of_drifts(const Scene& scene, double usual_mm) {
+  return scene.passes_cross ? std::vector{usual_mm, -usual_mm} : std::vector{0.0};
+}
 /// Forms at the moments that the data show, and at 15 even ones.
 [[nodiscard]] std::vector<Form> step_forms(int axis, const Scene& scene);
 

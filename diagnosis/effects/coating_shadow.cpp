@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // Sprayed from one direction s, the film is t max(0, n . s): thin where the surface turns away.
-// What is not clipped is a shift and an even film; only faces in shadow tell the direction.
+// What is not clipped is a shift and an even film, less than declared; only faces in shadow tell
+// the direction.
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -16,8 +17,14 @@ void add_coating_shadow(std::vector<Effect>& all) {
   e.looks_like = {"coating.thickness", "scanner.incidence_bias"};
   e.separate_by = "weighed strips on slopes of four directions";
   e.correction = "spray from two sides";
-  e.forms = [](const Scene&) {
+  e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
+    if (scene.coat_mm > 0.0) {
+      Form f{"sprayed from above, no face in shadow",
+             {column("film", {"film_even_mm", 1.0, scene.coat_mm}, film)}};
+      f.sign = -1;
+      forms.push_back(std::move(f));
+    }
     for (const double elevation : {20.0, 40.0, 60.0})
       for (int k = 0; k < 8; ++k) {
         const double azimuth = 45.0 * k, a = azimuth * 3.14159265358979323846 / 180.0;

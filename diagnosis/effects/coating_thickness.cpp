@@ -6,6 +6,16 @@
 
 namespace maquette::diagnosis::detail {
 
+Form film_on_balls(const Scene& scene, double size_mm) {
+  Form f{fmt::format("even film, in hollows too, about {} mm", size_mm),
+         {cut_column(fmt::format("film_on_balls{}", size_mm), {"excess_mm", 1.0, 1.0}, size_mm,
+                     scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {
+                       return CutChange{{0.0, 0.0, 1.0}, -1.0};
+                     })}};
+  f.sign = size_mm > 0.0 ? 1 : -1;
+  return f;
+}
+
 void add_coating_thickness(std::vector<Effect>& all) {
   Effect e;
   e.name = "coating.thickness";
@@ -16,8 +26,11 @@ void add_coating_thickness(std::vector<Effect>& all) {
   e.looks_like = {"tool.radius_error", "tool.length_offset", "scanner.range_bias"};
   e.separate_by = "a pad left uncoated, or a film gauge";
   e.correction = "declare the measured thickness, mill deeper by it";
-  e.forms = [](const Scene&) {
-    return std::vector<Form>{{"even film", {column("film", {"excess_mm", 1.0, 1.0}, film)}}};
+  e.forms = [](const Scene& scene) {
+    std::vector<Form> forms{{"even film", {column("film", {"excess_mm", 1.0, 1.0}, film)}}};
+    if (scene.has_path)
+      for (const double size : kBallSizes_mm) forms.push_back(film_on_balls(scene, size));
+    return forms;
   };
   all.push_back(std::move(e));
 }

@@ -7,6 +7,7 @@
 
 namespace maquette::diagnosis::detail {
 namespace {
+constexpr double kSize_mm = 0.05;
 // Time constants, of the program: shorter ones are over before the cut, longer ones a straight
 // line.
 constexpr double kQuickest = 0.02, kSlowest = 2.5;
@@ -26,13 +27,14 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {
     struct Make {
-      double minutes;
+      double minutes, size_mm, radius_mm;
       Form operator()(double tau, double step) const {
         Form f{fmt::format("time constant {:.3g} of the program", tau),
-               {tip_column(fmt::format("thermal{:.5f}", tau), {"growth_mm", 1.0, 1.0},
-                           [tau](const CutState& s) {
-                             return along_axis(2, std::expm1(-s.path_share / tau));
-                           })}};
+               {timed_column(fmt::format("thermal{:.5f}", tau), {"growth_mm", 1.0, 1.0}, size_mm,
+                             radius_mm, [tau](const CutState& s) {
+                               return along_axis(2, std::expm1(-s.path_share / tau));
+                             })}};
+        f.sign = size_mm > 0.0 ? 1 : size_mm < 0.0 ? -1 : 0;
         f.fixed = {{"time_constant_min", tau * minutes}};
         f.finer = finer_by_ratio(*this, tau, step, 4, 1.01);
         f.alternatives = [make = *this, tau] {
@@ -46,8 +48,9 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
       }
     };
     std::vector<Form> forms;
-    for (const double tau : {0.03, 0.07, 0.15, 0.3, 0.6, 1.2})
-      forms.push_back(Make{scene.duration_min}(tau, 2.1));
+    for (const double size : sizes_of_drifts(scene, kSize_mm))
+      for (const double tau : {0.03, 0.07, 0.15, 0.3, 0.6, 1.2})
+        forms.push_back(Make{scene.duration_min, size, scene.ball_radius_mm}(tau, 2.1));
     return forms;
   };
   all.push_back(std::move(e));

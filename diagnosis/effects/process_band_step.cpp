@@ -7,6 +7,9 @@
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+constexpr double kSize_mm = 0.05;
+}
 
 void add_process_band_step(std::vector<Effect>& all) {
   Effect e;
@@ -26,7 +29,9 @@ void add_process_band_step(std::vector<Effect>& all) {
       std::sort(borders.begin(), borders.end());
       Form f{law, {}};
       for (std::size_t k = 0; k < borders.size(); ++k) {
-        f.columns.push_back(step_after(2, borders[k], fmt::format("step_{}_mm", k + 1)));
+        f.columns.push_back(step_after(2, borders[k], fmt::format("step_{}_mm", k + 1),
+                                       sizes_of_drifts(scene, kSize_mm).back(),
+                                       scene.ball_radius_mm));
         f.fixed.emplace_back(fmt::format("moment_{}_min", k + 1), borders[k] * scene.duration_min);
       }
       forms.push_back(std::move(f));

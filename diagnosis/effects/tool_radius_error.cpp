@@ -20,7 +20,7 @@ void add_tool_radius_error(std::vector<Effect>& all) {
   e.forms = [](const Scene& scene) {
     // Sizes for themselves: at hollows and ridges another pass comes to make the surface.
     std::vector<Form> forms;
-    for (const double size : {0.02, -0.02, 0.06, -0.06, 0.15, -0.15, 0.4, -0.4}) {
+    for (const double size : kBallSizes_mm) {
       Form f{fmt::format("about {} mm, tip held", size),
              {cut_column(fmt::format("radius{}", size), {"error_mm", 1.0, 1.0}, size,
                          scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {

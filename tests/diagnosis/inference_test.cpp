@@ -7,6 +7,9 @@
 //   one cause ....................................... named, with a size within its errors
 //   two causes ...................................... both, no third
 //   a bow beside a wave ............................. both
+//   a bow beside a guide that waves ................. both, where each alone gains nothing
+//   a film that levels over ridges .................. no cause
+//   a step of one raster over another ............... named, with its size
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
 //   dents, rings .................................... unexplained, no name
@@ -281,6 +284,86 @@ TEST(Inference, FindsABowBesideAWaveThatShowsFarBetter) {
   ASSERT_EQ(d->causes.size(), 2U);
   EXPECT_EQ(d->causes[0].effect, "stock.warp");
   EXPECT_EQ(d->causes[1].effect, "process.chatter");
+  EXPECT_EQ(d->verdict, "explained");
+}
+
+TEST(Inference, FindsABowBesideAGuidesWave) {
+  // Neither gains anything without the other: one process, smooth over half a wave, stands for
+  // both.
+  const auto d = diagnose(
+      part(54, {0.05, 0.006, 30.0, 0.02},
+           [](const Observation& o) {
+             const double u = o.place.x / 80.0 - 1.0, v = o.place.y / 80.0 - 1.0;
+             return (-0.1 * u * u + 0.05 * v * v + 0.09 * u * v) * o.along.z +
+                    0.05 * o.along.z * std::sin(2.0 * 3.14159265358979323846 * o.tip.x / 37.2);
+           }),
+      1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 2U);
+  EXPECT_TRUE(names(d->causes[0], "stock.warp") || names(d->causes[1], "stock.warp"));
+  const Cause& wave = d->causes[0].effect == "machine.straightness_x" ? d->causes[0] : d->causes[1];
+  ASSERT_EQ(wave.effect, "machine.straightness_x");
+  ASSERT_EQ(wave.parameters.size(), 2U);
+  EXPECT_NEAR(std::hypot(wave.parameters[0].value, wave.parameters[1].value), 0.05,
+              4.0 * wave.parameters[0].sigma);
+  EXPECT_EQ(d->verdict, "explained");
+}
+
+TEST(Inference, HowAFilmLiesOverRidgesIsNoCause) {
+  // Ridges between passes of 0.5 mm; a film of 0.3 mm that levels over them where the model lets it
+  // follow them, on a coat whose roughness hides most of what is not ridges. Without a column of
+  // its own, which a declared film brings, causes gain by that.
+  for (const bool declared : {true, false}) {
+    constexpr double kFilm_mm = 0.3;
+    auto m = part(55, {0.02, 0.03, 6.0, 0.02}, nothing);
+    m.scene.coat_mm = declared ? kFilm_mm : 0.0;
+    for (Observation& o : m.observations) {
+      const Vec3 slope = o.slope_normal;
+      const double across = o.place.y / 0.5 - std::floor(o.place.y / 0.5) - 0.5;  // passes
+      const Vec3 n =
+          normalized(Vec3{slope.x / slope.z, slope.y / slope.z - across * 0.5 / 3.0, 1.0});
+      o.residual_mm += kFilm_mm * (n.z / slope.z - 1.0);
+      o.normal = o.along = n;
+    }
+    const auto d = diagnose(std::move(m), 1);
+    ASSERT_TRUE(d.has_value());
+    ASSERT_FALSE(d->ranking.empty());
+    if (declared) {
+      EXPECT_EQ(d->verdict, "consistent");
+      EXPECT_LT(d->ranking[0].gain, 30.0) << d->ranking[0].effect;
+    } else {
+      EXPECT_GT(d->ranking[0].gain, 100.0);
+    }
+  }
+}
+
+TEST(Inference, AStepShowsWhereRastersCross) {
+  // The second of two rasters is lower from 0.62 on: it makes all of the surface there, where as
+  // planned each makes half of it.
+  constexpr double kMoment = 0.62, kStep_mm = -0.07;
+  auto m = part(56, {}, nothing);
+  m.scene.passes_cross = true;
+  std::uint64_t k = 0;
+  for (Observation& o : m.observations) {
+    CutState along_y = o;
+    o.path_share = o.cut_share = 0.5 * o.path_share;
+    along_y.path_share = along_y.cut_share = 0.5 + 0.5 * o.place.x / 160.0;
+    along_y.feed = normalized(Vec3{0.0, 1.0, -o.normal.y / o.normal.z});
+    CutState other = along_y;
+    if (random_uniform(57, ++k) < 0.5) {
+      other = o;
+      static_cast<CutState&>(o) = along_y;
+    }
+    const double above = 0.01 * random_uniform(58, k);
+    o.rivals = std::make_shared<const std::vector<Rival>>(1, Rival{other, o.normal, above});
+    const auto step = [&](const CutState& s) { return s.path_share > kMoment ? kStep_mm : 0.0; };
+    o.residual_mm += std::fmin(step(o), above + step(other)) * o.normal.z;
+  }
+  const auto d = diagnose(std::move(m), 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U);
+  EXPECT_TRUE(names(d->causes[0], "machine.step_loss_z"));
+  EXPECT_NEAR(d->causes[0].parameters[0].value, kStep_mm, 4.0 * d->causes[0].parameters[0].sigma);
   EXPECT_EQ(d->verdict, "explained");
 }
 

@@ -14,9 +14,9 @@
 #include <fmt/format.h>
 
 #include "camera/compare.hpp"
-#include "camera/effects/noise.hpp"
 #include "camera/stack.hpp"
 #include "support/bench_times.hpp"
+#include "support/d700_stack.hpp"
 
 namespace maquette {
 namespace {
@@ -25,7 +25,7 @@ using namespace testing_support;
 using namespace camera;
 namespace fs = std::filesystem;
 
-constexpr int kWidth = 4256, kHeight = 2832;
+constexpr int kWidth = D700::width_px, kHeight = D700::height_px;
 constexpr double kMpixel = 1e-6 * kWidth * kHeight;
 
 template <class F>
@@ -69,34 +69,9 @@ Frame light() {
 }
 
 int run(const std::string& program) {
-  Shot shot;
-  shot.intrinsics = intrinsics_of(kWidth, kHeight, 8.45, 34.54232);
-  shot.focal_length_mm = 34.54232;
-  shot.quantum_efficiency = {0.20, 0.38, 0.28};
-  shot.gain_e_per_dn = 3.26;
-  Distortion bend;
-  bend.coefficients = {-0.05, 0.01}, bend.band_scale = {2e-4, 0.0, -2e-4};
-  Vignetting fall;
-  fall.polynomial = {-0.05, 0.0, 0.0};
-  const Stack lens{MotionBlur{}, DepthOfField{.blades = 9}, bend,
-                   fall,         Diffraction{.blades = 9},  VeilingGlare{0.01}};
-  const Stack sensor{Exposure{},
-                     Bayer{},
-                     QuantumEfficiency{},
-                     Prnu{0.005},
-                     DarkCurrent{},
-                     HotPixels{},
-                     ShotNoise{},
-                     FullWell{},
-                     Dsnu{2.0},
-                     ReadNoise{16.0},
-                     RowColumnNoise{1.0, 1.0},
-                     Adc{},
-                     Demosaic{},
-                     WhiteBalance{},
-                     Tone{}};
-  Stack whole = lens;
-  whole.insert(whole.end(), sensor.begin(), sensor.end());
+  const D700 d700;
+  Shot shot = d700.shot;
+  const Stack &lens = d700.lens, &sensor = d700.sensor, whole = d700.whole();
   const Frame scene = light();
   fmt::print("{} x {} pixels, {:.1f} Mpixel\n", kWidth, kHeight, kMpixel);
   Frame picture;

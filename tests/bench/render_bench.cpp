@@ -2,10 +2,11 @@
 
 // Terrain under the renderer: our tracer and Embree's robust grid on the same 4000 x 4000 quads of
 // 0.5 mm, the same rays, one by one and sixteen at a time (4 x 4 pixels). Build, memory, rays per
-// CPU second of a picture and of its shadows, and how many rays the two do not agree on; then a
-// picture of 4256 x 2832 pixels with a hard shadow.
+// CPU second of a picture and of its shadows, and how many rays the two do not agree on. Before it
+// a picture of 4256 x 2832 pixels with a hard shadow and all effects, without and with 500 stones.
 //
 //   render_bench [pixels on a side]     3200 unless given, a multiple of 4
+//   render_bench frame                  the picture alone
 //   render_bench leak [million rays]    100 unless given: rays that must cross the surface, at its
 //                                       nodes and edges, one by one and in packets
 
@@ -21,11 +22,14 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "camera/render.hpp"
+#include "camera/stack.hpp"
 #include "core/random.hpp"
 #include "heightmap/field_tracer.hpp"
 #include "support/bench_times.hpp"
+#include "support/d700_stack.hpp"
 #include "support/embree_terrain.hpp"
 #include "support/scan_terrain.hpp"
+#include "support/shapes.hpp"
 
 namespace maquette {
 namespace {
@@ -169,7 +173,7 @@ int leak(double millions) {
   for (const auto instructions :
        {heightmap::FieldTracer::Instructions::best, heightmap::FieldTracer::Instructions::common}) {
     const heightmap::FieldTracer tracer(part, instructions);
-    const auto packets = static_cast<std::uint64_t>(millions * 1e6 / 2.0 / 32.0);
+    const auto packets = static_cast<std::uint64_t>(millions * 1e6 / 32.0);
     std::uint64_t alone = 0, together = 0, differ = 0;
     std::array<heightmap::FieldTracer::Ray, 16> rays;
     std::array<std::optional<heightmap::FieldHit>, 16> hits;
@@ -223,6 +227,70 @@ int leak(double millions) {
   return lost == 0 ? 0 : 1;
 }
 
+/// 500 stones of 10 to 30 mm half sunk into the terrain, of ten shapes.
+struct Stones {
+  std::vector<TriMesh> shapes;
+  std::vector<camera::SceneObject> objects;
+  explicit Stones(const heightmap::ModelField& part) {
+    for (std::uint64_t k = 0; k < 10; ++k)
+      shapes.push_back(random_rock(k, {}, 5.0 + static_cast<double>(k), 2));
+    for (std::uint64_t i = 0; i < 500; ++i) {
+      const double x = 1960.0 * random_uniform(9, 3 * i) + 20.0,
+                   y = 1960.0 * random_uniform(9, 3 * i + 1) + 20.0;
+      camera::SceneObject stone;
+      stone.mesh = &shapes[i % shapes.size()];
+      stone.model_from_mesh = {rotation_about({0.0, 0.0, 1.0}, 6.28 * random_uniform(9, 3 * i + 2)),
+                               {x, y, heightmap::height_at(part, x, y)}};
+      objects.push_back(stone);
+    }
+  }
+};
+
+/// A picture through a camera, beside what the scene takes. In a process of its own.
+void frame(const heightmap::ModelField& part, bool stones) {
+  const Stones rocks(part);
+  std::vector<camera::SceneObject> objects;
+  if (stones) objects = rocks.objects;
+  camera::SceneObject ground;
+  ground.field = &part;
+  ground.base_mm = -100.0;
+  objects.push_back(ground);
+  const auto scene = camera::PreparedScene::build(objects);
+  const D700 d700;
+  const double before = peak_mib();
+  std::optional<camera::Image> image;
+  const double rendered = cost([&] {
+    auto got =
+        scene->render({D700::width_px, D700::height_px, D700::pitch_um, D700::focal_mm},
+                      camera::look_at({1000.0, -700.0, 900.0}, {1000.0, 700.0, 0.0}),
+                      {{{{-3000.0, 500.0, 1200.0}, {1000.0, 1000.0, 0.0}, 0.0, 90.0}}, {}, {}},
+                      {.samples_per_pixel = 1, .white_balance = {1.0, 0.95, 0.9}});
+    if (got) image = std::move(*got);
+  });
+  if (!image) return fmt::print("picture: not rendered\n");
+  const double middle = peak_mib();
+  std::ptrdiff_t lit = 0;
+  for (const auto v : image->lit.cells()) lit += v;
+  camera::Frame light;
+  light.bands = std::move(image->bands);
+  light.depth_mm = std::move(image->depth_mm);
+  image.reset();
+  const double exposed = cost([&] {
+    if (!camera::expose(d700.whole(), d700.shot, std::move(light))) fmt::print("not exposed\n");
+  });
+  fmt::print(
+      "picture of {} x {}, hard shadow, {} stones, 1 sample: {:.1f} CPU s and the whole "
+      "stack {:.1f}, together {:.1f};\n  {:.0f} and {:.0f} MiB beside the scene; {:.0f} % "
+      "lit\n",
+      D700::width_px, D700::height_px, stones ? 500 : 0, rendered, exposed, rendered + exposed,
+      middle - before, peak_mib() - before,
+      100.0 * static_cast<double>(lit) / D700::width_px / D700::height_px);
+}
+void frames() {
+  const heightmap::ModelField part = rough_part(1, 4001, 4001, 0.5);
+  for (const bool stones : {false, true}) in_its_own_process([&] { frame(part, stones); });
+}
+
 int run(int side) {
   const heightmap::ModelField part = rough_part(1, 4001, 4001, 0.5);
   const double cells = 4000.0 * 4000.0;
@@ -266,22 +334,6 @@ int run(int side) {
   shadow(bench, shots);
   peer.reset();
   own.reset();
-
-  camera::SceneObject ground;
-  ground.field = &part;
-  ground.base_mm = -20.0;
-  const double before = peak_mib();
-  const auto scene = camera::PreparedScene::build({ground});
-  const camera::Lamp bulb{lamp, {1000.0, 1000.0, 0.0}, 0.0, 90.0};
-  double samples = 0.0;
-  const double picture = cost([&] {
-    const auto image =
-        scene->render({4256, 2832, 8.45, 34.5}, pose, {{bulb}, {}, {}}, {.samples_per_pixel = 1});
-    samples = image ? image->mean_samples : 0.0;
-  });
-  fmt::print(
-      "picture of 4256 x 2832 pixels, hard shadow, {} sample: {:.1f} CPU s, peak {:.0f} MiB more\n",
-      samples, picture, peak_mib() - before);
   return 0;
 }
 
@@ -291,5 +343,7 @@ int run(int side) {
 int main(int count, char** words) {
   if (count > 1 && std::string_view(words[1]) == "leak")
     return maquette::leak(count > 2 ? std::atof(words[2]) : 100.0);
+  maquette::frames();
+  if (count > 1 && std::string_view(words[1]) == "frame") return 0;
   return maquette::run(count > 1 ? std::atoi(words[1]) : 3200);
 }

@@ -220,6 +220,15 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
   detail::make_plain(search, bank, residuals, confirmed);
+  detail::prefer_poses_as_given(
+      search, bank, residuals,
+      [&](const Fit& f) {
+        double sum = 0.0;
+        const auto poses = poses_of(m, f);
+        for (const PoseEstimate& p : poses) sum += norm(p.shift_mm);
+        return sum / static_cast<double>(poses.size());
+      },
+      confirmed);
   const auto as_chosen = confirmed;
   sharpen(search, bank, residuals, confirmed);
   detail::name_causes(search, bank, residuals, null_squares, confirmed, d);

@@ -252,6 +252,45 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
   residuals.about(members_of(confirmed));
 }
 
+void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& residuals,
+                           const std::function<double(const Fit&)>& shift_mm,
+                           std::vector<Confirmed>& confirmed) {
+  constexpr double kShift_mm = 0.03;  // registration is rarely better
+  constexpr double kLess = 1.0 / 3.0;
+  // The report blocks say nothing about names.
+  const std::vector<int> sets{kChoose, kConfirm};
+  for (std::size_t k = 0; k < confirmed.size(); ++k) {
+    const Members members = members_of(confirmed);
+    residuals.about(members);
+    const auto objective = [&](const Members& with) {
+      return fit(bank, columns_of(bank, with), sets).objective + price(bank, with);
+    };
+    const double moved = shift_mm(residuals.fit_of(members));
+    if (!(moved > kShift_mm)) break;  // of all members together
+    double best = objective(members) + kEquivalent;
+    const auto others = without(members, k);
+    residuals.about(others);
+    const double linear = objective(members);
+    const Screen beside = screen(bank, others, sets);
+    for (const Candidate& other : search.candidates) {
+      if (has(members, other.effect)) continue;
+      const auto found = best_form(bank, others, other, sets, true, beside);
+      if (!(found.objective < linear + kCloseGain * kEquivalent)) continue;
+      auto instead = others;
+      instead.insert(instead.begin() + static_cast<std::ptrdiff_t>(k),
+                     {other.effect, other.forms[found.form]});
+      residuals.about(instead);
+      if (const double its = objective(instead);
+          its < best && shift_mm(residuals.fit_of(instead)) < kLess * moved) {
+        best = its;
+        confirmed[k].member = instead[k];
+      }
+      residuals.about(others);
+    }
+  }
+  residuals.about(members_of(confirmed));
+}
+
 void name_causes(const Search& search, const Bank& bank, Linearised& residuals, double null_squares,
                  std::vector<Confirmed>& confirmed, Diagnosis& d) {
   double vague = 0.0;

@@ -3,6 +3,8 @@
 
 // What remains beside confirmed causes, and which of them stand beside that; then their names.
 
+#include <functional>
+
 #include "diagnosis/detail/linearised.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -32,6 +34,14 @@ void keep_what_stands(const Search& search, const Bank& bank, Linearised& residu
 /// that other one where its own sizes are none; the rest's forms are chosen again beside it.
 void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
                 std::vector<Confirmed>& confirmed);
+
+/// Of causes that the rest of the data cannot tell apart the one that needs no shift of the scans:
+/// a smaller ball whose tip was held leaves them where their files say, the film that looks the
+/// same raises them all.
+/// @param shift_mm  how far the poses of a fit are from those of the files
+void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& residuals,
+                           const std::function<double(const Fit&)>& shift_mm,
+                           std::vector<Confirmed>& confirmed);
 
 /// Makes confirmed causes those of the diagnosis, with what would do as well in their place. Small
 /// ones that several others could stand for get no name: they become a remainder.

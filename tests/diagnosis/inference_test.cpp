@@ -10,6 +10,7 @@
 //   a bow beside a guide that waves ................. both, where each alone gains nothing
 //   a film that levels over ridges .................. no cause
 //   a step of one raster over another ............... named, with its size
+//   a radius, and the film that looks the same ...... each first where the scans lie as they should
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
 //   dents, rings .................................... unexplained, no name
@@ -237,6 +238,25 @@ TEST(Inference, KeepsACoatFromRegistration) {
   ASSERT_TRUE(d.has_value());
   ASSERT_EQ(d->causes.size(), 1U);
   EXPECT_TRUE(names(d->causes[0], "coating.thickness"));
+}
+
+TEST(Inference, ARadiusLeavesThePartWhereItIsAndAFilmDoesNot) {
+  // 0.1 mm more of radius, tip held, and 0.1 mm less of film differ by a shift of the part.
+  const Noise careful{0.02, 0.0, 20.0, 0.004};
+  const auto radius =
+      diagnose(part(59, careful, [](const Observation& o) { return 0.1 * (o.normal.z - 1.0); }), 1);
+  const auto film = diagnose(part(59, careful, [](const Observation&) { return -0.1; }), 1);
+  ASSERT_TRUE(radius.has_value() && film.has_value());
+  ASSERT_EQ(radius->causes.size(), 1U);
+  ASSERT_EQ(film->causes.size(), 1U);
+  EXPECT_TRUE(names(radius->causes[0], "tool.radius_error"));
+  EXPECT_TRUE(names(radius->causes[0], "coating.thickness"));
+  EXPECT_NE(radius->causes[0].effect, "coating.thickness");
+  EXPECT_EQ(film->causes[0].effect, "coating.thickness");
+  EXPECT_TRUE(names(film->causes[0], "tool.radius_error"));
+  EXPECT_NEAR(film->causes[0].parameters[0].value, -0.1, 4.0 * film->causes[0].parameters[0].sigma);
+  for (const auto* d : {&radius, &film})
+    for (const PoseEstimate& p : (*d)->poses) EXPECT_NEAR(p.shift_mm.z, 0.0, 0.02);
 }
 
 TEST(Inference, TellsABowFromADriftOrNamesBoth) {

@@ -2,6 +2,7 @@
 #include "camera/effects/depth_of_field.hpp"
 
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -24,6 +25,7 @@ class Aperture {
     const double wedge = std::numbers::pi / blades;
     // The polygon's apothem for the area of the unit disc: n a^2 tan(pi / n) = pi.
     apothem_ = static_cast<float>(std::sqrt(std::numbers::pi / (blades * std::tan(wedge))));
+    corner_ = static_cast<float>(1.0 / std::cos(wedge));
     for (int i = 0; i < blades; ++i) {
       const double angle = rotation_deg * std::numbers::pi / 180.0 + 2.0 * wedge * i;
       normals_.push_back(
@@ -40,6 +42,17 @@ class Aperture {
     for (const auto& [nx, ny] : normals_) farthest = std::max(farthest, side * (nx * dx + ny * dy));
     return std::clamp(apothem_ * size + 0.5F - farthest, 0.0F, 1.0F);
   }
+  /// coverage() of most pixels, which are clearly in the picture or clearly outside, without its
+  /// edges.
+  [[nodiscard]] float quick_coverage(float dx, float dy, float r) const {
+    constexpr float kClearly = 1e-3F;
+    const float square = dx * dx + dy * dy, apothem = apothem_ * std::abs(r);
+    const float beyond = (apothem + 0.5F + kClearly) * corner_;
+    if (square > beyond * beyond) return 0.0F;
+    const float within = apothem - 0.5F - kClearly;
+    if (within > 0.0F && square < within * within) return 1.0F;
+    return coverage(dx, dy, r);
+  }
   /// How far it reaches, in radii.
   [[nodiscard]] float reach() const {
     if (normals_.empty()) return 1.0F;
@@ -49,6 +62,7 @@ class Aperture {
 
  private:
   float apothem_ = 1.0F;
+  float corner_ = 1.0F;  ///< distance of a corner, in apothems
   std::vector<std::array<float, 2>> normals_;
 };
 
@@ -137,6 +151,41 @@ Grid<float> reaching(const Grid<float>& radius) {
   return all;
 }
 
+/// Tiles around which all that is near has one value: a background, a shadow. No circle of whatever
+/// size changes those.
+class EvenTiles {
+ public:
+  explicit EvenTiles(const std::vector<Grid<float>>& bands)
+      : bands_(bands),
+        even_((bands[0].rows() + kTile - 1) / kTile, (bands[0].cols() + kTile - 1) / kTile, 1) {
+    tbb::parallel_for(std::ptrdiff_t{0}, even_.rows(), [&](std::ptrdiff_t i) {
+      for (const Grid<float>& band : bands)
+        for (std::ptrdiff_t r = i * kTile; r < std::min((i + 1) * kTile, band.rows()); ++r)
+          for (std::ptrdiff_t j = 0; j < even_.cols(); ++j) {
+            const float value = band(i * kTile, j * kTile);
+            for (std::ptrdiff_t c = j * kTile; c < std::min((j + 1) * kTile, band.cols()); ++c)
+              if (band(r, c) != value) even_(i, j) = 0;
+          }
+    });
+  }
+  [[nodiscard]] bool around(std::ptrdiff_t i, std::ptrdiff_t j, std::ptrdiff_t reach_px) const {
+    const std::ptrdiff_t far = (reach_px + kTile - 1) / kTile;
+    for (std::ptrdiff_t a = std::max(std::ptrdiff_t{0}, i - far);
+         a <= std::min(even_.rows() - 1, i + far); ++a)
+      for (std::ptrdiff_t b = std::max(std::ptrdiff_t{0}, j - far);
+           b <= std::min(even_.cols() - 1, j + far); ++b) {
+        if (even_(a, b) == 0) return false;
+        for (const Grid<float>& band : bands_)
+          if (band(a * kTile, b * kTile) != band(i * kTile, j * kTile)) return false;
+      }
+    return true;
+  }
+
+ private:
+  const std::vector<Grid<float>>& bands_;
+  Grid<std::uint8_t> even_;
+};
+
 /// Light of one layer.
 struct Layer {
   float weight = 0.0F;
@@ -159,23 +208,25 @@ struct Spreader {
     const float own_radius = radius(r, c);
     Layer front, own, behind;
     for (std::ptrdiff_t y = std::max(std::ptrdiff_t{0}, r - reach);
-         y <= std::min(sharp[0].rows() - 1, r + reach); ++y)
+         y <= std::min(sharp[0].rows() - 1, r + reach); ++y) {
+      const float* radius_row = radius.row(y).data();
       for (std::ptrdiff_t x = std::max(std::ptrdiff_t{0}, c - reach);
            x <= std::min(sharp[0].cols() - 1, c + reach); ++x) {
         const auto dx = static_cast<float>(c - x), dy = static_cast<float>(r - y);
-        const float from = radius(y, x);
+        const float from = radius_row[x];
         const bool is_behind = from > own_radius + kSameLayer;
         const float size = is_behind ? own_radius : from;
         float w = 0.0F;
         if (std::abs(size) <= kNoTrace) {
           w = dx == 0.0F && dy == 0.0F ? 1.0F : 0.0F;
         } else {
-          w = aperture.coverage(dx, dy, size);
+          w = aperture.quick_coverage(dx, dy, size);
           if (w > 0.0F) w *= areas.inverse(size);
         }
         if (w <= 0.0F) continue;
         (is_behind ? behind : from < own_radius - kSameLayer ? front : own).add(w, sharp, y, x);
       }
+    }
     const float hides = std::min(1.0F, front.weight);
     const float share = behind.weight > 0.0F ? std::min(1.0F, own.weight) : 1.0F;
     for (std::size_t b = 0; b < sharp.size(); ++b) {
@@ -234,12 +285,14 @@ Result<void> apply(const DepthOfField& e, const Shot& shot, Frame& frame) {
   const Areas areas(aperture, largest);
   const Grid<float> around = reaching(radius);
   const std::vector<Grid<float>> sharp = frame.bands;
+  const EvenTiles even(sharp);
   const Spreader spreader{sharp, radius, aperture, areas};
   tbb::parallel_for(std::ptrdiff_t{0}, around.rows(), [&](std::ptrdiff_t i) {
     for (std::ptrdiff_t j = 0; j < around.cols(); ++j) {
       if (around(i, j) <= kNoTrace) continue;
       const auto reach =
           static_cast<std::ptrdiff_t>(std::ceil(around(i, j) * aperture.reach() + 0.5F));
+      if (even.around(i, j, reach)) continue;
       for (std::ptrdiff_t r = i * kTile; r < std::min((i + 1) * kTile, radius.rows()); ++r)
         for (std::ptrdiff_t c = j * kTile; c < std::min((j + 1) * kTile, radius.cols()); ++c)
           spreader.pixel(r, c, reach, frame.bands);

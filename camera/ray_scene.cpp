@@ -109,7 +109,7 @@ struct RayScene::State {
   struct Geometry {
     const TriMesh* mesh = nullptr;
     RigidTransform model_from_mesh;
-    bool moved = false;
+    bool moved = false, skirt = false;
     std::uint32_t object = 0;
   };
   struct Terrain {
@@ -122,21 +122,33 @@ struct RayScene::State {
   };
   std::vector<Geometry> geometries;
   std::vector<Terrain> terrains;
-  std::vector<std::unique_ptr<TriMesh>> skirts;
+  /// What Embree searches together.
+  struct Group {
+    RTCScene scene = nullptr;
+    bool empty = true;
+    Box3 box;  ///< relative to the middle, widened by a few float steps
+  };
+  /// A terrain's walls and underside: the faces, but the upper one, of a box. Relative to the
+  /// middle; widened, and narrowed, by a few float steps.
+  struct Skirt {
+    Box3 outer, inner;
+  };
+  std::vector<std::unique_ptr<TriMesh>> skirt_meshes;
+  std::vector<Skirt> skirts;
   std::map<const TriMesh*, Shared> shared;
-  Vec3 middle;    ///< of the box; Embree's origin
-  Box3 whole;     ///< of everything, model frame
-  Box3 mesh_box;  ///< of the meshes, relative to the middle, widened by a few float steps
+  Vec3 middle;  ///< of the box; Embree's origin
+  Box3 whole;   ///< of everything, model frame
+  Group meshes, walls;
   double offset_mm = 0.0;
   RTCDevice device = nullptr;
-  RTCScene scene = nullptr;
 
   State() = default;
   State(const State&) = delete;
   State& operator=(const State&) = delete;
   ~State() {
     for (const auto& [mesh, part] : shared) rtcReleaseScene(part.scene);
-    if (scene != nullptr) rtcReleaseScene(scene);
+    for (const Group* group : {&meshes, &walls})
+      if (group->scene != nullptr) rtcReleaseScene(group->scene);
     if (device != nullptr) rtcReleaseDevice(device);
   }
 
@@ -150,6 +162,11 @@ struct RayScene::State {
   void attach(unsigned int number);
   void measure(const std::vector<RayObject>& objects);
   void mesh_hit(Vec3 origin_mm, Vec3 direction, std::optional<RayHit>& nearest) const;
+  void hit_in(const Group& group, Vec3 origin_mm, Vec3 direction,
+              std::optional<RayHit>& nearest) const;
+  [[nodiscard]] bool blocked_in(const Group& group, Vec3 start, Vec3 direction,
+                                double length) const;
+  [[nodiscard]] bool may_meet_walls(Vec3 start, Vec3 direction, double length) const;
   [[nodiscard]] bool mesh_blocks(Vec3 start, Vec3 to) const;
   [[nodiscard]] heightmap::FieldTracer::Segment over_terrain(const ShadowRay& ray) const;
 };
@@ -195,6 +212,9 @@ RTCGeometry RayScene::State::triangles(const TriMesh& mesh, Vec3 origin) const {
 
 void RayScene::State::attach(unsigned int number) {
   const Geometry& g = geometries[number];
+  Group& group = g.skirt ? walls : meshes;
+  group.empty = false;
+  const RTCScene scene = group.scene;
   if (!g.moved) {
     const RTCGeometry geometry = triangles(*g.mesh, middle);
     rtcAttachGeometryByID(scene, geometry, number);
@@ -235,8 +255,7 @@ void RayScene::State::measure(const std::vector<RayObject>& objects) {
   std::map<const TriMesh*, int> uses;
   for (const RayObject& o : objects)
     if (o.mesh != nullptr) ++uses[o.mesh];
-  Box3 meshes;
-  const auto add = [&](const TriMesh* mesh, const RigidTransform& pose, bool moved,
+  const auto add = [&](const TriMesh* mesh, const RigidTransform& pose, bool moved, bool skirt,
                        std::size_t object) {
     const Box3 part = mesh->bounds();
     if (part.empty()) return;
@@ -244,15 +263,15 @@ void RayScene::State::measure(const std::vector<RayObject>& objects) {
       const Vec3 p = pose.point({(corner & 1) != 0 ? part.max.x : part.min.x,
                                  (corner & 2) != 0 ? part.max.y : part.min.y,
                                  (corner & 4) != 0 ? part.max.z : part.min.z});
-      meshes.add(p);
+      (skirt ? walls : meshes).box.add(p);
       whole.add(p);
     }
-    geometries.push_back({mesh, pose, moved, static_cast<std::uint32_t>(object)});
+    geometries.push_back({mesh, pose, moved, skirt, static_cast<std::uint32_t>(object)});
   };
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const RayObject& o = objects[i];
     if (o.mesh != nullptr)
-      add(o.mesh, o.model_from_mesh, uses[o.mesh] > 1 || !is_identity(o.model_from_mesh), i);
+      add(o.mesh, o.model_from_mesh, uses[o.mesh] > 1 || !is_identity(o.model_from_mesh), false, i);
     if (o.field == nullptr) continue;
     const heightmap::ModelField& f = *o.field;
     terrains.push_back({heightmap::FieldTracer(f), static_cast<std::uint32_t>(i)});
@@ -263,16 +282,26 @@ void RayScene::State::measure(const std::vector<RayObject>& objects) {
       whole.add({f.x_mm(f.z_mm.cols() - 1), f.y_mm(f.z_mm.rows() - 1), z});
     }
     if (!std::isfinite(o.base_mm)) continue;
-    skirts.push_back(std::make_unique<TriMesh>(detail::field_skirt(f, o.base_mm)));
-    add(skirts.back().get(), {}, false, i);
+    skirt_meshes.push_back(std::make_unique<TriMesh>(detail::field_skirt(f, o.base_mm)));
+    add(skirt_meshes.back().get(), {}, false, true, i);
   }
   MAQUETTE_CHECK(!whole.empty(), "a ray scene of {} objects without a vertex", objects.size());
   middle = 0.5 * (whole.min + whole.max);
   const Vec3 half = 0.5 * (whole.max - whole.min);
   offset_mm = kOffsetSteps * std::max({half.x, half.y, half.z, 1e-6}) *
               static_cast<double>(std::numeric_limits<float>::epsilon());
-  mesh_box = {meshes.min - middle, meshes.max - middle};
-  widen(mesh_box, offset_mm);
+  const auto from_middle = [&](Box3 box, double by) {
+    box = {box.min - middle, box.max - middle};
+    widen(box, by);
+    return box;
+  };
+  for (Group* group : {&meshes, &walls}) group->box = from_middle(group->box, offset_mm);
+  for (const auto& mesh : skirt_meshes) {
+    const Box3 box = mesh->bounds();
+    Skirt skirt{from_middle(box, offset_mm), from_middle(box, -offset_mm)};
+    skirt.inner.max.z = skirt.outer.max.z;  // there is no upper face
+    skirts.push_back(skirt);
+  }
 }
 
 Result<RayScene> RayScene::build(const std::vector<RayObject>& objects, const RunContext& run) {
@@ -281,16 +310,18 @@ Result<RayScene> RayScene::build(const std::vector<RayObject>& objects, const Ru
   state->device = rtcNewDevice(nullptr);
   MAQUETTE_CHECK(state->device != nullptr, "Embree cannot start: error {}",
                  static_cast<int>(rtcGetDeviceError(nullptr)));
-  state->scene = state->new_scene();
+  for (State::Group* group : {&state->meshes, &state->walls}) group->scene = state->new_scene();
   for (unsigned int i = 0; i < state->geometries.size(); ++i) state->attach(i);
-  rtcSetSceneProgressMonitorFunction(
-      state->scene,
-      [](void* context, double) { return !static_cast<const RunContext*>(context)->stopped(); },
-      const_cast<RunContext*>(&run));
-  rtcCommitScene(state->scene);
-  if (run.stopped()) return fail(kCancelled, "stopped while the ray scene was built");
-  state->check();
-  rtcSetSceneProgressMonitorFunction(state->scene, nullptr, nullptr);
+  for (const State::Group* group : {&state->meshes, &state->walls}) {
+    rtcSetSceneProgressMonitorFunction(
+        group->scene,
+        [](void* context, double) { return !static_cast<const RunContext*>(context)->stopped(); },
+        const_cast<RunContext*>(&run));
+    rtcCommitScene(group->scene);
+    if (run.stopped()) return fail(kCancelled, "stopped while the ray scene was built");
+    state->check();
+    rtcSetSceneProgressMonitorFunction(group->scene, nullptr, nullptr);
+  }
   return RayScene(std::move(state));
 }
 
@@ -306,12 +337,43 @@ Box3 RayScene::bounds() const {
   return state_->whole;
 }
 
-/// The nearest triangle of the meshes, if it is nearer than what is known.
+/// No, if what of the ray is low enough and over the ground is inside the walls: it cannot come to
+/// them without an end outside, for the inside of a box is convex.
+bool RayScene::State::may_meet_walls(Vec3 start, Vec3 direction, double length) const {
+  const auto inside = [](const Box3& box, Vec3 p) {
+    return p.x > box.min.x && p.x < box.max.x && p.y > box.min.y && p.y < box.max.y &&
+           p.z > box.min.z && p.z <= box.max.z;
+  };
+  for (const Skirt& skirt : skirts) {
+    const Span span = clip(skirt.outer, start, direction);
+    const double leave = std::min(span.leave, length);
+    if (span.enter > leave) continue;
+    // Rounding may put an end at the upper border beyond it.
+    const auto low = [&](double t) {
+      Vec3 p = start + t * direction;
+      p.z = std::min(p.z, skirt.inner.max.z);
+      return p;
+    };
+    if (!inside(skirt.inner, low(span.enter)) || !inside(skirt.inner, low(leave))) return true;
+  }
+  return false;
+}
+
+/// The nearest triangle of the meshes and walls, if it is nearer than what is known.
 void RayScene::State::mesh_hit(Vec3 origin_mm, Vec3 direction,
                                std::optional<RayHit>& nearest) const {
-  if (geometries.empty()) return;
+  hit_in(meshes, origin_mm, direction, nearest);
+  if (walls.empty) return;
+  const double length = nearest ? nearest->distance_mm : std::numeric_limits<double>::infinity();
+  if (may_meet_walls(origin_mm - middle, direction, length))
+    hit_in(walls, origin_mm, direction, nearest);
+}
+
+void RayScene::State::hit_in(const Group& group, Vec3 origin_mm, Vec3 direction,
+                             std::optional<RayHit>& nearest) const {
+  if (group.empty) return;
   const Vec3 start = origin_mm - middle;
-  const Span span = clip(mesh_box, start, direction);
+  const Span span = clip(group.box, start, direction);
   const double leave = nearest ? std::min(span.leave, nearest->distance_mm) : span.leave;
   if (span.enter > leave) return;
 
@@ -321,7 +383,7 @@ void RayScene::State::mesh_hit(Vec3 origin_mm, Vec3 direction,
   found.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
   HitContext context;
   rtcInitIntersectContext(&context.embree);
-  rtcIntersect1(scene, &context.embree, &found);
+  rtcIntersect1(group.scene, &context.embree, &found);
   if (found.hit.geomID == RTC_INVALID_GEOMETRY_ID) return;
 
   const Geometry& geometry = geometries[geometry_of(found.hit)];
@@ -396,13 +458,21 @@ bool RayScene::State::mesh_blocks(Vec3 start, Vec3 to) const {
   const double length = norm(way);
   if (length <= offset_mm) return false;
   const Vec3 direction = (1.0 / length) * way;
-  const Span span = clip(mesh_box, start, direction);
+  return blocked_in(meshes, start, direction, length) ||
+         (!walls.empty && may_meet_walls(start, direction, length) &&
+          blocked_in(walls, start, direction, length));
+}
+
+bool RayScene::State::blocked_in(const Group& group, Vec3 start, Vec3 direction,
+                                 double length) const {
+  if (group.empty) return false;
+  const Span span = clip(group.box, start, direction);
   if (span.enter > span.leave || span.enter > length) return false;
   RTCRay ray = float_ray(start + span.enter * direction, direction,
                          std::min(length, span.leave) - span.enter);
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcOccluded1(scene, &context, &ray);
+  rtcOccluded1(group.scene, &context, &ray);
   return ray.tfar < 0.0F;
 }
 

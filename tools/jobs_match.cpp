@@ -2,6 +2,7 @@
 #include "tools/jobs_match.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -84,9 +85,7 @@ Result<camera::Comparison> beside(const camera::PreparedScene& prepared, const S
   rendered.names.insert(rendered.names.end(), {"Z", "lit"});
   rendered.channels.push_back(std::move(image.depth_mm));
   rendered.channels.push_back(std::move(lit));
-  camera::CompareOptions compare;
-  compare.pictures = false;
-  auto result = camera::compare_images(photo.image, rendered, compare);
+  auto result = camera::compare_images(photo.image, rendered, {});
   if (!result) return tl::unexpected(std::move(result.error()).within(photo.name));
   return result;
 }
@@ -202,7 +201,26 @@ ordered_json figures_of(const Matched& m) {
   return j;
 }
 
-std::string page_of(const MatchJob& job, const Matched& m) {
+/// Where the differences of a photograph and its rendering are drawn, before and after.
+std::array<fs::path, 2> pictures_of(const Seen& s, const fs::path& folder) {
+  const std::string stem = s.file->image.stem().string();
+  return {folder / fmt::format("difference_{}_before.png", stem),
+          folder / fmt::format("difference_{}_after.png", stem)};
+}
+
+Result<void> write_pictures(const Matched& m, const fs::path& folder,
+                            std::vector<fs::path>& outputs) {
+  for (const Seen& s : m.photos) {
+    const auto files = pictures_of(s, folder);
+    for (std::size_t k = 0; k < files.size(); ++k) {
+      outputs.push_back(files[k]);
+      MAQUETTE_TRY_VOID(camera::write_png((k == 0 ? s.before : s.after).difference, files[k]));
+    }
+  }
+  return {};
+}
+
+std::string page_of(const MatchJob& job, const Matched& m, const fs::path& folder) {
   const auto number = [](double v, int digits) {
     return Table::Cell{fmt::format("{:.{}f}", v, digits), true};
   };
@@ -217,7 +235,8 @@ std::string page_of(const MatchJob& job, const Matched& m) {
       m.match.rms_255)});
   Table numbers{{"", "start", "found", "uncertainty"}, {}};
   for (const auto& n : m.match.numbers)
-    numbers.rows.push_back({{n.name}, number(n.start, 4), number(n.value, 4), number(n.sigma, 4)});
+    numbers.rows.push_back(
+        {{n.name}, number(n.start, 4), number(n.value, 4), {fmt::format("{:.2g}", n.sigma), true}});
   d.push_back(numbers);
   Table photos{{"photograph", "", "before, /255", "after, /255", "bias", "outside shadow edges",
                 "at shadow edges"},
@@ -232,8 +251,18 @@ std::string page_of(const MatchJob& job, const Matched& m) {
          number(s.after.rest ? s.after.rest->mean_abs_diff_255 : NAN, 2),
          number(s.after.shadow_edges ? s.after.shadow_edges->mean_abs_diff_255 : NAN, 2)});
   d.push_back(photos);
+  d.push_back(
+      Paragraph{"Photograph less rendering, mean of the channels: grey is none, brighter where the "
+                "photograph "
+                "is brighter."});
+  for (const Seen& s : m.photos) {
+    const auto files = pictures_of(s, folder);
+    d.push_back(Picture{files[0], s.name + ", before"});
+    d.push_back(Picture{files[1], s.name + ", after"});
+  }
   return "<!doctype html><meta charset=\"utf-8\"><title>match</title><style>body{font:15px "
-         "sans-serif;max-width:70em;margin:1em auto;padding:0 1em}td,th{padding:2px "
+         "sans-serif;max-width:70em;margin:1em auto;padding:0 1em}figure{display:inline-block;"
+         "margin:0.5em}img{max-width:100%}td,th{padding:2px "
          "10px;text-align:left}</style>\n" +
          to_html(d);
 }
@@ -254,7 +283,8 @@ Result<JobResult> match_job(const MatchJob& job, const fs::path& folder,
   const ordered_json figures = figures_of(*matched);
   result.figures_json = figures.dump(2, ' ', false, ordered_json::error_handler_t::replace);
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json + "\n"));
-  MAQUETTE_TRY_VOID(write_file(result.outputs[1], page_of(job, *matched)));
+  MAQUETTE_TRY_VOID(write_pictures(*matched, folder, result.outputs));
+  MAQUETTE_TRY_VOID(write_file(result.outputs[1], page_of(job, *matched, folder)));
   MAQUETTE_TRY_VOID(write_scenes(file, *scene, *matched, folder, result.outputs));
   for (const auto& n : matched->match.numbers)
     said.push_back(

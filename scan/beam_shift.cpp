@@ -37,11 +37,8 @@ std::optional<Blur> blur_at(const detail::Sight& sight, const Viewpoint& view,
   const std::size_t n = samples.size();
   detail::spread(sight, view, samples, point, rays);
   rays[n] = {sight.from_mm, sight.direction};
-  double outermost = 0.0;
-  for (const detail::BeamSample& s : samples)
-    outermost = std::fmax(outermost, std::hypot(s.x, s.y));
-  scene.look(rays[n], 0.505 * outermost * view.beam_diameter_mm, std::span(rays).first(n + 1),
-             std::span(ground).first(n + 1), std::span(hits).first(n + 1));
+  scene.look(std::span(rays).first(n + 1), std::span(ground).first(n + 1),
+             std::span(hits).first(n + 1));
   if (!hits[n]) {
     // Over a crest and beside the part: what came back is the crest's, not what the middle looks
     // at.

@@ -82,11 +82,10 @@ std::optional<Echo> ScanScene::look(Vec3 o, Vec3 d) const {
   return answer(o, d, tracer_.trace(o, d));
 }
 
-void ScanScene::look(const heightmap::FieldTracer::Ray& axis, double radius_mm,
-                     std::span<const heightmap::FieldTracer::Ray> rays,
+void ScanScene::look(std::span<const heightmap::FieldTracer::Ray> rays,
                      std::span<std::optional<heightmap::FieldHit>> ground,
                      std::span<std::optional<Echo>> echoes) const {
-  tracer_.trace_bundle(axis, radius_mm, rays, ground);
+  tracer_.trace_many(rays, ground);
   for (std::size_t i = 0; i < rays.size(); ++i)
     echoes[i] = answer(rays[i].origin_mm, rays[i].direction, ground[i]);
 }

@@ -256,7 +256,7 @@ class Instrument {
     return ring;
   }
 
-  /// Follows the beams along `axes`, which lie close together, in one walk over the terrain.
+  /// Follows the beams along `axes`, which lie close together.
   /// @param ray  number of the first; the next has the next
   void look(std::span<const Vec3> axes, const Samples& samples, std::uint64_t ray, Rays& to) const {
     const std::size_t n = axes.size(), all = n * samples.rays.size();
@@ -268,11 +268,7 @@ class Instrument {
       to.echoes[0] = scene_.look(o_.station_mm, axes[0]);
       return;
     }
-    double apart = 0.0;
-    for (const Vec3& axis : axes) apart = std::max(apart, norm(axis - axes[n / 2]));
-    scene_.look({o_.station_mm, axes[n / 2]},
-                samples.outermost * widest_mm_ + 1.01 * apart * farthest_mm_, to.rays, to.ground,
-                to.echoes);
+    scene_.look(to.rays, to.ground, to.echoes);
   }
 
   void add_rays(Vec3 axis, const Samples& samples, std::uint64_t ray, Rays& to) const {

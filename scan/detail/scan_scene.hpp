@@ -39,9 +39,8 @@ class ScanScene {
   /// What answers in a direction: nothing beyond a wall, nothing from below the terrain.
   [[nodiscard]] std::optional<Echo> look(Vec3 origin_mm, Vec3 direction) const;
 
-  /// look() of rays that stay within `radius_mm` of an axis.
-  void look(const heightmap::FieldTracer::Ray& axis, double radius_mm,
-            std::span<const heightmap::FieldTracer::Ray> rays,
+  /// look() of rays that lie close together.
+  void look(std::span<const heightmap::FieldTracer::Ray> rays,
             std::span<std::optional<heightmap::FieldHit>> ground,
             std::span<std::optional<Echo>> echoes) const;
 

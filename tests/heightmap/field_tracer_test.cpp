@@ -311,7 +311,7 @@ TEST_P(FieldTracerSeeded, EqualsAllTrianglesWithoutPyramid) {
   }
 }
 
-TEST_P(FieldTracerSeeded, ABundleHitsWhatItsRaysHit) {
+TEST_P(FieldTracerSeeded, ABeamHitsWhatItsRaysHit) {
   // Beams of all widths from a node to a leaf, also along the outline, grazing and straight down.
   ModelField f = rough_ground(seed(), 75, 90, 0.7, -5.0, 300.0);
   Draws draw{seed() + 250};
@@ -340,7 +340,7 @@ TEST_P(FieldTracerSeeded, ABundleHitsWhatItsRaysHit) {
                       normalized(d + 0.4 * radius / reach * (tilt - dot(tilt, d) * d))});
     }
     std::vector<std::optional<FieldHit>> bundle(rays.size());
-    tracer.trace_bundle(axis, radius, rays, bundle);
+    tracer.trace_many(rays, bundle);
     for (std::size_t k = 0; k < rays.size(); ++k) {
       const auto one = tracer.trace(rays[k].origin_mm, rays[k].direction);
       ASSERT_EQ(one.has_value(), bundle[k].has_value()) << "beam " << i << ", ray " << k;

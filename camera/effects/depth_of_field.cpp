@@ -47,11 +47,16 @@ class Aperture {
   [[nodiscard]] float quick_coverage(float dx, float dy, float r) const {
     constexpr float kClearly = 1e-3F;
     const float square = dx * dx + dy * dy, apothem = apothem_ * std::abs(r);
-    const float beyond = (apothem + 0.5F + kClearly) * corner_;
-    if (square > beyond * beyond) return 0.0F;
+    const float far = beyond(std::abs(r));
+    if (square > far * far) return 0.0F;
     const float within = apothem - 0.5F - kClearly;
     if (within > 0.0F && square < within * within) return 1.0F;
     return coverage(dx, dy, r);
+  }
+  /// Nothing is covered at this distance or beyond it by a picture of radius r or less.
+  [[nodiscard]] float beyond(float r) const {
+    constexpr float kClearly = 1e-3F;
+    return (apothem_ * r + 0.5F + kClearly) * corner_;
   }
   /// How far it reaches, in radii.
   [[nodiscard]] float reach() const {
@@ -203,15 +208,18 @@ struct Spreader {
   const Areas& areas;
 
   /// Value of each band at a pixel, from the layers before, around and behind it.
-  void pixel(std::ptrdiff_t r, std::ptrdiff_t c, std::ptrdiff_t reach,
+  /// @param widths  by rows away from the pixel's: how far along the row light may come from
+  void pixel(std::ptrdiff_t r, std::ptrdiff_t c, const std::vector<std::ptrdiff_t>& widths,
              std::vector<Grid<float>>& out) const {
+    const auto reach = static_cast<std::ptrdiff_t>(widths.size()) - 1;
     const float own_radius = radius(r, c);
     Layer front, own, behind;
     for (std::ptrdiff_t y = std::max(std::ptrdiff_t{0}, r - reach);
          y <= std::min(sharp[0].rows() - 1, r + reach); ++y) {
       const float* radius_row = radius.row(y).data();
-      for (std::ptrdiff_t x = std::max(std::ptrdiff_t{0}, c - reach);
-           x <= std::min(sharp[0].cols() - 1, c + reach); ++x) {
+      const std::ptrdiff_t width = widths[static_cast<std::size_t>(std::abs(r - y))];
+      for (std::ptrdiff_t x = std::max(std::ptrdiff_t{0}, c - width);
+           x <= std::min(sharp[0].cols() - 1, c + width); ++x) {
         const auto dx = static_cast<float>(c - x), dy = static_cast<float>(r - y);
         const float from = radius_row[x];
         const bool is_behind = from > own_radius + kSameLayer;
@@ -288,14 +296,20 @@ Result<void> apply(const DepthOfField& e, const Shot& shot, Frame& frame) {
   const EvenTiles even(sharp);
   const Spreader spreader{sharp, radius, aperture, areas};
   tbb::parallel_for(std::ptrdiff_t{0}, around.rows(), [&](std::ptrdiff_t i) {
+    std::vector<std::ptrdiff_t> widths;
     for (std::ptrdiff_t j = 0; j < around.cols(); ++j) {
       if (around(i, j) <= kNoTrace) continue;
-      const auto reach =
-          static_cast<std::ptrdiff_t>(std::ceil(around(i, j) * aperture.reach() + 0.5F));
+      const float beyond = aperture.beyond(around(i, j));
+      const auto reach = static_cast<std::ptrdiff_t>(beyond);
       if (even.around(i, j, reach)) continue;
+      widths.clear();
+      for (std::ptrdiff_t y = 0; y <= reach; ++y) {
+        const auto away = static_cast<float>(y);
+        widths.push_back(static_cast<std::ptrdiff_t>(std::sqrt(beyond * beyond - away * away)));
+      }
       for (std::ptrdiff_t r = i * kTile; r < std::min((i + 1) * kTile, radius.rows()); ++r)
         for (std::ptrdiff_t c = j * kTile; c < std::min((j + 1) * kTile, radius.cols()); ++c)
-          spreader.pixel(r, c, reach, frame.bands);
+          spreader.pixel(r, c, widths, frame.bands);
     }
   });
   return {};

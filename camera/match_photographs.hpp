@@ -5,8 +5,8 @@
 /// Exposure, white balance, lamp and camera poses that make renderings of a scene look like
 /// photographs of it.
 ///
-/// Room    camera:  scene, photographs, a start for each unknown -> [match] -> values with
-/// covariance Takes   linear light of photographs, seen by a pinhole (distortion taken off before)
+/// Room    camera:  scene, photographs, a start for each unknown -> [match] -> values, covariance
+/// Takes   linear light of photographs, seen by a pinhole (distortion taken off before)
 /// Gives   the start with what was searched in its place, and how sure each number is
 ///
 /// Method

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "camera/compare_perceptual.hpp"
+#include "camera/render.hpp"
 #include "camera/srgb.hpp"
 
 namespace maquette::camera {
@@ -475,6 +476,19 @@ PartComparison part_of(const std::vector<Sums>& all, std::size_t part) {
 }
 
 }  // namespace
+
+LoadedImage with_masks(Image image) {
+  Grid<float> lit(image.lit.rows(), image.lit.cols());
+  std::copy(image.lit.cells().begin(), image.lit.cells().end(), lit.cells().begin());
+  LoadedImage out;
+  out.names = image.bands.size() == 1 ? std::vector<std::string>{"Y"}
+                                      : std::vector<std::string>{"R", "G", "B"};
+  out.channels = std::move(image.bands);
+  out.names.insert(out.names.end(), {"Z", "lit"});
+  out.channels.push_back(std::move(image.depth_mm));
+  out.channels.push_back(std::move(lit));
+  return out;
+}
 
 std::vector<Grid<float>> linear_light(const LoadedImage& image) {
   auto channels = light_channels(image);

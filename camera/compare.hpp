@@ -15,6 +15,8 @@
 
 namespace maquette::camera {
 
+struct Image;  // render.hpp
+
 inline constexpr ErrorCode kImagesDiffer{"CAMERA_IMAGES_DIFFER_IN_SIZE"};
 
 struct ChannelComparison {
@@ -54,6 +56,10 @@ struct CompareOptions {
   bool pictures = true;     ///< difference and absolute, too
   int edge_px = 3;          ///< pixels this near to an edge of light and shadow are of the edge
 };
+
+/// A rendering as a file of it would be: its bands, "Z" and "lit", by which background and edges of
+/// shadows are known.
+[[nodiscard]] LoadedImage with_masks(Image image);
 
 /// The bands of light of a file, linear: those of 8 bits are taken for sRGB. In the order R, G, B.
 [[nodiscard]] std::vector<Grid<float>> linear_light(const LoadedImage& image);

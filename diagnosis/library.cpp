@@ -17,7 +17,7 @@ struct MakeStep {
     Form f{fmt::format("after {:.4f} of the program", share),
            {step_after(axis, share, "step_mm", size_mm, radius_mm)}};
     f.fixed = {{"moment_min", share * minutes}};
-    f.sign = size_mm > 0.0 ? 1 : size_mm < 0.0 ? -1 : 0;
+    f.sign = sign_of(size_mm);
     if (step > 1e-3)
       f.finer = [make = *this, share, step] {
         std::vector<Form> near;

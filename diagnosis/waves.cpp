@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <complex>
-#include <cstdint>
 #include <numbers>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -133,65 +132,77 @@ std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
   return waves;
 }
 
+/// Least squares of a quadric of plan.
+class Quadric {
+ public:
+  using Terms = Eigen::Matrix<double, 6, 1>;
+  [[nodiscard]] static Terms terms(double u, double v) { return {1.0, u, v, u * u, u * v, v * v}; }
+  void add(const Terms& t, double value) {
+    gram_ += t * t.transpose();
+    sum_ += value * t;
+  }
+  [[nodiscard]] Terms fitted() const { return gram_.ldlt().solve(sum_); }
+
+ private:
+  Eigen::Matrix<double, 6, 6> gram_ = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
+  Terms sum_ = Terms::Zero();
+};
+
 /// Residuals less a quadric of plan in each block.
 std::vector<double> unbowed(const std::vector<Observation>& all, std::vector<double> residual,
                             const Layout& l) {
-  using Shape = Eigen::Matrix<double, 6, 1>;
   const double side = l.cell_mm * static_cast<double>(l.block);
-  const auto shape = [&](Vec3 p) {
+  const auto terms = [&](Vec3 p) {
     const double u = (p.x - l.x0) / side, v = (p.y - l.y0) / side;
-    const double a = u - std::floor(u) - 0.5, b = v - std::floor(v) - 0.5;
-    return Shape{1.0, a, b, a * a, a * b, b * b};
+    return Quadric::terms(u - std::floor(u) - 0.5, v - std::floor(v) - 0.5);
   };
-  struct Block {
-    Eigen::Matrix<double, 6, 6> gram = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
-    Shape sum = Shape::Zero(), quadric;
-  };
-  std::vector<Block> blocks(l.set_of_block.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const int at = l.block_of(all[i].place.x, all[i].place.y);
-    if (at < 0) continue;
-    const Shape s = shape(all[i].place);
-    blocks[static_cast<std::size_t>(at)].gram += s * s.transpose();
-    blocks[static_cast<std::size_t>(at)].sum += residual[i] * s;
-  }
-  for (Block& b : blocks) b.quadric = b.gram.ldlt().solve(b.sum);
+  std::vector<Quadric> blocks(l.set_of_block.size());
   for (std::size_t i = 0; i < all.size(); ++i)
     if (const int at = l.block_of(all[i].place.x, all[i].place.y); at >= 0)
-      residual[i] -= blocks[static_cast<std::size_t>(at)].quadric.dot(shape(all[i].place));
+      blocks[static_cast<std::size_t>(at)].add(terms(all[i].place), residual[i]);
+  std::vector<Quadric::Terms> bows;
+  for (const Quadric& b : blocks) bows.push_back(b.fitted());
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if (const int at = l.block_of(all[i].place.x, all[i].place.y); at >= 0)
+      residual[i] -= bows[static_cast<std::size_t>(at)].dot(terms(all[i].place));
   return residual;
 }
 
-/// Slow waves along x or y alone, the two that leave least of the profile across the other axis
-/// once a bow has been taken off: numbers of waves over `span` (mm), 2 to 8. That they are there is
-/// for others to say. Choosing blocks only.
+/// Residuals of the choosing blocks less one quadric of plan, which they say; NaN: of the others.
+std::vector<double> without_a_bow(const std::vector<Observation>& all, std::vector<double> residual,
+                                  const Layout& layout, double span) {
+  const auto terms = [&](Vec3 p) {
+    return Quadric::terms(2.0 * (p.x - layout.x0) / span - 1.0,
+                          2.0 * (p.y - layout.y0) / span - 1.0);
+  };
+  Quadric quadric;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Vec3 p = all[i].place;
+    if (layout.set_of(p.x, p.y) == kChoose)
+      quadric.add(terms(p), residual[i]);
+    else
+      residual[i] = NAN;
+  }
+  const Quadric::Terms bow = quadric.fitted();
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if (!std::isnan(residual[i])) residual[i] -= bow.dot(terms(all[i].place));
+  return residual;
+}
+
+/// Slow waves along x or y alone, the two that leave least of the profile across the other axis:
+/// numbers of waves over `span` (mm), 2 to 8. That they are there is for others to say.
+/// @param residual  less a bow; NaN: not looked at
 std::vector<double> slow_waves(const std::vector<Observation>& all,
                                const std::vector<double>& residual, const Layout& layout, int axis,
                                double span) {
   constexpr std::size_t kBins = 256, kMost = 2;
   constexpr double kFirst = 2.0, kLast = 8.0, kStep = 0.25;
-  using Quadric = Eigen::Matrix<double, 6, 1>;
-  const auto quadric = [&](Vec3 p) {
-    const double u = 2.0 * (p.x - layout.x0) / span - 1.0, v = 2.0 * (p.y - layout.y0) / span - 1.0;
-    return Quadric{1.0, u, v, u * u, u * v, v * v};
-  };
-  Eigen::Matrix<double, 6, 6> gram = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
-  Quadric sum = Quadric::Zero();
-  std::vector<std::uint32_t> chosen;
-  for (std::uint32_t i = 0; i < all.size(); ++i) {
-    if (layout.set_of(all[i].place.x, all[i].place.y) != kChoose) continue;
-    chosen.push_back(i);
-    const Quadric q = quadric(all[i].place);
-    gram += q * q.transpose();
-    sum += residual[i] * q;
-  }
-  const Quadric bow = gram.ldlt().solve(sum);
   std::array<double, kBins> total{}, count{};
-  for (const std::uint32_t i : chosen) {
-    const Observation& o = all[i];
-    const double at = (axis == 0 ? o.tip.x - layout.x0 : o.tip.y - layout.y0) / span * kBins;
-    if (!(at >= 0.0 && at < kBins)) continue;
-    total[static_cast<std::size_t>(at)] += residual[i] - bow.dot(quadric(o.place));
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Vec3 tip = all[i].tip;
+    const double at = (axis == 0 ? tip.x - layout.x0 : tip.y - layout.y0) / span * kBins;
+    if (std::isnan(residual[i]) || !(at >= 0.0 && at < kBins)) continue;
+    total[static_cast<std::size_t>(at)] += residual[i];
     count[static_cast<std::size_t>(at)] += 1.0;
   }
   std::vector<double> taken;  // of the sum of squares, by number of waves
@@ -232,11 +243,13 @@ void append(std::vector<double>& waves, const std::vector<double>& more) {
 void find_waves(const std::vector<Observation>& all, const std::vector<double>& residual,
                 const Layout& layout, Scene& scene) {
   const std::vector<double> flat = unbowed(all, residual, layout);
-  scene.slow_waves_x = slow_waves(all, residual, layout, 0, 2.0 * scene.half_mm());
-  scene.slow_waves_y = slow_waves(all, residual, layout, 1, 2.0 * scene.half_mm());
+  const double span = 2.0 * scene.half_mm();
+  const std::vector<double> level = without_a_bow(all, residual, layout, span);
+  scene.slow_waves_x = slow_waves(all, level, layout, 0, span);
+  scene.slow_waves_y = slow_waves(all, level, layout, 1, span);
   for (const auto* r : {&residual, &flat}) {
-    append(scene.waves_x, strongest_waves(all, *r, layout, 0, 2.0 * scene.half_mm()));
-    append(scene.waves_y, strongest_waves(all, *r, layout, 1, 2.0 * scene.half_mm()));
+    append(scene.waves_x, strongest_waves(all, *r, layout, 0, span));
+    append(scene.waves_y, strongest_waves(all, *r, layout, 1, span));
     append(scene.waves_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
   }
 }

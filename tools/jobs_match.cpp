@@ -76,16 +76,7 @@ Result<camera::Comparison> beside(const camera::PreparedScene& prepared, const S
   RunContext quiet = run;
   quiet.progress = [](double) {};
   MAQUETTE_TRY(auto image, prepared.render(camera_of(scene), pose, lighting, options, quiet));
-  Grid<float> lit(image.lit.rows(), image.lit.cols());
-  std::copy(image.lit.cells().begin(), image.lit.cells().end(), lit.cells().begin());
-  camera::LoadedImage rendered;
-  rendered.names = image.bands.size() == 1 ? std::vector<std::string>{"Y"}
-                                           : std::vector<std::string>{"R", "G", "B"};
-  rendered.channels = std::move(image.bands);
-  rendered.names.insert(rendered.names.end(), {"Z", "lit"});
-  rendered.channels.push_back(std::move(image.depth_mm));
-  rendered.channels.push_back(std::move(lit));
-  auto result = camera::compare_images(photo.image, rendered, {});
+  auto result = camera::compare_images(photo.image, camera::with_masks(std::move(image)), {});
   if (!result) return tl::unexpected(std::move(result.error()).within(photo.name));
   return result;
 }

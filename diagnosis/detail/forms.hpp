@@ -73,9 +73,10 @@ template <class Change>
 }
 /// By how much balls are larger or smaller in forms that are made of a size.
 inline constexpr double kBallSizes_mm[] = {0.02, -0.02, 0.06, -0.06, 0.15, -0.15, 0.4, -0.4};
-/// A film of one thickness in hollows, too, about `size_mm` of it: the surface that a ball smaller
-/// by that would have left, its centre where it was.
-[[nodiscard]] Form film_on_balls(const Scene& scene, double size_mm);
+/// Form::sign of a form that is made of a size; 0: of none.
+[[nodiscard]] constexpr int sign_of(double size_mm) {
+  return size_mm > 0.0 ? 1 : size_mm < 0.0 ? -1 : 0;
+}
 /// Form::finer of make(value, step), a form of one positive parameter whose grid has the ratio
 /// `step`: three neighbours on either side at the `parts`-th root of it; none from `least` on.
 template <class Make>

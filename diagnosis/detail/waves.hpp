@@ -12,7 +12,7 @@ namespace maquette::diagnosis::detail {
 
 /// Waves of all kinds into the scene, of residuals as they are and of what is left of them by a
 /// quadric in each block: what is smooth over many passes (a bow) has the periodogram's strongest
-/// lines at the passes' own rhythm.
+/// lines at the passes' own rhythm. Slow ones, of guides, of what a bow of the whole part leaves.
 void find_waves(const std::vector<Observation>& all, const std::vector<double>& residual,
                 const Layout& layout, Scene& scene);
 

@@ -5,16 +5,21 @@
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
 
+/// A film of one thickness in hollows, too, about `size_mm` of it: the surface that a ball smaller
+/// by that would have left, its centre where it was.
 Form film_on_balls(const Scene& scene, double size_mm) {
   Form f{fmt::format("even film, in hollows too, about {} mm", size_mm),
          {cut_column(fmt::format("film_on_balls{}", size_mm), {"excess_mm", 1.0, 1.0}, size_mm,
                      scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {
                        return CutChange{{0.0, 0.0, 1.0}, -1.0};
                      })}};
-  f.sign = size_mm > 0.0 ? 1 : -1;
+  f.sign = sign_of(size_mm);
   return f;
 }
+
+}  // namespace
 
 void add_coating_thickness(std::vector<Effect>& all) {
   Effect e;

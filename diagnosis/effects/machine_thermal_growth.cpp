@@ -34,7 +34,7 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
                              radius_mm, [tau](const CutState& s) {
                                return along_axis(2, std::expm1(-s.path_share / tau));
                              })}};
-        f.sign = size_mm > 0.0 ? 1 : size_mm < 0.0 ? -1 : 0;
+        f.sign = sign_of(size_mm);
         f.fixed = {{"time_constant_min", tau * minutes}};
         f.finer = finer_by_ratio(*this, tau, step, 4, 1.01);
         f.alternatives = [make = *this, tau] {

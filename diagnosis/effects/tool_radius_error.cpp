@@ -26,7 +26,7 @@ void add_tool_radius_error(std::vector<Effect>& all) {
                          scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {
                            return CutChange{{}, 1.0};
                          })}};
-      f.sign = size > 0.0 ? 1 : -1;
+      f.sign = sign_of(size);
       forms.push_back(std::move(f));
     }
     return forms;

@@ -81,17 +81,6 @@ class Both {
   std::vector<SceneObject> objects_;
 };
 
-LoadedImage with_masks(const Image& image) {
-  Grid<float> lit(image.lit.rows(), image.lit.cols());
-  std::copy(image.lit.cells().begin(), image.lit.cells().end(), lit.cells().begin());
-  LoadedImage out{{"Z", "lit"}, {image.depth_mm, lit}};
-  for (std::size_t k = 0; k < image.bands.size(); ++k) {
-    out.names.emplace_back(image.bands.size() == 1 ? "Y" : std::string(1, "RGB"[k]));
-    out.channels.push_back(image.bands[k]);
-  }
-  return out;
-}
-
 class BesidePovray : public testing::TestWithParam<View> {};
 
 TEST_P(BesidePovray, LinearLightIsTheSameOutsideTheEdgesOfShadows) {

@@ -69,12 +69,16 @@ Passage through_box(Vec3 o, Vec3 d) {
   return p;
 }
 
+Result<RayScene> block_of(const heightmap::ModelField& field) {
+  RayObject block;
+  block.field = &field;
+  block.base_mm = -5.0;
+  return RayScene::build({block});
+}
+
 TEST(RayScene, ALevelFieldWithABaseIsABox) {
   const auto f = level_field(10.0F);
-  RayObject block;
-  block.field = &f;
-  block.base_mm = -5.0;
-  const auto scene = RayScene::build({block});
+  const auto scene = block_of(f);
   ASSERT_TRUE(scene);
   Draws draw{1};
   Box3 around = kBox;
@@ -118,10 +122,7 @@ heightmap::ModelField rough_field() {
 
 TEST(RayScene, NothingComesIntoABlockUnseen) {
   const auto f = rough_field();
-  RayObject block;
-  block.field = &f;
-  block.base_mm = -5.0;
-  const auto scene = RayScene::build({block});
+  const auto scene = block_of(f);
   ASSERT_TRUE(scene);
   Draws draw{2};
   // From outside the outline, above or below, to places under the lowest ground.

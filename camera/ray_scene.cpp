@@ -11,6 +11,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include "camera/detail/box_tree.hpp"
 #include "camera/detail/field_skirt.hpp"
 #include "core/check.hpp"
 #include "heightmap/field_tracer.hpp"
@@ -25,6 +26,13 @@ namespace {
 constexpr double kOffsetSteps = 4.0;
 /// Terrain is traced in double, whose steps are 2^-29 of a float's: a millionth is ample.
 constexpr double kFieldShare = 1e-6;
+/// What a mesh's box is wider than the mesh when rays are asked whether they may come to it, and
+/// how much farther they reach, in steps of offset_mm: more than Embree, which works in float, may
+/// be off by, and more than a hit is moved along its ray afterwards.
+constexpr double kBoxMargin = 4.0;
+
+/// So many rays are worked on together.
+constexpr std::size_t kTogether = 16;
 
 struct Span {
   double enter, leave;
@@ -139,6 +147,9 @@ struct RayScene::State {
   Vec3 middle;  ///< of the box; Embree's origin
   Box3 whole;   ///< of everything, model frame
   Group meshes, walls;
+  /// Of each mesh as it stands; widened as the group's box is, and no ray is asked about one less
+  /// far than Embree would look.
+  detail::BoxTree mesh_boxes;
   double offset_mm = 0.0;
   RTCDevice device = nullptr;
 
@@ -162,12 +173,21 @@ struct RayScene::State {
   void attach(unsigned int number);
   void measure(const std::vector<RayObject>& objects);
   void mesh_hit(Vec3 origin_mm, Vec3 direction, std::optional<RayHit>& nearest) const;
+  void mesh_hits(std::span<const Ray> rays, std::span<std::optional<RayHit>> nearest) const;
+  void wall_hit(Vec3 origin_mm, Vec3 direction, std::optional<RayHit>& nearest) const;
   void hit_in(const Group& group, Vec3 origin_mm, Vec3 direction,
               std::optional<RayHit>& nearest) const;
   [[nodiscard]] bool blocked_in(const Group& group, Vec3 start, Vec3 direction,
                                 double length) const;
   [[nodiscard]] bool may_meet_walls(Vec3 start, Vec3 direction, double length) const;
-  [[nodiscard]] bool mesh_blocks(Vec3 start, Vec3 to) const;
+  /// From off a surface, relative to the middle.
+  struct Way {
+    Vec3 start, direction;
+    double length;
+  };
+  [[nodiscard]] Way way_of(const ShadowRay& ray) const;
+  [[nodiscard]] bool walls_block(const Way& way) const;
+  void meshes_block(std::span<const ShadowRay> rays, std::span<bool> blocked) const;
   [[nodiscard]] heightmap::FieldTracer::Segment over_terrain(const ShadowRay& ray) const;
 };
 
@@ -255,17 +275,21 @@ void RayScene::State::measure(const std::vector<RayObject>& objects) {
   std::map<const TriMesh*, int> uses;
   for (const RayObject& o : objects)
     if (o.mesh != nullptr) ++uses[o.mesh];
+  std::vector<Box3> boxes;
   const auto add = [&](const TriMesh* mesh, const RigidTransform& pose, bool moved, bool skirt,
                        std::size_t object) {
     const Box3 part = mesh->bounds();
     if (part.empty()) return;
+    Box3 box;
     for (int corner = 0; corner < 8; ++corner) {
       const Vec3 p = pose.point({(corner & 1) != 0 ? part.max.x : part.min.x,
                                  (corner & 2) != 0 ? part.max.y : part.min.y,
                                  (corner & 4) != 0 ? part.max.z : part.min.z});
       (skirt ? walls : meshes).box.add(p);
+      box.add(p);
       whole.add(p);
     }
+    if (!skirt) boxes.push_back(box);
     geometries.push_back({mesh, pose, moved, skirt, static_cast<std::uint32_t>(object)});
   };
   for (std::size_t i = 0; i < objects.size(); ++i) {
@@ -296,6 +320,8 @@ void RayScene::State::measure(const std::vector<RayObject>& objects) {
     return box;
   };
   for (Group* group : {&meshes, &walls}) group->box = from_middle(group->box, offset_mm);
+  for (Box3& box : boxes) box = from_middle(box, kBoxMargin * offset_mm);
+  mesh_boxes = detail::BoxTree(boxes);
   for (const auto& mesh : skirt_meshes) {
     const Box3 box = mesh->bounds();
     Skirt skirt{from_middle(box, offset_mm), from_middle(box, -offset_mm)};
@@ -363,10 +389,31 @@ bool RayScene::State::may_meet_walls(Vec3 start, Vec3 direction, double length) 
 void RayScene::State::mesh_hit(Vec3 origin_mm, Vec3 direction,
                                std::optional<RayHit>& nearest) const {
   hit_in(meshes, origin_mm, direction, nearest);
+  wall_hit(origin_mm, direction, nearest);
+}
+
+void RayScene::State::wall_hit(Vec3 origin_mm, Vec3 direction,
+                               std::optional<RayHit>& nearest) const {
   if (walls.empty) return;
   const double length = nearest ? nearest->distance_mm : std::numeric_limits<double>::infinity();
   if (may_meet_walls(origin_mm - middle, direction, length))
     hit_in(walls, origin_mm, direction, nearest);
+}
+
+/// mesh_hit() of rays of one packet: Embree is asked only if one of them may come to a mesh.
+void RayScene::State::mesh_hits(std::span<const Ray> rays,
+                                std::span<std::optional<RayHit>> nearest) const {
+  detail::BoxTree::Bundle bundle;
+  if (!meshes.empty)
+    for (std::size_t i = 0; i < rays.size(); ++i)
+      bundle.add(rays[i].origin_mm - middle, rays[i].direction,
+                 nearest[i] ? nearest[i]->distance_mm + kBoxMargin * offset_mm
+                            : std::numeric_limits<double>::infinity());
+  const bool near_meshes = mesh_boxes.may_meet(bundle);
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    if (near_meshes) hit_in(meshes, rays[i].origin_mm, rays[i].direction, nearest[i]);
+    wall_hit(rays[i].origin_mm, rays[i].direction, nearest[i]);
+  }
 }
 
 void RayScene::State::hit_in(const Group& group, Vec3 origin_mm, Vec3 direction,
@@ -422,9 +469,6 @@ void keep_nearer(const std::optional<heightmap::FieldHit>& hit, std::uint32_t ob
       hit->distance_mm, hit->point_mm, hit->normal, object, 0, dot(direction, hit->normal) <= 0.0};
 }
 
-/// So many go through a terrain together.
-constexpr std::size_t kTogether = 16;
-
 }  // namespace
 
 std::optional<RayHit> RayScene::first_hit(Vec3 origin_mm, Vec3 direction) const {
@@ -439,28 +483,50 @@ void RayScene::first_hits(std::span<const Ray> rays, std::span<std::optional<Ray
   std::fill(hits.begin(), hits.end(), std::nullopt);
   std::array<heightmap::FieldTracer::Ray, kTogether> packet;
   std::array<std::optional<heightmap::FieldHit>, kTogether> met;
-  for (const auto& terrain : state_->terrains)
-    for (std::size_t first = 0; first < rays.size(); first += kTogether) {
-      const std::size_t n = std::min(kTogether, rays.size() - first);
-      for (std::size_t i = 0; i < n; ++i)
-        packet[i] = {rays[first + i].origin_mm, rays[first + i].direction};
+  for (std::size_t first = 0; first < rays.size(); first += kTogether) {
+    const std::size_t n = std::min(kTogether, rays.size() - first);
+    for (std::size_t i = 0; i < n; ++i)
+      packet[i] = {rays[first + i].origin_mm, rays[first + i].direction};
+    for (const auto& terrain : state_->terrains) {
       terrain.tracer.trace_many({packet.data(), n}, {met.data(), n});
       for (std::size_t i = 0; i < n; ++i)
         keep_nearer(met[i], terrain.object, rays[first + i].direction, hits[first + i]);
     }
-  for (std::size_t i = 0; i < rays.size(); ++i)
-    state_->mesh_hit(rays[i].origin_mm, rays[i].direction, hits[i]);
+    state_->mesh_hits(rays.subspan(first, n), hits.subspan(first, n));
+  }
 }
 
-bool RayScene::State::mesh_blocks(Vec3 start, Vec3 to) const {
-  if (geometries.empty()) return false;
-  const Vec3 way = to - start;
+RayScene::State::Way RayScene::State::way_of(const ShadowRay& ray) const {
+  const Vec3 start = ray.point_mm + offset_mm * ray.normal - middle;
+  const Vec3 way = ray.to_mm - middle - start;
   const double length = norm(way);
-  if (length <= offset_mm) return false;
-  const Vec3 direction = (1.0 / length) * way;
-  return blocked_in(meshes, start, direction, length) ||
-         (!walls.empty && may_meet_walls(start, direction, length) &&
-          blocked_in(walls, start, direction, length));
+  return {start, (1.0 / length) * way, length};
+}
+
+bool RayScene::State::walls_block(const Way& way) const {
+  return !walls.empty && way.length > offset_mm &&
+         may_meet_walls(way.start, way.direction, way.length) &&
+         blocked_in(walls, way.start, way.direction, way.length);
+}
+
+/// Rays of one packet that are not blocked: Embree is asked only if one of them may come to a mesh.
+void RayScene::State::meshes_block(std::span<const ShadowRay> rays, std::span<bool> blocked) const {
+  if (geometries.empty()) return;
+  std::array<Way, kTogether> ways;
+  detail::BoxTree::Bundle bundle;
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    if (blocked[i]) continue;
+    ways[i] = way_of(rays[i]);
+    if (!meshes.empty)
+      bundle.add(ways[i].start, ways[i].direction, ways[i].length + kBoxMargin * offset_mm);
+  }
+  const bool near_meshes = mesh_boxes.may_meet(bundle);
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    if (blocked[i]) continue;
+    blocked[i] = (near_meshes && ways[i].length > offset_mm &&
+                  blocked_in(meshes, ways[i].start, ways[i].direction, ways[i].length)) ||
+                 walls_block(ways[i]);
+  }
 }
 
 bool RayScene::State::blocked_in(const Group& group, Vec3 start, Vec3 direction,
@@ -489,7 +555,11 @@ bool RayScene::blocked(const ShadowRay& ray) const {
     const auto segment = s.over_terrain(ray);
     if (terrain.tracer.blocked(segment.origin_mm, segment.direction, segment.to_mm)) return true;
   }
-  return s.mesh_blocks(ray.point_mm + s.offset_mm * ray.normal - s.middle, ray.to_mm - s.middle);
+  if (s.geometries.empty()) return false;
+  const State::Way way = s.way_of(ray);
+  return (way.length > s.offset_mm &&
+          s.blocked_in(s.meshes, way.start, way.direction, way.length)) ||
+         s.walls_block(way);
 }
 
 void RayScene::blocked(std::span<const ShadowRay> rays, std::span<bool> blocked) const {
@@ -497,17 +567,15 @@ void RayScene::blocked(std::span<const ShadowRay> rays, std::span<bool> blocked)
   std::fill(blocked.begin(), blocked.end(), false);
   std::array<heightmap::FieldTracer::Segment, kTogether> packet;
   std::array<bool, kTogether> met;
-  for (const auto& terrain : s.terrains)
-    for (std::size_t first = 0; first < rays.size(); first += kTogether) {
-      const std::size_t n = std::min(kTogether, rays.size() - first);
+  for (std::size_t first = 0; first < rays.size(); first += kTogether) {
+    const std::size_t n = std::min(kTogether, rays.size() - first);
+    for (const auto& terrain : s.terrains) {
       for (std::size_t i = 0; i < n; ++i) packet[i] = s.over_terrain(rays[first + i]);
       terrain.tracer.blocked_many({packet.data(), n}, {met.data(), n});
       for (std::size_t i = 0; i < n; ++i) blocked[first + i] = blocked[first + i] || met[i];
     }
-  for (std::size_t i = 0; i < rays.size(); ++i)
-    blocked[i] =
-        blocked[i] || s.mesh_blocks(rays[i].point_mm + s.offset_mm * rays[i].normal - s.middle,
-                                    rays[i].to_mm - s.middle);
+    s.meshes_block(rays.subspan(first, n), blocked.subspan(first, n));
+  }
 }
 
 bool RayScene::inside(Vec3 point_mm) const {

@@ -10,6 +10,9 @@
 /// Embree works in float. Vertices therefore go in relative to the middle of the
 /// scene's box, rays start where they enter that box, and what is found is computed
 /// again in double on the triangle as it stands in the TriMesh.
+///
+/// Of rays that are asked together each sixteen go through a terrain as a packet, and come to Embree
+/// only if one of them may meet a mesh's box (detail/box_tree.hpp).
 
 #include <cstdint>
 #include <limits>

@@ -39,8 +39,10 @@
 ///           part alone; what its pose leaves open is part of what is stated); along the normal, as
 ///           deviations are: what was moved by 0.6 mm along z on slopes of 13 degrees is 0.585 mm
 ///           high (`along_z_mm` has the 0.6). Patches of one height from 3 mm (1.7 mm cells) to
-///           bands: normalised errors of 140 heights have rms 0.96, of diameters 1.07
+///           bands: normalised errors of 140 heights have rms 0.97, of diameters 1.06
 ///           (scan/detail/patches.hpp says how). Of a patch that is not of one height it is a mean.
+///           Small patches that hardly stand out are cut out of the points as discs where that
+///           explains more than cells do (scan/detail/disc_fit.hpp).
 
 #include <cstdint>
 #include <span>

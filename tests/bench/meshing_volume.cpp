@@ -16,6 +16,7 @@
 #include "meshing/settle_stones.hpp"
 #include "meshing/solid.hpp"
 #include "meshing/stones.hpp"
+#include "meshing_table.hpp"
 #include "support/bench_times.hpp"
 
 namespace maquette::meshing {
@@ -58,10 +59,11 @@ void level_set_case(const ModelField& field, double voxel_mm, bool with_peer) {
   Times start = now();
   const auto grid = detail::terrain_level_set(field, box, voxel_mm);
   const double cpu = now().cpu - start.cpu;
-  fmt::print(
-      "  {:6.2f} M columns from the grid: {:.2f} M per CPU s, {} M active voxels, {:.0f} MiB\n",
-      columns, columns / cpu, grid->activeVoxelCount() / 1000000,
-      static_cast<double>(grid->memUsage()) / 1048576.0);
+  const std::string name =
+      fmt::format("{:.2f} M columns, {:.1f} M active voxels, {:.0f} MiB: ", columns,
+                  1e-6 * static_cast<double>(grid->activeVoxelCount()),
+                  static_cast<double>(grid->memUsage()) / 1048576.0);
+  row(name + "from the grid", columns / cpu, "M columns per CPU s", at_least(2.5));
   if (!with_peer) return;
   const auto solid = grid_solid(field, {.base_z = Millimetres{low - 20.0}});
   if (!solid) return;
@@ -82,10 +84,11 @@ void level_set_case(const ModelField& field, double voxel_mm, bool with_peer) {
     most = std::fmax(most, std::abs(off));
     ++compared;
   }
-  fmt::print(
-      "  meshToLevelSet of the same: {:.3f} M columns per CPU s ({:.0f} times as long); within a "
-      "voxel of the surface they differ by {:.4f} voxel rms, {:.3f} at most\n",
-      columns / peer_cpu, peer_cpu / cpu, std::sqrt(squares / static_cast<double>(compared)), most);
+  row(name + "meshToLevelSet", columns / peer_cpu, "M columns per CPU s");
+  row("meshToLevelSet takes", peer_cpu / cpu, "times as long", at_least(80.0));
+  row("the two within a voxel of the surface, rms",
+      std::sqrt(squares / static_cast<double>(compared)), "voxel");
+  row("the two within a voxel of the surface, at most", most, "voxel");
 }
 
 void settle_case(const ModelField& field, int stones) {
@@ -145,12 +148,12 @@ void volume_case(const ModelField& field, int stones) {
     return;
   }
   const Times end = now();
-  fmt::print(
-      "  {} stones to {:.1f} mm on {} x {} nodes: {:.1f} M triangles, {:.1f} s, {:.1f} CPU s, "
-      "peak {:.2f} GiB\n",
-      placed.size(), largest, field.z_mm.cols(), field.z_mm.rows(),
-      1e-6 * static_cast<double>(solid->triangles.size()), end.wall - start.wall,
-      end.cpu - start.cpu, peak_mib() / 1024.0);
+  fmt::print("  {} stones to {:.1f} mm on {} x {} nodes, {:.1f} M triangles\n", placed.size(),
+             largest, field.z_mm.cols(), field.z_mm.rows(),
+             1e-6 * static_cast<double>(solid->triangles.size()));
+  row("united", end.wall - start.wall, "s by the clock", at_most(120.0));
+  row("united", end.cpu - start.cpu, "CPU s");
+  row("most memory", peak_mib() / 1024.0, "GiB", at_most(10.0));
   std::fflush(stdout);
   // One box tree a stone, asked only where its box is near.
   const double voxel = field.spacing.value(), reach = 5.0 * voxel;
@@ -173,7 +176,7 @@ void volume_case(const ModelField& field, int stones) {
   };
   // Each vertex of the top against the nearer of terrain and stone.
   double squares = 0.0, most_away = 0.0, seam = 0.0;
-  std::uint64_t away = 0, near = 0, exact = 0, within = 0;
+  std::uint64_t away = 0, near = 0, exact = 0;
   for (const Vec3& v : solid->vertices_mm) {
     const double ground = heightmap::height_at(field, v.x, v.y);
     const double off = std::abs(v.z - ground);
@@ -192,18 +195,17 @@ void volume_case(const ModelField& field, int stones) {
     const double nearer = std::fmin(stone, off);
     ++near;
     exact += nearer < 0.001;
-    within += nearer < 0.02;
     seam = std::fmax(seam, nearer);
   }
-  const auto percent = [&](std::uint64_t n) {
-    return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<std::uint64_t>(1, near));
-  };
-  fmt::print(
-      "  away from stones {} vertices, {:.2e} voxel rms, {:.2e} mm at most; near them {}: {:.1f} % "
-      "within 1 um of stone or terrain, {:.1f} % within 20 um, the others in the seam's fillet or "
-      "held back, {:.3f} mm at most\n",
-      away, std::sqrt(squares / static_cast<double>(std::max<std::uint64_t>(1, away))) / voxel,
-      most_away, near, percent(exact), percent(within), seam);
+  row(fmt::format("{} vertices away from stones, off the terrain, rms", away),
+      std::sqrt(squares / static_cast<double>(std::max<std::uint64_t>(1, away))) / voxel, "voxel",
+      at_most(0.05));
+  row("the same, at most", 1000.0 * most_away, "um", at_most(20.0));
+  row(fmt::format("{} near them, off the nearer of stone and terrain, at most", near),
+      1000.0 * seam, "um", at_most(20.0));
+  row("of those nearer than 1 um",
+      100.0 * static_cast<double>(exact) / static_cast<double>(std::max<std::uint64_t>(1, near)),
+      "%");
 }
 
 }  // namespace maquette::meshing

@@ -10,7 +10,7 @@
 namespace maquette::scan::detail {
 namespace {
 
-constexpr double kLeastWide = 0.4, kMostWide = 1.8;  // of the disc that began it
+constexpr double kLeastWide = 0.4, kMostWide = 1.8;        // of the disc that began it
 constexpr double kLeastAround = 12.0, kLeastInside = 3.0;  // points
 constexpr double kPrior = 20.0;  // points that scatter as is typical, beside the surroundings' own
 
@@ -35,8 +35,8 @@ std::optional<Base> base_of(const Disc& first, std::span<const Sample> around, d
   if (b.points < kLeastAround) return std::nullopt;
   b.level = sum / b.points;
   const double own = std::fmax(0.0, square - sum * b.level);
-  b.variance = first.inflation * first.inflation * (own + kPrior * typical) /
-               (b.points - 1.0 + kPrior);
+  b.variance =
+      first.inflation * first.inflation * (own + kPrior * typical) / (b.points - 1.0 + kPrior);
   return b;
 }
 
@@ -129,19 +129,19 @@ std::optional<DiscFit> fit_disc(const Disc& first, std::span<const Sample> aroun
          area = 0.0;
   const auto add_at = [&](double cx, double cy) {
     rings.look_from(cx, cy, most);
-      rings.each(least, most, [&](double from, double to, double n, double sum) {
-        if ((sum > 0.0) != up) return;
-        const double h = sum / n, own = base->variance / n;
-        const double gain = sum * h / base->variance;
-        const double w = std::exp(0.5 * (gain - best.gain)) * std::sqrt(own) * (to - from);
-        const double radius = 0.5 * (from + to), a = std::numbers::pi * radius * radius;
-        weight += w;
-        x += w * cx, y += w * cy;
-        d1 += w * 2.0 * radius, d2 += w * 4.0 * radius * radius;
-        h1 += w * h, h2 += w * (h * h + own);
-        area += w * a;
-        v1 += w * h * a, v2 += w * a * a * (h * h + own);
-      });
+    rings.each(least, most, [&](double from, double to, double n, double sum) {
+      if ((sum > 0.0) != up) return;
+      const double h = sum / n, own = base->variance / n;
+      const double gain = sum * h / base->variance;
+      const double w = std::exp(0.5 * (gain - best.gain)) * std::sqrt(own) * (to - from);
+      const double radius = 0.5 * (from + to), a = std::numbers::pi * radius * radius;
+      weight += w;
+      x += w * cx, y += w * cy;
+      d1 += w * 2.0 * radius, d2 += w * 4.0 * radius * radius;
+      h1 += w * h, h2 += w * (h * h + own);
+      area += w * a;
+      v1 += w * h * a, v2 += w * a * a * (h * h + own);
+    });
   };
   for (int i = 0; i <= 2 * kCoarse; ++i)
     for (int j = 0; j <= 2 * kCoarse; ++j) {

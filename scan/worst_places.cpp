@@ -6,7 +6,8 @@
 
 namespace maquette::scan {
 
-std::vector<WorstPlace> worst_places(const CellMap& map, std::size_t most, double apart_mm) {
+std::vector<WorstPlace> worst_places(const CellMap& map, std::size_t most, double apart_mm,
+                                     std::span<const Finding> findings) {
   struct Entry {
     float beyond_mm;
     std::ptrdiff_t r, c;
@@ -28,8 +29,13 @@ std::vector<WorstPlace> worst_places(const CellMap& map, std::size_t most, doubl
     if (std::any_of(places.begin(), places.end(),
                     [&](const WorstPlace& p) { return norm(p.at_mm - at) < apart_mm; }))
       continue;
+    const bool in_finding = std::any_of(findings.begin(), findings.end(), [&](const Finding& f) {
+      return !f.whole_part && at.x > f.min_mm.x && at.x < f.max_mm.x && at.y > f.min_mm.y &&
+             at.y < f.max_mm.y;
+    });
     places.push_back({at, static_cast<double>(map.mean_mm(e.r, e.c)),
-                      static_cast<double>(map.lod_mm(e.r, e.c)), map.significant(e.r, e.c) != 0});
+                      static_cast<double>(map.lod_mm(e.r, e.c)),
+                      in_finding || map.significant(e.r, e.c) != 0});
   }
   return places;
 }

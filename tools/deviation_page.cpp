@@ -26,7 +26,8 @@ constexpr std::size_t kMostRows = 40;       // of a table; summary.json has all
 /// As a person reads it: no exponents of a computer.
 std::string figure(double v, int digits) {
   const double size = std::abs(v);
-  if (size >= std::fmin(1e4, std::pow(10.0, digits)) && size < 1e15)
+  // Half a unit less: 999.7 is 1000, not 1e+03.
+  if (size >= std::fmin(1e4, std::pow(10.0, digits)) - 0.5 && size < 1e15)
     return fmt::format("{:.0f}", v);
   if (size >= 1e-4 || size == 0.0 || !std::isfinite(v)) return fmt::format("{:.{}g}", v, digits);
   if (size < 1e-12) return v > 0.0 ? "< 10\u207b\u00b9\u00b2" : "0";

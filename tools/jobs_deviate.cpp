@@ -275,7 +275,7 @@ json worst_of(const scan::Significance& s) {
   constexpr std::size_t kMost = 12;
   if (s.maps.empty()) return json::array();
   const scan::CellMap& map = s.maps[std::min<std::size_t>(1, s.maps.size() - 1)];
-  json worst = worst_places_json(scan::worst_places(map, kMost, 4.0 * map.cell_mm));
+  json worst = worst_places_json(scan::worst_places(map, kMost, 4.0 * map.cell_mm, s.findings));
   return {{"cell_mm", map.cell_mm}, {"places", worst}};
 }
 

@@ -141,6 +141,10 @@ TEST(WorstPlaces, AreTheLargestOfEachNeighbourhood) {
   EXPECT_NEAR(places[1].mean_mm, 0.3, 1e-7);
   EXPECT_NEAR(places[2].mean_mm, -0.3, 1e-7);
   EXPECT_FALSE(places[2].significant);
+  Finding wide;
+  wide.min_mm = {10.0, 24.0, 0.0};
+  wide.max_mm = {20.0, 30.0, 0.0};
+  EXPECT_TRUE(worst_places(map, 3, 5.0, {&wide, 1})[2].significant);
   EXPECT_EQ(worst_places(map, 1000, 100.0).size(), 1U);
   EXPECT_TRUE(worst_places(CellMap{}, 5, 1.0).empty());
 }

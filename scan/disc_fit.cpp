@@ -40,65 +40,95 @@ std::optional<Base> base_of(const Disc& first, std::span<const Sample> around, d
   return b;
 }
 
-/// Discs about one centre, of all widths: the points sorted by their distance from it.
+/// Discs about one centre, of all widths: the points in rings about it.
 class Rings {
  public:
-  Rings(std::span<const Sample> samples, double level) : samples_(samples), level_(level) {}
-
-  void look_from(double x, double y, double farthest) {
-    order_.clear();
-    for (const Sample& s : samples_) {
-      const double dx = s.x_mm - x, dy = s.y_mm - y, square = dx * dx + dy * dy;
-      if (square < farthest * farthest) order_.push_back({square, s.d_mm - level_});
+  /// @param most_mm   the largest radius
+  /// @param blur_mm   standard deviation of the beam
+  Rings(std::span<const Sample> samples, double level, double most_mm, double blur_mm)
+      : samples_(samples), level_(level), ring_mm_(most_mm / kRings), blurred_(1) {
+    // Share of the disc that a beam sees whose middle lies k rings outside of its edge: straight,
+    // as the edge of a disc that is several beams wide nearly is.
+    if (blur_mm > 0.1 * ring_mm_) {
+      blurred_ = static_cast<std::ptrdiff_t>(std::ceil(3.0 * blur_mm / ring_mm_));
+      for (std::ptrdiff_t k = -blurred_; k < blurred_; ++k)
+        share_.push_back(0.5 * std::erfc((static_cast<double>(k) + 0.5) * ring_mm_ /
+                                         (std::numbers::sqrt2 * blur_mm)));
+    } else {
+      share_ = {1.0, 0.0};
     }
-    std::sort(order_.begin(), order_.end(),
-              [](const At& a, const At& b) { return a.square < b.square; });
+    rings_.resize(static_cast<std::size_t>(kRings + blurred_) + 1);
   }
-  /// @param visit  called with the least and the most radius that hold the same points, their
-  ///               number and sum
+
+  void look_from(double x, double y) {
+    std::fill(rings_.begin(), rings_.end(), Ring{});
+    const auto end = static_cast<double>(rings_.size());
+    for (const Sample& s : samples_) {
+      const double at = std::hypot(s.x_mm - x, s.y_mm - y) / ring_mm_;
+      if (at >= end) continue;
+      Ring& ring = rings_[static_cast<std::size_t>(at)];
+      ring.n += 1.0;
+      ring.sum += s.d_mm - level_;
+    }
+  }
+  /// @param visit  called with the radius, the sum of squared shares and the sum of values by
+  ///               shares: a disc of height h makes of the second h times the first
   template <class Visit>
-  void each(double least, double most, const Visit& visit) const {
-    double sum = 0.0;
-    for (std::size_t k = 0; k < order_.size(); ++k) {
-      sum += order_[k].d;
-      const double from = std::sqrt(order_[k].square);
-      const double to = k + 1 < order_.size() ? std::sqrt(order_[k + 1].square) : most;
-      if (to <= least) continue;
-      if (from >= most) break;
-      const auto n = static_cast<double>(k + 1);
-      if (n >= kLeastInside) visit(std::fmax(from, least), std::fmin(to, most), n, sum);
+  void each(double least_mm, const Visit& visit) const {
+    double n = 0.0, sum = 0.0;  // of rings that lie in the disc as a whole
+    std::ptrdiff_t whole = 0;
+    for (std::ptrdiff_t edge = 1; edge <= kRings; ++edge) {
+      for (; whole < edge - blurred_; ++whole) {
+        n += rings_[static_cast<std::size_t>(whole)].n;
+        sum += rings_[static_cast<std::size_t>(whole)].sum;
+      }
+      const double radius = static_cast<double>(edge) * ring_mm_;
+      if (radius < least_mm) continue;
+      double n_all = n, sum_all = sum;
+      for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, edge - blurred_); k < edge + blurred_;
+           ++k) {
+        const double share = share_[static_cast<std::size_t>(k - edge + blurred_)];
+        const Ring& ring = rings_[static_cast<std::size_t>(k)];
+        n_all += share * share * ring.n;
+        sum_all += share * ring.sum;
+      }
+      if (n_all >= kLeastInside) visit(radius, n_all, sum_all);
     }
   }
 
  private:
-  struct At {
-    double square, d;
+  static constexpr std::ptrdiff_t kRings = 72;  // 40 of the disc that began it
+  struct Ring {
+    double n = 0.0, sum = 0.0;
   };
   std::span<const Sample> samples_;
-  double level_;
-  std::vector<At> order_;
+  double level_, ring_mm_;
+  std::ptrdiff_t blurred_;  ///< rings on either side of an edge that are partly in the disc
+  std::vector<double> share_;
+  std::vector<Ring> rings_;
 };
 
 struct Best {
-  double x = 0.0, y = 0.0, radius = 0.0, n = 0.0, sum = 0.0;
+  double x = 0.0, y = 0.0, radius = 0.0;
   double gain = -1.0;  ///< twice the logarithm of the likelihood
 };
 
 }  // namespace
 
-std::optional<DiscFit> fit_disc(const Disc& first, std::span<const Sample> around, double typical) {
+std::optional<DiscFit> fit_disc(const Disc& first, std::span<const Sample> around, double typical,
+                                double beam_diameter_mm) {
   const auto base = base_of(first, around, typical);
   if (!base) return std::nullopt;
   const double r0 = 0.5 * first.width_mm, least = kLeastWide * r0, most = kMostWide * r0;
   const bool up = first.z > 0.0;
-  Rings rings(around, base->level);
+  Rings rings(around, base->level, most, 0.25 * beam_diameter_mm);
   Best best;
   const auto try_at = [&](double x, double y) {
-    rings.look_from(x, y, most);
-    rings.each(least, most, [&](double from, double to, double n, double sum) {
+    rings.look_from(x, y);
+    rings.each(least, [&](double radius, double n, double sum) {
       const double gain = sum * sum / n / base->variance;
       if ((sum > 0.0) != up || gain <= best.gain) return;
-      best = {x, y, 0.5 * (from + to), n, sum, gain};
+      best = {x, y, radius, gain};
     });
   };
   // From coarse to fine: a step of r0 / 40 changes a disc's area by 3 %.
@@ -120,21 +150,21 @@ std::optional<DiscFit> fit_disc(const Disc& first, std::span<const Sample> aroun
   for (int i = -kCoarse; i <= kCoarse; ++i)
     for (int j = -kCoarse; j <= kCoarse; ++j) {
       double& gain = gains(i + kCoarse, j + kCoarse);
-      rings.look_from(best.x + coarse * j, best.y + coarse * i, most);
-      rings.each(least, most, [&](double, double, double n, double sum) {
+      rings.look_from(best.x + coarse * j, best.y + coarse * i);
+      rings.each(least, [&](double, double n, double sum) {
         if ((sum > 0.0) == up) gain = std::fmax(gain, sum * sum / n / base->variance);
       });
     }
   double weight = 0.0, x = 0.0, y = 0.0, d1 = 0.0, d2 = 0.0, h1 = 0.0, h2 = 0.0, v1 = 0.0, v2 = 0.0,
          area = 0.0;
   const auto add_at = [&](double cx, double cy) {
-    rings.look_from(cx, cy, most);
-    rings.each(least, most, [&](double from, double to, double n, double sum) {
+    rings.look_from(cx, cy);
+    rings.each(least, [&](double radius, double n, double sum) {
       if ((sum > 0.0) != up) return;
       const double h = sum / n, own = base->variance / n;
       const double gain = sum * h / base->variance;
-      const double w = std::exp(0.5 * (gain - best.gain)) * std::sqrt(own) * (to - from);
-      const double radius = 0.5 * (from + to), a = std::numbers::pi * radius * radius;
+      const double w = std::exp(0.5 * (gain - best.gain)) * std::sqrt(own);
+      const double a = std::numbers::pi * radius * radius;
       weight += w;
       x += w * cx, y += w * cy;
       d1 += w * 2.0 * radius, d2 += w * 4.0 * radius * radius;

@@ -461,8 +461,8 @@ double gain_of(const detail::FoundPatch& patch, const detail::DiscFit& fit,
 /// lie across cells. Adds to `kept`.
 void search_by_discs(std::span<const detail::Layer> layers, const detail::DiscSearch& discs,
                      std::span<const Vec3> points, std::span<const float> deviation,
-                     const Background& background, std::vector<CellMap>& maps,
-                     std::vector<detail::FoundPatch>& kept) {
+                     const Background& background, double beam_diameter_mm,
+                     std::vector<CellMap>& maps, std::vector<detail::FoundPatch>& kept) {
   const double typical = typical_variance(layers.front().cells);
   const double widest = kFitCells * layers.front().map.cell_mm;
   struct Seed {
@@ -490,7 +490,7 @@ void search_by_discs(std::span<const detail::Layer> layers, const detail::DiscSe
   std::vector<std::optional<detail::DiscFit>> fits(seeds.size());
   const auto samples = samples_about(narrow, points, deviation, background, layers.front().map);
   for (std::size_t k = 0; k < narrow.size(); ++k)
-    if (auto fit = detail::fit_disc(narrow[k], samples[k], typical);
+    if (auto fit = detail::fit_disc(narrow[k], samples[k], typical, beam_diameter_mm);
         fit && fit->gain < kShapeless * kShapeless)
       fits[seed_of[k]] = *fit;
 
@@ -529,7 +529,8 @@ void search_by_discs(std::span<const detail::Layer> layers, const detail::DiscSe
 
 Significance significance(std::span<const Vec3> points, std::span<const float> deviation,
                           std::span<const ScanPose> scans, double finest_mm,
-                          std::span<const float> slope_deg, const heightmap::ModelField* surface) {
+                          std::span<const float> slope_deg, const heightmap::ModelField* surface,
+                          double beam_diameter_mm) {
   MAQUETTE_CHECK(points.size() == deviation.size(), "{} points, {} deviations", points.size(),
                  deviation.size());
   MAQUETTE_CHECK(slope_deg.empty() || slope_deg.size() == points.size(), "{} points, {} slopes",
@@ -609,7 +610,8 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
   const auto discs = detail::search_discs(patch_layers, typical_variance(layers.front()),
                                           kFalseDisc, !background.there);
   result.limits = discs.limits;
-  search_by_discs(patch_layers, discs, points, deviation, background, result.maps, kept);
+  search_by_discs(patch_layers, discs, points, deviation, background, beam_diameter_mm, result.maps,
+                  kept);
   std::stable_sort(kept.begin(), kept.end(), [](const auto& f, const auto& g) {
     return f.finding.certainty > g.finding.certainty;
   });

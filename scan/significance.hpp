@@ -111,6 +111,7 @@ struct Significance {
                                         std::span<const float> deviation_mm,
                                         std::span<const ScanPose> scans, double finest_mm = 0.0,
                                         std::span<const float> slope_deg = {},
-                                        const heightmap::ModelField* surface = nullptr);
+                                        const heightmap::ModelField* surface = nullptr,
+                                        double beam_diameter_mm = 0.0);
 
 }  // namespace maquette::scan

@@ -127,7 +127,13 @@ scan::Significance significance_of(const MeasuredPart& all, const scan::Deviatio
   const auto& places = all.seen_at.empty() ? all.cloud.points_mm : moved;
   const std::span<const float> slopes =
       all.slope_deg.size() == places.size() ? all.slope_deg : std::span<const float>{};
-  return scan::significance(places, deviation.per_point_mm, all.scans, 0.0, slopes, &surface);
+  double beam = 0.0, points = 0.0;
+  for (const scan::Viewpoint& v : all.views) {
+    beam += static_cast<double>(v.points) * v.beam_diameter_mm;
+    points += static_cast<double>(v.points);
+  }
+  return scan::significance(places, deviation.per_point_mm, all.scans, 0.0, slopes, &surface,
+                            points > 0.0 ? beam / points : 0.0);
 }
 
 /// Where the points lie, how far off, and what of it is significant.
@@ -271,11 +277,11 @@ json profiles_of(const MeasuredPart& all, const Comparison& c, const Case& input
 
 /// The farthest from the design. Cells of the finest map hold a few points each: those of the next
 /// say more than their noise.
-json worst_of(const scan::Significance& s) {
+json worst_of(const scan::Significance& s, std::span<const scan::Finding> findings) {
   constexpr std::size_t kMost = 12;
   if (s.maps.empty()) return json::array();
   const scan::CellMap& map = s.maps[std::min<std::size_t>(1, s.maps.size() - 1)];
-  json worst = worst_places_json(scan::worst_places(map, kMost, 4.0 * map.cell_mm, s.findings));
+  json worst = worst_places_json(scan::worst_places(map, kMost, 4.0 * map.cell_mm, findings));
   return {{"cell_mm", map.cell_mm}, {"places", worst}};
 }
 
@@ -353,7 +359,7 @@ json summary_of(const MeasuredPart& all, const Comparison& c, const NominalPart&
       all.cloud.points_mm, c.deviation.per_point_mm, regions, c.by_design, &joint));
   summary["fitted_without_findings"] = c.fitted_again;
   summary["stations"] = stations_json(all);
-  summary["worst"] = worst_of(c.by_design);
+  summary["worst"] = worst_of(c.by_design, c.findings().findings);
   summary["budget"] = budget_json({});
   if (!c.findings().maps.empty()) {
     const scan::CellMap& cells = c.findings().maps.front();

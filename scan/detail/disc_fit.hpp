@@ -7,6 +7,9 @@
 /// Model    A disc of one height h on a level base, points with independent noise s. Given centre
 ///          and width the best h is the mean of the n points in the disc less the base, and the
 ///          likelihood exp(n h^2 / (2 s^2)).
+/// Beam     A range is a mean over the beam's width: the disc's edge is the integral of a Gaussian,
+/// as
+///          if it were straight.
 /// Size     Mean and standard deviation over that likelihood, flat in centre, width and height. Its
 ///          largest value alone would say nothing of how sure it is: the likelihood steps with
 ///          every point that enters the disc.
@@ -42,8 +45,10 @@ struct Sample {
 inline constexpr double kDiscWindow = 2.0;
 
 /// @param around  the points within kDiscWindow widths, of any order
+/// @param beam_diameter_mm  at the part, 1/e^2 of the intensity; 0: a ray
 /// @return nothing where the disc or its surroundings have too few points
 [[nodiscard]] std::optional<DiscFit> fit_disc(const Disc& first, std::span<const Sample> around,
-                                              double typical_variance);
+                                              double typical_variance,
+                                              double beam_diameter_mm = 0.0);
 
 }  // namespace maquette::scan::detail

@@ -161,6 +161,44 @@ TEST(Measure, RefusesAProgramOfAnotherPart) {
   EXPECT_THAT(measure(f.input), FailsWith(kOtherProgram));
 }
 
+/// Waves that a ball of 6 mm follows everywhere.
+double wavy(double x, double y) {
+  return std::cos(x / 9.0) + 0.7 * std::cos(y / 7.0);
+}
+
+/// Lines along x (or y) of a ball that touches the waves, 0.5 mm apart.
+std::string raster(bool along_x) {
+  std::string program = "G21 G90 F2000\nG0 X-2 Y-2 Z30\n";
+  constexpr int kLines = 121, kStops = 121;
+  for (int i = 0; i < kLines; ++i)
+    for (int j = 0; j < kStops; ++j) {
+      const double across = 0.5 * i, along = 0.5 * (i % 2 == 0 ? j : kStops - 1 - j);
+      const double x = along_x ? along : across, y = along_x ? across : along;
+      const Vec3 n = normalized(Vec3{std::sin(x / 9.0) / 9.0, 0.7 * std::sin(y / 7.0) / 7.0, 1.0});
+      const Vec3 tip = Vec3{x, y, wavy(x, y)} + 3.0 * n - Vec3{0.0, 0.0, 3.0};
+      program += fmt::format("G1 X{:.4f} Y{:.4f} Z{:.4f}\n", tip.x, tip.y, tip.z);
+    }
+  return program + "G0 Z30\nM30\n";
+}
+
+// Of two rasters over the same ground either may be what is left: up or down then is no mere sign.
+// Neighbouring lines of one raster are close in height, too, but made at nearly the same time.
+TEST(Measure, SeesThatRastersCross) {
+  for (const bool crossing : {false, true}) {
+    Files f;
+    for (std::ptrdiff_t r = 0; r < f.design.z_mm.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < f.design.z_mm.cols(); ++c)
+        f.design.z_mm(r, c) = static_cast<float>(wavy(f.design.x_mm(c), f.design.y_mm(r)));
+    ASSERT_THAT(heightmap::write_model_field(f.design, f.input.design), Succeeds());
+    f.scan(points_on(f.design, 20'000, 1));
+    f.input.programs = {f.text("x.ngc", raster(true))};
+    if (crossing) f.input.programs.push_back(f.text("y.ngc", raster(false)));
+    const auto m = measure(f.input);
+    ASSERT_THAT(m, Succeeds());
+    EXPECT_EQ(m->scene.passes_cross, crossing);
+  }
+}
+
 TEST(Measure, RefusesTooFewAndTooNarrow) {
   Files few;
   few.scan(points_on(few.design, 40, 1));

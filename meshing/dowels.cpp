@@ -52,8 +52,8 @@ std::vector<double> places_along(double from, double to, double end_mm, double h
   const double free = to - from - 2.0 * end_mm;
   if (free < 0.0) return {};
   if (free < 2.0 * half_mm) return {0.5 * (from + to)};
-  const double gaps =
-      std::clamp(std::ceil(free / o.spacing_mm), 1.0, std::floor(free / (2.0 * half_mm)));
+  const double most = std::floor(free / (2.0 * half_mm + o.between_mm));
+  const double gaps = std::clamp(std::ceil(free / o.spacing_mm), 1.0, std::fmax(1.0, most));
   std::vector<double> places;
   for (double i = 0.0; i <= gaps; i += 1.0) places.push_back(from + end_mm + free * i / gaps);
   return places;
@@ -64,16 +64,18 @@ Result<void> check_options(const DowelOptions& o, Millimetres base_thickness) {
                                            {"play", o.play_mm, 0.0},
                                            {"depth", o.depth_mm, 0.1},
                                            {"wall", o.wall_mm, 0.1},
+                                           {"room between holes", o.between_mm, 0.0},
                                            {"spacing", o.spacing_mm, 1.0}})
     if (!(value >= least && value <= 1e4))
-      return fail(kDowelDoesNotFit, fmt::format("a dowel's {} of {} mm; {} to 10000 mm expected",
-                                                name, value, least));
+      return fail(kDowelDoesNotFit,
+                  fmt::format("a hole's {} of {} mm; {} to 10000 mm expected", name, value, least));
   const double needed = 2.0 * (hole_radius_mm(o) + o.wall_mm);
   if (base_thickness.value() < needed)
-    return fail(kDowelDoesNotFit,
-                fmt::format("holes for dowels of {:g} mm with walls of {:g} mm take a base of "
-                            "{:.2f} mm; it has {:g} mm: a thicker base or thinner dowels would do",
-                            o.diameter_mm, o.wall_mm, needed, base_thickness.value()));
+    return fail(
+        kDowelDoesNotFit,
+        fmt::format("holes for {:g} mm with walls of {:g} mm take a base of {:.2f} mm; it "
+                    "has {:g} mm: a thicker base, thinner dowels or smaller magnets would do",
+                    o.diameter_mm, o.wall_mm, needed, base_thickness.value()));
   return {};
 }
 
@@ -91,133 +93,87 @@ Result<void> check_tile(const ModelField& surface, const Tile& t, const DowelOpt
 
 // ---- boring --------------------------------------------------------------------
 
-/// A mesh whose walls are opened hole by hole.
-class Borer {
- public:
-  Borer(const ModelField& surface, const Tile& tile, const DowelOptions& o)
-      : surface_(surface), window_(tile.nodes), options_(o) {}
+/// Which of the outline's edges, from the south-western corner counter-clockwise, nodes first ..
+/// last of a wall bound, counted in the whole's rows or columns.
+std::uint64_t first_edge(const NodeWindow& w, WallSide side, ptrdiff_t first, ptrdiff_t last) {
+  const ptrdiff_t c = w.cols() - 1, r = w.rows() - 1;
+  switch (side) {
+    case WallSide::south:
+      return static_cast<std::uint64_t>(first - w.col0);
+    case WallSide::east:
+      return static_cast<std::uint64_t>(c + first - w.row0);
+    case WallSide::north:
+      return static_cast<std::uint64_t>(c + r + w.col1 - last);
+    case WallSide::west:
+      return static_cast<std::uint64_t>(2 * c + r + w.row1 - last);
+  }
+  return 0;
+}
 
-  void load(const GridSolidStream& solid) {
-    mesh_.vertices_mm.resize(solid.vertex_count());
-    mesh_.triangles.resize(solid.triangle_count());
-    solid.vertices(0, mesh_.vertices_mm);
-    solid.triangles(0, mesh_.triangles);
-    gone_.assign(mesh_.triangles.size(), false);
+EngravedWall bore(const ModelField& surface, const Tile& tile, double base_mm, const Dowel& dowel,
+                  bool tile_is_after, const DowelOptions& options) {
+  const bool across_x = dowel.along_x;
+  // South and north walls run along x, west and east ones along y.
+  const double middle = across_x ? dowel.centre_mm.y : dowel.centre_mm.x;
+  const double origin = across_x ? surface.y0.value() : surface.x0.value();
+  const double d = surface.spacing.value();
+  const double reach = hole_radius_mm(options) + options.wall_mm;
+  const auto first = static_cast<ptrdiff_t>(std::floor((middle - reach - origin) / d));
+  const auto last = static_cast<ptrdiff_t>(std::ceil((middle + reach - origin) / d));
+  const WallSide side = across_x ? (tile_is_after ? WallSide::west : WallSide::east)
+                                 : (tile_is_after ? WallSide::south : WallSide::north);
+  const ptrdiff_t line = across_x ? (tile_is_after ? tile.nodes.col0 : tile.nodes.col1)
+                                  : (tile_is_after ? tile.nodes.row0 : tile.nodes.row1);
+  // Outline of the wall between two nodes: base from first to last, then the top back. The tile's
+  // outline runs the other way in the north and the west.
+  const bool rising = side == WallSide::south || side == WallSide::east;
+  const auto nodes = static_cast<std::uint32_t>(last - first + 1);
+  std::vector<std::uint32_t> corners;
+  std::vector<Flat> outline, hole;
+  const auto add_node = [&](ptrdiff_t i, bool top) {
+    const auto along = static_cast<std::uint32_t>(rising ? i - first : last - i);
+    corners.push_back(top ? nodes + along : along);
+    const auto z = static_cast<double>(across_x ? surface.z_mm(i, line) : surface.z_mm(line, i));
+    outline.push_back({across_x ? surface.y_mm(i) : surface.x_mm(i), top ? z : base_mm});
+  };
+  for (ptrdiff_t i = first; i <= last; ++i) add_node(i, false);
+  for (ptrdiff_t i = last; i >= first; --i) add_node(i, true);
+  const double r = hole_radius_mm(options);
+  for (int k = 0; k < kDowelSides; ++k) {
+    const double turn = 2.0 * std::numbers::pi * k / kDowelSides;
+    hole.push_back({middle + r * std::cos(turn), dowel.centre_mm.z + r * std::sin(turn)});
   }
-
-  void bore(const Dowel& dowel, bool tile_is_after) {
-    const bool across_x = dowel.along_x;
-    // South and north walls run along x, west and east ones along y.
-    const double middle = across_x ? dowel.centre_mm.y : dowel.centre_mm.x;
-    const double origin = across_x ? surface_.y0.value() : surface_.x0.value();
-    const double d = surface_.spacing.value();
-    const double reach = hole_radius_mm(options_) + options_.wall_mm;
-    const auto first = static_cast<ptrdiff_t>(std::floor((middle - reach - origin) / d));
-    const auto last = static_cast<ptrdiff_t>(std::ceil((middle + reach - origin) / d));
-    const Side side = across_x ? (tile_is_after ? Side::west : Side::east)
-                               : (tile_is_after ? Side::south : Side::north);
-    // Outline of the wall between two nodes: base from first to last, then the top back.
-    std::vector<std::uint32_t> corners;
-    std::vector<Flat> outline, hole;
-    for (ptrdiff_t i = first; i <= last; ++i) corners.push_back(low(side, i));
-    for (ptrdiff_t i = last; i >= first; --i) corners.push_back(high(side, i));
-    for (const std::uint32_t v : corners) {
-      const Vec3 p = mesh_.vertices_mm[v];
-      outline.push_back({across_x ? p.y : p.x, p.z});
-    }
-    const double r = hole_radius_mm(options_);
-    for (int k = 0; k < kDowelSides; ++k) {
-      const double turn = 2.0 * std::numbers::pi * k / kDowelSides;
-      hole.push_back({middle + r * std::cos(turn), dowel.centre_mm.z + r * std::sin(turn)});
-    }
-    for (ptrdiff_t i = first; i < last; ++i) remove_wall(side, i);
-    // Seen against y the coordinates x, z turn as they should for a southern wall, and against x
-    // the coordinates y, z for an eastern one; the other two look the other way.
-    const bool as_is = side == Side::south || side == Side::east;
-    const auto rim = static_cast<std::uint32_t>(mesh_.vertices_mm.size());
-    const double inward = (tile_is_after ? 1.0 : -1.0) * options_.depth_mm;
-    for (const double depth : {0.0, inward})
-      for (const Flat& p : hole)
-        mesh_.vertices_mm.push_back(across_x ? Vec3{dowel.centre_mm.x + depth, p.s, p.z}
-                                             : Vec3{p.s, dowel.centre_mm.y + depth, p.z});
-    const auto count = static_cast<std::uint32_t>(corners.size());
-    for (const auto& t : detail::triangulate_ring(outline, hole)) {
-      const auto vertex = [&](std::uint32_t i) { return i < count ? corners[i] : rim + i - count; };
-      add({vertex(t[0]), vertex(t[1]), vertex(t[2])}, as_is);
-    }
-    line_hole(rim, as_is);
+  EngravedWall out;
+  out.first_edge = first_edge(tile.nodes, side, first, last);
+  out.edges = static_cast<std::uint64_t>(last - first);
+  // Seen against y the coordinates x, z turn as they should for a southern wall, and against x
+  // the coordinates y, z for an eastern one; the other two look the other way.
+  const auto add = [&](std::array<std::uint32_t, 3> t) {
+    if (!rising) std::swap(t[1], t[2]);
+    out.triangles.push_back(t);
+  };
+  const std::uint32_t rim = 2 * nodes;
+  const double inward = (tile_is_after ? 1.0 : -1.0) * options.depth_mm;
+  for (const double depth : {0.0, inward})
+    for (const Flat& p : hole)
+      out.vertices_mm.push_back(across_x ? Vec3{dowel.centre_mm.x + depth, p.s, p.z}
+                                         : Vec3{p.s, dowel.centre_mm.y + depth, p.z});
+  for (const auto& t : detail::triangulate_ring(outline, hole)) {
+    const auto vertex = [&](std::uint32_t i) { return i < rim ? corners[i] : i; };
+    add({vertex(t[0]), vertex(t[1]), vertex(t[2])});
   }
-
-  TriMesh take() {
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < mesh_.triangles.size(); ++i)
-      if (i >= gone_.size() || !gone_[i]) mesh_.triangles[kept++] = mesh_.triangles[i];
-    mesh_.triangles.resize(kept);
-    return std::move(mesh_);
+  // From the rim's ring to the one behind it, and the bottom.
+  constexpr auto n = static_cast<std::uint32_t>(kDowelSides);
+  for (std::uint32_t k = 0; k < n; ++k) {
+    const std::uint32_t a = rim + k, b = rim + (k + 1) % n;
+    add({a, b, b + n});
+    add({a, b + n, a + n});
+    if (k > 0 && k + 1 < n) add({rim + n, a + n, b + n});
   }
-
- private:
-  enum class Side { south, east, north, west };
-
-  /// Place on the rim (grid_stream.hpp), counter-clockwise from the south-western corner.
-  [[nodiscard]] ptrdiff_t rim_of(Side side, ptrdiff_t node) const {
-    const ptrdiff_t c = window_.cols() - 1, r = window_.rows() - 1;
-    switch (side) {
-      case Side::south:
-        return node - window_.col0;
-      case Side::east:
-        return c + node - window_.row0;
-      case Side::north:
-        return c + r + window_.col1 - node;
-      case Side::west:
-        return 2 * c + r + window_.row1 - node;
-    }
-    return 0;
-  }
-  [[nodiscard]] ptrdiff_t rim_count() const { return 2 * (window_.cols() + window_.rows() - 2); }
-  [[nodiscard]] std::uint32_t low(Side side, ptrdiff_t node) const {
-    return static_cast<std::uint32_t>(window_.rows() * window_.cols() +
-                                      rim_of(side, node) % rim_count());
-  }
-  [[nodiscard]] std::uint32_t high(Side side, ptrdiff_t node) const {
-    ptrdiff_t row = node - window_.row0, col = node - window_.col0;
-    if (side == Side::south) row = 0;
-    if (side == Side::north) row = window_.rows() - 1;
-    if (side == Side::west) col = 0;
-    if (side == Side::east) col = window_.cols() - 1;
-    return static_cast<std::uint32_t>(row * window_.cols() + col);
-  }
-  /// Between a node and the next one along the joint.
-  void remove_wall(Side side, ptrdiff_t node) {
-    const ptrdiff_t segment = std::min(rim_of(side, node), rim_of(side, node + 1));
-    const ptrdiff_t top = 2 * (window_.rows() - 1) * (window_.cols() - 1);
-    for (const ptrdiff_t i : {0, 1}) {
-      const auto at = static_cast<std::size_t>(top + 3 * segment + i);
-      MAQUETTE_CHECK(!gone_[at], "holes meet at node {}", node);
-      gone_[at] = true;
-    }
-  }
-  void add(std::array<std::uint32_t, 3> t, bool as_is) {
-    if (!as_is) std::swap(t[1], t[2]);
-    mesh_.triangles.push_back(t);
-  }
-  /// From the rim's ring to the one behind it, and the bottom.
-  void line_hole(std::uint32_t rim, bool as_is) {
-    constexpr auto n = static_cast<std::uint32_t>(kDowelSides);
-    for (std::uint32_t k = 0; k < n; ++k) {
-      const std::uint32_t a = rim + k, b = rim + (k + 1) % n;
-      add({a, b, b + n}, as_is);
-      add({a, b + n, a + n}, as_is);
-      if (k > 0 && k + 1 < n) add({rim + n, a + n, b + n}, as_is);
-    }
-  }
-
-  const ModelField& surface_;
-  NodeWindow window_;
-  DowelOptions options_;
-  TriMesh mesh_;
-  std::vector<bool> gone_;
-};
+  out.volume_mm3 = hole_volume_mm3(options);
+  out.floor_area_mm2 = out.volume_mm3 / options.depth_mm;
+  return out;
+}
 
 }  // namespace
 
@@ -254,16 +210,48 @@ Result<std::vector<Dowel>> place_dowels(const ModelField& surface, std::span<con
   return dowels;
 }
 
-Result<TriMesh> bored_solid(const ModelField& surface, const Tile& tile, Millimetres base_z,
-                            std::span<const Dowel> dowels, const DowelOptions& options) {
-  MAQUETTE_TRY(const auto solid,
-               GridSolidStream::create(surface, tile.nodes, SolidOptions{.base_z = base_z}));
-  Borer borer(surface, tile, options);
-  borer.load(solid);
+double room_along_mm(const ModelField& surface, const DowelOptions& options) {
+  return 2.0 * half_room_mm(surface, options);
+}
+
+std::vector<Dowel> place_between(const ModelField& surface, std::span<const Dowel> dowels,
+                                 const DowelOptions& of_dowels, const DowelOptions& options) {
+  const double needed = room_along_mm(surface, of_dowels) + room_along_mm(surface, options);
+  std::vector<Dowel> between;
+  for (std::size_t i = 0; i + 1 < dowels.size(); ++i) {
+    const Dowel &a = dowels[i], &b = dowels[i + 1];
+    if (a.tiles != b.tiles || norm(b.centre_mm - a.centre_mm) < needed) continue;
+    between.push_back({.number = static_cast<int>(between.size() + 1),
+                       .tiles = a.tiles,
+                       .along_x = a.along_x,
+                       .centre_mm = 0.5 * (a.centre_mm + b.centre_mm)});
+    // The joint's own coordinate, to the bit.
+    Vec3& c = between.back().centre_mm;
+    (a.along_x ? c.x : c.y) = a.along_x ? a.centre_mm.x : a.centre_mm.y;
+  }
+  return between;
+}
+
+std::vector<EngravedWall> bored_walls(const ModelField& surface, const Tile& tile,
+                                      Millimetres base_z, std::span<const Dowel> dowels,
+                                      const DowelOptions& options) {
+  std::vector<EngravedWall> walls;
   for (const Dowel& dowel : dowels)
     for (const std::size_t side : {0U, 1U})
-      if (dowel.tiles[side] == tile.number) borer.bore(dowel, side == 1);
-  return borer.take();
+      if (dowel.tiles[side] == tile.number)
+        walls.push_back(bore(surface, tile, base_z.value(), dowel, side == 1, options));
+  return walls;
+}
+
+Millimetres bored_depth(const Tile& tile, std::span<const Dowel> dowels, WallSide side,
+                        const DowelOptions& options) {
+  for (const Dowel& d : dowels) {
+    const bool first = d.tiles[0] == tile.number, second = d.tiles[1] == tile.number;
+    const WallSide at = d.along_x ? (second ? WallSide::west : WallSide::east)
+                                  : (second ? WallSide::south : WallSide::north);
+    if ((first || second) && at == side) return Millimetres{options.depth_mm};
+  }
+  return Millimetres{0.0};
 }
 
 }  // namespace maquette::meshing

@@ -2,13 +2,15 @@
 #pragma once
 
 /// @file dowels.hpp
-/// Holes for dowels in the joints between tiles, so that they meet where they were cut.
+/// Holes for dowels and magnets in the joints between tiles, so that they meet where they were cut
+/// and stay together.
 ///
-/// Room    meshing:  tiles -> [dowels] -> bands on disk
-/// Takes   a field, its tiles (tiles.hpp), a dowel's diameter and length
-/// Gives   where dowels sit; each tile's solid with its halves of the holes
+/// Room    meshing:  tiles -> [dowels] -> shaped_solid -> bands on disk
+/// Takes   a field, its tiles (tiles.hpp), diameter and length of what goes into the holes
+/// Gives   where holes sit; for each tile and hole the piece of wall that replaces the plain one
+///         (engraving.hpp)
 ///
-/// A hole is a prism of 32 sides round the dowel (the dowel with its play fits in it), level,
+/// A hole is a prism of 32 sides round the dowel or magnet (which with its play fits in it), level,
 /// square to the joint, at the same height in all of the part: in the middle of the base, which
 /// lies under every node. Around it the wall is triangulated anew (CGAL's constrained Delaunay
 /// triangulation) in coordinates that do not know on which side the tile lies: both tiles have the
@@ -20,22 +22,24 @@
 #include <vector>
 
 #include "core/result.hpp"
-#include "core/tri_mesh.hpp"
+#include "meshing/engraving.hpp"
 #include "meshing/tiles.hpp"
 
 namespace maquette::meshing {
 
 inline constexpr ErrorCode kDowelDoesNotFit{"MESHING_DOWEL_DOES_NOT_FIT"};
 
+/// Of holes of one kind; a magnet's depth is what of it goes into each tile.
 struct DowelOptions {
   double diameter_mm = 4.0;
   double play_mm = 0.2;       ///< a hole is wider than its dowel by that
   double depth_mm = 10.0;     ///< of a hole, in each of the two tiles
   double wall_mm = 2.0;       ///< least material around a hole
   double spacing_mm = 200.0;  ///< from one to the next along a joint, at most; never fewer than two
+  double between_mm = 0.0;    ///< room that is left free between two of them, for holes of others
 };
 
-/// A level cylinder with its middle on a joint.
+/// A level cylinder with its middle on a joint: a dowel, or a pair of magnets.
 struct Dowel {
   int number = 0;              ///< 1, 2, ...
   std::array<int, 2> tiles{};  ///< south or west of the joint, north or east of it
@@ -59,11 +63,29 @@ inline constexpr int kDowelSides = 32;
                                                       Millimetres base_thickness,
                                                       const DowelOptions& options);
 
-/// The tile's solid with its holes, in memory. MESHING_SURFACE_HAS_VOIDS, MESHING_BASE_TOO_THIN.
-/// @pre the dowels are those of place_dowels for this surface, base and these tiles
-[[nodiscard]] Result<TriMesh> bored_solid(const heightmap::ModelField& surface, const Tile& tile,
-                                          Millimetres base_z, std::span<const Dowel> dowels,
-                                          const DowelOptions& options);
+/// Along a joint, with its walls and to the next nodes: what a hole of this kind takes.
+[[nodiscard]] double room_along_mm(const heightmap::ModelField& surface,
+                                   const DowelOptions& options);
+
+/// One in the middle between two neighbours of a joint, where there is room for it: magnets among
+/// dowels. @pre the dowels are those of place_dowels for this surface
+[[nodiscard]] std::vector<Dowel> place_between(const heightmap::ModelField& surface,
+                                               std::span<const Dowel> dowels,
+                                               const DowelOptions& of_dowels,
+                                               const DowelOptions& options);
+
+/// The tile's walls with its halves of the holes, one piece each.
+/// @pre the dowels are those of place_dowels or place_between for this surface, base and these
+///      tiles
+[[nodiscard]] std::vector<EngravedWall> bored_walls(const heightmap::ModelField& surface,
+                                                    const Tile& tile, Millimetres base_z,
+                                                    std::span<const Dowel> dowels,
+                                                    const DowelOptions& options);
+
+/// How deep holes go into a wall of the tile; 0 where there are none. A hollow tile is so much
+/// thicker there (HollowOptions::cut).
+[[nodiscard]] Millimetres bored_depth(const Tile& tile, std::span<const Dowel> dowels,
+                                      WallSide side, const DowelOptions& options);
 
 namespace detail {
 

@@ -20,26 +20,24 @@ using std::ptrdiff_t;
 /// rounding comes in.
 class Wall {
  public:
-  Wall(const ModelField& surface, WallSide side) : surface_(surface), side_(side) {}
+  Wall(const ModelField& surface, const NodeWindow& window, WallSide side)
+      : surface_(surface), window_(window), side_(side) {}
 
   [[nodiscard]] bool along_x() const {
     return side_ == WallSide::south || side_ == WallSide::north;
   }
-  [[nodiscard]] ptrdiff_t edges() const {
-    return (along_x() ? surface_.z_mm.cols() : surface_.z_mm.rows()) - 1;
-  }
+  [[nodiscard]] ptrdiff_t edges() const { return along_x() ? last_col() : last_row(); }
   /// Of the outline, from its left end.
   [[nodiscard]] std::uint64_t first_edge() const {
-    const ptrdiff_t rows = surface_.z_mm.rows() - 1, cols = surface_.z_mm.cols() - 1;
     switch (side_) {
       case WallSide::south:
         return 0;
       case WallSide::east:
-        return static_cast<std::uint64_t>(cols);
+        return static_cast<std::uint64_t>(last_col());
       case WallSide::north:
-        return static_cast<std::uint64_t>(cols + rows);
+        return static_cast<std::uint64_t>(last_col() + last_row());
       case WallSide::west:
-        return static_cast<std::uint64_t>(2 * cols + rows);
+        return static_cast<std::uint64_t>(2 * last_col() + last_row());
     }
     return 0;
   }
@@ -47,41 +45,40 @@ class Wall {
   [[nodiscard]] double u(ptrdiff_t i) const {
     switch (side_) {
       case WallSide::south:
-        return surface_.x_mm(i);
+        return x(i);
       case WallSide::east:
-        return surface_.y_mm(i);
+        return y(i);
       case WallSide::north:
-        return -surface_.x_mm(edges() - i);
+        return -x(edges() - i);
       case WallSide::west:
-        return -surface_.y_mm(edges() - i);
+        return -y(edges() - i);
     }
     return 0.0;
   }
   /// Of node i from the left, `deep` nodes behind the wall.
   [[nodiscard]] double z(ptrdiff_t i, ptrdiff_t deep) const {
-    const ptrdiff_t rows = surface_.z_mm.rows() - 1, cols = surface_.z_mm.cols() - 1;
     switch (side_) {
       case WallSide::south:
-        return surface_.z_mm(deep, i);
+        return height(deep, i);
       case WallSide::east:
-        return surface_.z_mm(i, cols - deep);
+        return height(i, last_col() - deep);
       case WallSide::north:
-        return surface_.z_mm(rows - deep, cols - i);
+        return height(last_row() - deep, last_col() - i);
       case WallSide::west:
-        return surface_.z_mm(rows - i, deep);
+        return height(last_row() - i, deep);
     }
     return 0.0;
   }
   [[nodiscard]] Vec3 point(FlatPoint p, double depth) const {
     switch (side_) {
       case WallSide::south:
-        return {p[0], surface_.y_mm(0) + depth, p[1]};
+        return {p[0], y(0) + depth, p[1]};
       case WallSide::east:
-        return {surface_.x_mm(surface_.z_mm.cols() - 1) - depth, p[0], p[1]};
+        return {x(last_col()) - depth, p[0], p[1]};
       case WallSide::north:
-        return {-p[0], surface_.y_mm(surface_.z_mm.rows() - 1) - depth, p[1]};
+        return {-p[0], y(last_row()) - depth, p[1]};
       case WallSide::west:
-        return {surface_.x_mm(0) + depth, -p[0], p[1]};
+        return {x(0) + depth, -p[0], p[1]};
     }
     return {};
   }
@@ -89,14 +86,24 @@ class Wall {
     constexpr std::array<std::string_view, 4> kNames{"southern", "eastern", "northern", "western"};
     return kNames[static_cast<std::size_t>(side_)];
   }
-  [[nodiscard]] double length_mm() const { return wall_length_mm(surface_, side_); }
+  [[nodiscard]] double length_mm() const { return wall_length_mm(surface_, window_, side_); }
   [[nodiscard]] double behind_mm() const {
-    return wall_length_mm(surface_, along_x() ? WallSide::east : WallSide::south);
+    return wall_length_mm(surface_, window_, along_x() ? WallSide::east : WallSide::south);
   }
   [[nodiscard]] double spacing_mm() const { return surface_.spacing.value(); }
 
  private:
+  // Rows and columns count from the window's first ones.
+  [[nodiscard]] ptrdiff_t last_row() const { return window_.rows() - 1; }
+  [[nodiscard]] ptrdiff_t last_col() const { return window_.cols() - 1; }
+  [[nodiscard]] double x(ptrdiff_t col) const { return surface_.x_mm(window_.col0 + col); }
+  [[nodiscard]] double y(ptrdiff_t row) const { return surface_.y_mm(window_.row0 + row); }
+  [[nodiscard]] double height(ptrdiff_t row, ptrdiff_t col) const {
+    return static_cast<double>(surface_.z_mm(window_.row0 + row, window_.col0 + col));
+  }
+
   const ModelField& surface_;
+  NodeWindow window_;
   WallSide side_;
 };
 
@@ -115,8 +122,50 @@ struct Place {
   ptrdiff_t first = 0, last = 0;
 };
 
+/// Nodes whose wall a mark takes that begins at u.
+void span_nodes(const Wall& wall, const WallMark& mark, double beyond, Place& p) {
+  const double d = wall.spacing_mm();
+  p.first = std::clamp<ptrdiff_t>(
+      static_cast<ptrdiff_t>(std::floor((p.u - beyond - wall.u(0)) / d)), 0, wall.edges() - 1);
+  p.last = std::clamp<ptrdiff_t>(
+      static_cast<ptrdiff_t>(std::ceil((p.u + mark.width_mm + beyond - wall.u(0)) / d)),
+      p.first + 1, wall.edges());
+}
+
+/// From its end of the wall on to where no hole is in the way.
+Result<void> place_along(const Wall& wall, const WallMark& mark, const EngravingStyle& s,
+                         std::span<const EngravedWall> taken, Place& p) {
+  const double end = end_mm(s), half = 0.5 * s.stroke_mm(), beyond = half + margin_mm(s);
+  const double first = wall.u(0) + end + half,
+               last = wall.u(wall.edges()) - end - half - mark.width_mm;
+  p.u = mark.at_right ? last : first;
+  const auto left = static_cast<ptrdiff_t>(wall.first_edge());
+  for (bool moved = true; moved;) {
+    moved = false;
+    span_nodes(wall, mark, beyond, p);
+    for (const EngravedWall& t : taken) {
+      const ptrdiff_t from = static_cast<ptrdiff_t>(t.first_edge) - left,
+                      to = from + static_cast<ptrdiff_t>(t.edges);
+      if (to <= 0 || from >= wall.edges() || from >= p.last || to <= p.first) continue;
+      // A hair more, so that rounding does not bring it back.
+      constexpr double kHair_mm = 1e-6;
+      p.u = mark.at_right ? wall.u(from) - beyond - mark.width_mm - kHair_mm
+                          : wall.u(to) + beyond + kHair_mm;
+      moved = true;
+      if (p.u < first || p.u > last)
+        return fail(kLabelDoesNotFit,
+                    fmt::format("{} of {:.1f} mm finds no place between the holes of the {} wall "
+                                "({:g} mm); smaller letters, a shorter text, another side or fewer "
+                                "holes would do",
+                                mark.name, mark.width_mm, wall.name(), wall.length_mm()));
+      break;
+    }
+  }
+  return {};
+}
+
 Result<Place> place_mark(const Wall& wall, double base, const WallMark& mark,
-                         const EngravingStyle& s) {
+                         const EngravingStyle& s, std::span<const EngravedWall> taken) {
   const double end = end_mm(s), half = 0.5 * s.stroke_mm();
   const double needed = mark.width_mm + 2.0 * (end + half);
   if (needed > wall.length_mm())
@@ -127,13 +176,8 @@ Result<Place> place_mark(const Wall& wall, double base, const WallMark& mark,
                     mark.name, needed, wall.name(), wall.length_mm(),
                     0.99 * s.letter.value() * wall.length_mm() / needed));
   Place p;
-  p.u = mark.at_right ? wall.u(wall.edges()) - end - half - mark.width_mm : wall.u(0) + end + half;
+  MAQUETTE_TRY_VOID(place_along(wall, mark, s, taken, p));
   const double d = wall.spacing_mm(), beyond = half + margin_mm(s);
-  p.first = std::clamp<ptrdiff_t>(
-      static_cast<ptrdiff_t>(std::floor((p.u - beyond - wall.u(0)) / d)), 0, wall.edges() - 1);
-  p.last = std::clamp<ptrdiff_t>(
-      static_cast<ptrdiff_t>(std::ceil((p.u + mark.width_mm + beyond - wall.u(0)) / d)),
-      p.first + 1, wall.edges());
   const auto deep = static_cast<ptrdiff_t>(std::ceil((s.depth.value() + margin_mm(s)) / d));
   double lowest = INFINITY;
   for (ptrdiff_t k = 0; k <= std::min(deep, static_cast<ptrdiff_t>(wall.behind_mm() / d + 0.5));
@@ -228,7 +272,16 @@ Result<EngravedWall> engrave(const Wall& wall, double base, const WallMark& mark
 Result<std::vector<EngravedWall>> engrave_wall(const ModelField& surface, Millimetres base_z,
                                                const std::vector<WallMark>& marks,
                                                const EngravingStyle& style, const RunContext& run) {
-  const Wall wall(surface, style.side);
+  return engrave_wall(surface, all_nodes(surface), base_z, marks, style, {}, run);
+}
+
+Result<std::vector<EngravedWall>> engrave_wall(const ModelField& surface, const NodeWindow& window,
+                                               Millimetres base_z,
+                                               const std::vector<WallMark>& marks,
+                                               const EngravingStyle& style,
+                                               std::span<const EngravedWall> taken,
+                                               const RunContext& run) {
+  const Wall wall(surface, window, style.side);
   const double deepest = 0.25 * std::fmin(wall.behind_mm(), wall.length_mm());
   if (!(style.depth.value() <= deepest))
     return fail(kLabelDoesNotFit,
@@ -236,7 +289,7 @@ Result<std::vector<EngravedWall>> engrave_wall(const ModelField& surface, Millim
                             style.depth.value(), wall.length_mm(), wall.behind_mm(), deepest));
   std::vector<Place> places;
   for (const WallMark& mark : marks) {
-    MAQUETTE_TRY(const Place p, place_mark(wall, base_z.value(), mark, style));
+    MAQUETTE_TRY(const Place p, place_mark(wall, base_z.value(), mark, style, taken));
     places.push_back(p);
   }
   for (std::size_t i = 0; i < marks.size(); ++i)

@@ -22,6 +22,7 @@
 /// Cost    10 ms a letter
 
 #include <array>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,7 @@
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/grid_stream.hpp"
 
 namespace maquette::meshing {
 
@@ -67,7 +69,7 @@ struct WallMark {
 [[nodiscard]] Result<WallMark> scale_bar_mark(double scale_denominator, double wall_mm,
                                               const EngravingStyle& style);
 
-/// In the place of a wall between two nodes.
+/// In the place of a wall between two nodes: grooves, or a hole (dowels.hpp).
 struct EngravedWall {
   /// Edges of the outline that it replaces, counted from the south-western corner
   /// counter-clockwise.
@@ -76,13 +78,15 @@ struct EngravedWall {
   /// as many upper ones, then `vertices_mm`.
   std::vector<Vec3> vertices_mm;
   std::vector<std::array<std::uint32_t, 3>> triangles;
-  double volume_mm3 = 0.0;          ///< of the grooves
+  double volume_mm3 = 0.0;          ///< of the grooves or the hole
   double floor_area_mm2 = 0.0;      ///< of their floors
   std::array<double, 2> from_mm{};  ///< lower left corner of the mark: along the wall, height
 };
 
 /// Length of a wall, mm.
 [[nodiscard]] double wall_length_mm(const heightmap::ModelField& surface, WallSide side);
+[[nodiscard]] double wall_length_mm(const heightmap::ModelField& surface, const NodeWindow& window,
+                                    WallSide side);
 
 /// One piece for each mark.
 /// MESHING_LABEL_DOES_NOT_FIT: a mark is longer than the wall, higher than it under the relief, two
@@ -94,5 +98,12 @@ struct EngravedWall {
                                                              const std::vector<WallMark>& marks,
                                                              const EngravingStyle& style,
                                                              const RunContext& run = {});
+
+/// The same for a part over the window, in the frame of the whole. Marks keep off what is taken of
+/// the wall: each stands where there is room for it first, from its end on.
+[[nodiscard]] Result<std::vector<EngravedWall>> engrave_wall(
+    const heightmap::ModelField& surface, const NodeWindow& window, Millimetres base_z,
+    const std::vector<WallMark>& marks, const EngravingStyle& style,
+    std::span<const EngravedWall> taken, const RunContext& run = {});
 
 }  // namespace maquette::meshing

@@ -126,6 +126,15 @@ double rounded(double coordinate_mm, CoordinateRounding rounding) {
   return coordinate_mm;
 }
 
+ModelField window_field(const ModelField& surface, const NodeWindow& window) {
+  ModelField part{Grid<float>(window.rows(), window.cols()), surface.spacing,
+                  Millimetres{surface.x_mm(window.col0)}, Millimetres{surface.y_mm(window.row0)}};
+  for (std::ptrdiff_t r = 0; r < window.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < window.cols(); ++c)
+      part.z_mm(r, c) = surface.z_mm(window.row0 + r, window.col0 + c);
+  return part;
+}
+
 double rounding_displacement_mm(const MeshStream& mesh, CoordinateRounding rounding) {
   if (rounding == CoordinateRounding::none) return 0.0;
   double most = 0.0;
@@ -143,7 +152,7 @@ double rounding_displacement_mm(const MeshStream& mesh, CoordinateRounding round
 
 Result<GridSolidStream> GridSolidStream::create(const ModelField& surface,
                                                 const SolidOptions& options) {
-  return create(surface, {0, surface.z_mm.rows() - 1, 0, surface.z_mm.cols() - 1}, options);
+  return create(surface, all_nodes(surface), options);
 }
 
 Result<GridSolidStream> GridSolidStream::create(const ModelField& surface, const NodeWindow& window,

@@ -44,6 +44,13 @@ struct NodeWindow {
   friend bool operator==(const NodeWindow&, const NodeWindow&) = default;
 };
 
+[[nodiscard]] inline NodeWindow all_nodes(const heightmap::ModelField& surface) {
+  return {0, surface.z_mm.rows() - 1, 0, surface.z_mm.cols() - 1};
+}
+/// The part over the window, heights as they are; coordinates are the whole's to rounding.
+[[nodiscard]] heightmap::ModelField window_field(const heightmap::ModelField& surface,
+                                                 const NodeWindow& window);
+
 class GridSolidStream final : public MeshStream {
  public:
   /// MESHING_SURFACE_HAS_VOIDS, MESHING_BASE_TOO_THIN as grid_solid

@@ -202,7 +202,7 @@ Result<Underside> hollow_underside(const ModelField& surface, const ModelField& 
   const double wall = options.wall.value(), base = base_z.value();
   const double step =
       options.step.value() > 0.0 ? options.step.value() : 4.0 * surface.spacing.value();
-  const auto thick = [&](std::size_t side) { return wall + options.engraved[side].value(); };
+  const auto thick = [&](std::size_t side) { return wall + options.cut[side].value(); };
   PocketLines lines;
   MAQUETTE_TRY(lines.x, lay_out('x', surface.x_mm(0) + thick(3),
                                 surface.x_mm(surface.z_mm.cols() - 1) - thick(1),

@@ -46,9 +46,9 @@ struct HollowOptions {
   Millimetres rib{3.0};   ///< thickness of ribs
   Millimetres pocket{40.0};  ///< widest pocket, in x and in y
   Millimetres step{0.0};     ///< of the ceilings' grid, at most; 0: four spacings
-  /// How deep the south, east, north and west wall are engraved: they are so much thicker.
-  std::array<Millimetres, 4> engraved{Millimetres{0}, Millimetres{0}, Millimetres{0},
-                                      Millimetres{0}};
+  /// How deep grooves and holes go into the south, east, north and west wall: they are so much
+  /// thicker.
+  std::array<Millimetres, 4> cut{Millimetres{0}, Millimetres{0}, Millimetres{0}, Millimetres{0}};
 };
 
 /// Pockets are at least that deep and that wide.

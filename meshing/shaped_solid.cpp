@@ -11,8 +11,8 @@ namespace {
 /// Of the plain solid's three triangles at each edge of the outline the third is the base's.
 constexpr std::uint64_t kPerEdge = 3;
 
-std::uint64_t rim_of(const heightmap::ModelField& surface) {
-  return 2 * static_cast<std::uint64_t>(surface.z_mm.rows() + surface.z_mm.cols() - 2);
+std::uint64_t rim_of(const NodeWindow& nodes) {
+  return 2 * static_cast<std::uint64_t>(nodes.rows() + nodes.cols() - 2);
 }
 
 struct Below {
@@ -71,8 +71,14 @@ double removed_mm3(const Shaping& shaping) {
 
 Result<ShapedSolid> ShapedSolid::create(const heightmap::ModelField& surface,
                                         const SolidOptions& options, const Shaping& shaping) {
-  MAQUETTE_TRY(const GridSolidStream grid, GridSolidStream::create(surface, options));
-  const std::uint64_t rim = rim_of(surface), plain = grid.triangle_count();
+  return create(surface, all_nodes(surface), options, shaping);
+}
+
+Result<ShapedSolid> ShapedSolid::create(const heightmap::ModelField& surface,
+                                        const NodeWindow& window, const SolidOptions& options,
+                                        const Shaping& shaping) {
+  MAQUETTE_TRY(const GridSolidStream grid, GridSolidStream::create(surface, window, options));
+  const std::uint64_t rim = rim_of(window), plain = grid.triangle_count();
   ShapedSolid solid(grid, plain - kPerEdge * rim, grid.vertex_count() - 1);
   std::vector<Triangle> walls(kPerEdge * rim);
   grid.triangles(solid.top_triangles_, walls);
@@ -142,7 +148,7 @@ Result<MeshCertificate> ShapedSolid::certify(const RunContext& run) const {
 }
 
 TriMesh shaped(TriMesh solid, const heightmap::ModelField& surface, const Shaping& shaping) {
-  const std::uint64_t rim = rim_of(surface);
+  const std::uint64_t rim = rim_of(all_nodes(surface));
   MAQUETTE_CHECK(solid.vertices_mm.size() > rim && solid.triangles.size() > kPerEdge * rim,
                  "no solid of this surface");
   const std::vector<MeshStream::Triangle> walls(

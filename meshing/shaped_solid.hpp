@@ -2,10 +2,11 @@
 #pragma once
 
 /// @file shaped_solid.hpp
-/// The solid of grid_solid with another underside (hollow.hpp) and engraved walls (engraving.hpp),
-/// streamed.
+/// The solid of grid_solid with another underside (hollow.hpp) and other walls: engraved
+/// (engraving.hpp), with holes (dowels.hpp). Streamed.
 ///
-/// Takes   ModelField, height of the base; what is to be in the place of plain base and walls
+/// Takes   ModelField, height of the base; what is to be in the place of plain base and walls;
+///         of a tile its window, too
 /// Gives   MeshStream: nodes and triangles of the top as GridSolidStream has them, to the bit;
 ///         walls, and what replaces the base, from memory
 /// Memory  what is replaced, and 72 bytes a node of the outline
@@ -37,6 +38,13 @@ class ShapedSolid final : public MeshStream {
   /// MESHING_SURFACE_HAS_VOIDS, MESHING_BASE_TOO_THIN as grid_solid
   /// @param surface  must outlive the stream
   [[nodiscard]] static Result<ShapedSolid> create(const heightmap::ModelField& surface,
+                                                  const SolidOptions& options,
+                                                  const Shaping& shaping);
+  /// The part over the window, in the frame of the whole, shaped as a part by itself: edges count
+  /// from the window's south-western corner. Where walls are plain, neighbours have the same ones,
+  /// to the bit.
+  [[nodiscard]] static Result<ShapedSolid> create(const heightmap::ModelField& surface,
+                                                  const NodeWindow& window,
                                                   const SolidOptions& options,
                                                   const Shaping& shaping);
   [[nodiscard]] std::uint64_t vertex_count() const override;

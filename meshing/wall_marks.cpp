@@ -98,9 +98,14 @@ Result<WallMark> scale_bar_mark(double scale_denominator, double wall_mm,
 }
 
 double wall_length_mm(const heightmap::ModelField& surface, WallSide side) {
+  return wall_length_mm(surface, all_nodes(surface), side);
+}
+
+double wall_length_mm(const heightmap::ModelField& surface, const NodeWindow& window,
+                      WallSide side) {
   const bool along_x = side == WallSide::south || side == WallSide::north;
-  const auto cells = (along_x ? surface.z_mm.cols() : surface.z_mm.rows()) - 1;
-  return surface.spacing.value() * static_cast<double>(cells);
+  return surface.spacing.value() *
+         static_cast<double>((along_x ? window.cols() : window.rows()) - 1);
 }
 
 }  // namespace maquette::meshing

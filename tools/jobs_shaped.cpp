@@ -4,6 +4,9 @@
 
 #include "tools/jobs_shaped.hpp"
 
+#include <algorithm>
+#include <iterator>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -57,20 +60,6 @@ Result<MeshCertificate> found_by_cgal(const TriMesh& mesh, const RunContext& run
   return found;
 }
 
-/// What the construction proves, and where it is not too large CGAL's word on it, too.
-Result<MeshCertificate> prove(const meshing::ShapedSolid& solid, const RunContext& run) {
-  MAQUETTE_TRY(MeshCertificate proven, solid.certify(part(run, 0.0, 0.3)));
-  if (proven.triangles > meshing::MeshCheckOptions{}.self_intersection_limit) return proven;
-  TriMesh mesh;
-  mesh.vertices_mm.resize(solid.vertex_count());
-  mesh.triangles.resize(solid.triangle_count());
-  solid.vertices(0, mesh.vertices_mm);
-  solid.triangles(0, mesh.triangles);
-  MAQUETTE_TRY_VOID(found_by_cgal(mesh, part(run, 0.3, 1.0)));
-  proven.proof += ", and CGAL";
-  return proven;
-}
-
 /// Stones make the top no graph of a height: CGAL alone speaks of it. Heights are compared before
 /// the underside is put in; what is above stays.
 Result<MeshCertificate> prove(const TriMesh& shaped, const TriMesh& plain,
@@ -89,12 +78,12 @@ Result<MeshCertificate> prove(const TriMesh& shaped, const TriMesh& plain,
   return found;
 }
 
-Result<MeshCertificate> make(const heightmap::ModelField& design,
+Result<MeshCertificate> make(const heightmap::ModelField& design, const meshing::NodeWindow& window,
                              const meshing::SolidOptions& options, const meshing::Shaping& shaping,
                              const ShapedJob& job, const fs::path& out, const RunContext& run) {
   if (!job.stones) {
-    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, options, shaping));
-    MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, part(run, 0.0, 0.5)));
+    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, window, options, shaping));
+    MAQUETTE_TRY(const MeshCertificate certificate, prove_shaped(solid, part(run, 0.0, 0.5)));
     MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.5, 1.0)));
     return certificate;
   }
@@ -110,82 +99,113 @@ Result<MeshCertificate> make(const heightmap::ModelField& design,
   return certificate;
 }
 
-/// Label and scale bar into walls; what the certificate says of them.
-Result<void> engrave(const heightmap::ModelField& design, const meshing::SolidOptions& options,
-                     const ShapedJob& job, meshing::Shaping& shaping, ordered_json& figures,
-                     const RunContext& run) {
+/// Label and scale bar into walls, beside their holes; what the certificate says of them.
+Result<void> engrave(const heightmap::ModelField& design, const meshing::NodeWindow& window,
+                     Millimetres base_z, const Shape& shape, meshing::Shaping& shaping,
+                     ordered_json& figures, const RunContext& run) {
   std::vector<meshing::WallMark> marks;
-  if (!job.label.empty()) {
-    MAQUETTE_TRY(marks.emplace_back(), meshing::text_mark(job.label, job.engraving));
+  if (!shape.label.empty()) {
+    MAQUETTE_TRY(marks.emplace_back(), meshing::text_mark(shape.label, shape.engraving));
   }
-  if (job.scale_denominator != 0.0) {
-    MAQUETTE_TRY(marks.emplace_back(),
-                 meshing::scale_bar_mark(job.scale_denominator,
-                                         meshing::wall_length_mm(design, job.engraving.side),
-                                         job.engraving));
+  if (shape.scale_denominator != 0.0) {
+    MAQUETTE_TRY(
+        marks.emplace_back(),
+        meshing::scale_bar_mark(shape.scale_denominator,
+                                meshing::wall_length_mm(design, window, shape.engraving.side),
+                                shape.engraving));
   }
-  MAQUETTE_TRY(shaping.walls,
-               meshing::engrave_wall(design, options.base_z, marks, job.engraving, run));
-  figures["engraved"] = engraved_json(marks, shaping.walls, job.engraving);
+  MAQUETTE_TRY(auto engraved, meshing::engrave_wall(design, window, base_z, marks, shape.engraving,
+                                                    shaping.walls, run));
+  figures["engraved"] = engraved_json(marks, engraved, shape.engraving);
+  std::move(engraved.begin(), engraved.end(), std::back_inserter(shaping.walls));
   return {};
 }
 
-Result<void> hollow(const heightmap::ModelField& design, const meshing::SolidOptions& options,
-                    const ShapedJob& job, meshing::Shaping& shaping, ordered_json& figures,
-                    const RunContext& run) {
-  meshing::HollowOptions h = *job.hollow;
-  if (job.engraves())
-    h.engraved[static_cast<std::size_t>(job.engraving.side)] = job.engraving.depth;
+/// @param piece  the design over the window
+Result<void> hollow(const heightmap::ModelField& piece, Millimetres base_z,
+                    const meshing::HollowOptions& options, meshing::Shaping& shaping,
+                    ordered_json& figures, const RunContext& run) {
   MAQUETTE_TRY(const auto roof,
-               cnc::offset_surface(design, Millimetres{-h.wall.value()}, part(run, 0.0, 0.7)));
+               cnc::offset_surface(piece, Millimetres{-options.wall.value()}, part(run, 0.0, 0.7)));
   MAQUETTE_TRY(shaping.underside,
-               meshing::hollow_underside(design, roof, options.base_z, h, part(run, 0.7, 1.0)));
-  figures["hollow"] = hollow_json(shaping.underside, h);
+               meshing::hollow_underside(piece, roof, base_z, options, part(run, 0.7, 1.0)));
+  figures["hollow"] = hollow_json(shaping.underside, options);
   return {};
 }
 
-Result<JobResult> shape(const heightmap::ModelField& whole, const ShapedJob& job,
+Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& job,
                         const fs::path& out, const RunContext& run) {
-  MAQUETTE_CHECK(!job.plain() && !(job.band && job.stones), "nothing to shape");
-  heightmap::ModelField strip;
+  MAQUETTE_CHECK(!job.shape.plain() && !(job.band && job.stones), "nothing to shape");
+  meshing::NodeWindow window = meshing::all_nodes(design);
   if (job.band) {
     MAQUETTE_TRY(const auto bands,
-                 meshing::split_into_bands(whole, meshing::BandAxis::y, job.band->max_width));
+                 meshing::split_into_bands(design, meshing::BandAxis::y, job.band->max_width));
     MAQUETTE_CHECK(job.band->index < bands.size(), "band {} of {}", job.band->index, bands.size());
-    strip = meshing::band_field(whole, bands[job.band->index]);
+    window.row0 = bands[job.band->index].first;
+    window.row1 = bands[job.band->index].last;
   }
-  const heightmap::ModelField& design = job.band ? strip : whole;
   // The base is that of the whole, so that bands stand level beside each other.
   const meshing::SolidOptions options{
-      .base_z = Millimetres{static_cast<double>(heightmap::height_range(whole.z_mm).min)} -
+      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
                 job.base_thickness};
-  meshing::Shaping shaping;
-  ordered_json figures;
-  if (job.engraves())
-    MAQUETTE_TRY_VOID(engrave(design, options, job, shaping, figures, part(run, 0.0, 0.05)));
-  if (job.hollow) {
-    MAQUETTE_TRY_VOID(hollow(design, options, job, shaping, figures, part(run, 0.05, 0.4)));
-  } else {
-    shaping.underside = meshing::plain_underside(design, options.base_z);
-  }
+  MAQUETTE_TRY(const ShapedPart shaped,
+               shape_part(design, window, options.base_z, job.shape, {}, part(run, 0.0, 0.4)));
   MAQUETTE_TRY(const MeshCertificate certificate,
-               make(design, options, shaping, job, out, part(run, 0.4, 1.0)));
+               make(design, window, options, shaped.shaping, job, out, part(run, 0.4, 1.0)));
 
   auto text = ordered_json::parse(meshing::to_json(certificate));
-  text.update(figures);
+  text.update(ordered_json::parse(shaped.figures_json));
   JobResult result;
   result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
   result.figures_json = text.dump(2) + "\n";
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
   result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
-  if (job.hollow)
-    result.note +=
-        fmt::format(", {:.1f} of {:.1f} cm^3 hollow", 1e-3 * shaping.underside.volume_mm3,
-                    1e-3 * (shaping.underside.volume_mm3 + certificate.volume_mm3));
+  if (const double removed = shaped.shaping.underside.volume_mm3; job.shape.hollow)
+    result.note += fmt::format(", {:.1f} of {:.1f} cm^3 hollow", 1e-3 * removed,
+                               1e-3 * (removed + certificate.volume_mm3));
   return result;
 }
 
 }  // namespace
+
+Result<ShapedPart> shape_part(const heightmap::ModelField& design,
+                              const meshing::NodeWindow& window, Millimetres base_z,
+                              const Shape& shape, Holes holes, const RunContext& run) {
+  ShapedPart result;
+  result.shaping.walls = std::move(holes.walls);
+  ordered_json figures = ordered_json::object();
+  if (shape.engraves())
+    MAQUETTE_TRY_VOID(
+        engrave(design, window, base_z, shape, result.shaping, figures, part(run, 0.0, 0.1)));
+  heightmap::ModelField copy;
+  if (window != meshing::all_nodes(design)) copy = meshing::window_field(design, window);
+  const heightmap::ModelField& piece = copy.z_mm.rows() > 0 ? copy : design;
+  if (shape.hollow) {
+    meshing::HollowOptions options = *shape.hollow;
+    options.cut = holes.depth;
+    if (Millimetres& cut = options.cut[static_cast<std::size_t>(shape.engraving.side)];
+        shape.engraves())
+      cut = std::max(cut, shape.engraving.depth);
+    MAQUETTE_TRY_VOID(hollow(piece, base_z, options, result.shaping, figures, part(run, 0.1, 1.0)));
+  } else {
+    result.shaping.underside = meshing::plain_underside(piece, base_z);
+  }
+  result.figures_json = figures.dump();
+  return result;
+}
+
+Result<MeshCertificate> prove_shaped(const meshing::ShapedSolid& solid, const RunContext& run) {
+  MAQUETTE_TRY(MeshCertificate proven, solid.certify(part(run, 0.0, 0.3)));
+  if (proven.triangles > meshing::MeshCheckOptions{}.self_intersection_limit) return proven;
+  TriMesh mesh;
+  mesh.vertices_mm.resize(solid.vertex_count());
+  mesh.triangles.resize(solid.triangle_count());
+  solid.vertices(0, mesh.vertices_mm);
+  solid.triangles(0, mesh.triangles);
+  MAQUETTE_TRY_VOID(found_by_cgal(mesh, part(run, 0.3, 1.0)));
+  proven.proof += ", and CGAL";
+  return proven;
+}
 
 Result<JobResult> shaped_job(const ShapedJob& job, const fs::path& out, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
 #include <optional>
+#include <string>
+#include <vector>
 
-#include "meshing/engraving.hpp"
-#include "meshing/hollow.hpp"
+#include "meshing/mesh_checks.hpp"
+#include "meshing/shaped_solid.hpp"
 #include "tools/jobs.hpp"
 
 namespace maquette::tools {
@@ -15,12 +18,8 @@ struct BandOf {
   std::size_t index = 0;
 };
 
-/// A solid that is not plain below or at its sides.
-struct ShapedJob {
-  fs::path design;
-  std::optional<fs::path> stones{};
-  Millimetres base_thickness{10.0};  ///< under the lowest point of the whole design
-  std::optional<BandOf> band{};      ///< that band alone; without stones
+/// What is not plain below or at the sides.
+struct Shape {
   std::optional<meshing::HollowOptions> hollow{};
   std::string label{};             ///< engraved in a wall; empty: nothing
   double scale_denominator = 0.0;  ///< of a scale bar in the same wall; 0: none
@@ -28,9 +27,37 @@ struct ShapedJob {
   [[nodiscard]] bool plain() const { return !hollow && !engraves(); }
   [[nodiscard]] bool engraves() const { return !label.empty() || scale_denominator != 0.0; }
 };
+
+struct ShapedJob {
+  fs::path design;
+  std::optional<fs::path> stones{};
+  Millimetres base_thickness{10.0};  ///< under the lowest point of the whole design
+  std::optional<BandOf> band{};      ///< that band alone; without stones
+  Shape shape{};
+};
 /// The solid (PLY) and its certificate beside it, with what was shaped under "hollow" and
 /// "engraved". A mesh that fails its checks is not written. @pre not plain
 [[nodiscard]] Result<JobResult> shaped_job(const ShapedJob& job, const fs::path& out,
                                            const RunContext& run);
+
+/// Holes in a part's walls, and how deep they go into the southern, eastern, northern, western one.
+struct Holes {
+  std::vector<meshing::EngravedWall> walls{};
+  std::array<Millimetres, 4> depth{Millimetres{0}, Millimetres{0}, Millimetres{0}, Millimetres{0}};
+};
+
+/// A part of a design, shaped, and what its certificate says of that: an object with "hollow" and
+/// "engraved".
+struct ShapedPart {
+  meshing::Shaping shaping;
+  std::string figures_json;
+};
+[[nodiscard]] Result<ShapedPart> shape_part(const heightmap::ModelField& design,
+                                            const meshing::NodeWindow& window, Millimetres base_z,
+                                            const Shape& shape, Holes holes, const RunContext& run);
+
+/// What the construction proves, and where it is not too large CGAL's word on it, too.
+[[nodiscard]] Result<meshing::MeshCertificate> prove_shaped(const meshing::ShapedSolid& solid,
+                                                            const RunContext& run);
 
 }  // namespace maquette::tools

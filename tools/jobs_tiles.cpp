@@ -14,7 +14,6 @@
 namespace maquette::tools {
 namespace {
 
-using meshing::GridSolidStream;
 using meshing::MeshCertificate;
 using meshing::Tile;
 using nlohmann::json;
@@ -43,35 +42,56 @@ class OwnFrame final : public MeshStream {
   Vec3 origin_;
 };
 
-/// A tile with its holes: CGAL alone can speak of it, and above its limit not of intersections.
-Result<MeshCertificate> prove(const TriMesh& bored, const RunContext& run) {
-  MAQUETTE_TRY(MeshCertificate found, meshing::check_mesh(bored, nullptr, {}, run));
-  if (!found.passed())
-    return fail(kMeshFailed,
-                fmt::format("CGAL does not find the bored solid valid: {}", to_json(found)));
-  return found;
+/// Dowels or magnets.
+struct HolesOfKind {
+  meshing::DowelOptions options;
+  std::vector<meshing::Dowel> places{};
+};
+struct JointHoles {
+  HolesOfKind dowels, magnets;
+};
+
+/// Magnets are placed as dowels are, or between these where there are some.
+Result<JointHoles> place_holes(const heightmap::ModelField& design, std::span<const Tile> tiles,
+                               Millimetres base_z, const TilesJob& job) {
+  JointHoles holes;
+  if (job.magnets) holes.magnets.options = *job.magnets;
+  if (job.dowels) {
+    holes.dowels.options = *job.dowels;
+    if (job.magnets) holes.dowels.options.between_mm = room_along_mm(design, *job.magnets);
+    MAQUETTE_TRY(
+        holes.dowels.places,
+        meshing::place_dowels(design, tiles, base_z, job.base_thickness, holes.dowels.options));
+  }
+  if (job.magnets) {
+    // Checks what they ask for, too.
+    MAQUETTE_TRY(holes.magnets.places,
+                 meshing::place_dowels(design, tiles, base_z, job.base_thickness, *job.magnets));
+    if (job.dowels)
+      holes.magnets.places =
+          place_between(design, holes.dowels.places, holes.dowels.options, *job.magnets);
+  }
+  return holes;
 }
 
-/// What the construction proves, and where it is not too large CGAL's word on it, too.
-Result<MeshCertificate> prove(const GridSolidStream& solid, const RunContext& run) {
-  MAQUETTE_TRY(MeshCertificate proven, solid.certify(meshing::CoordinateRounding::none, run));
-  if (proven.triangles > meshing::MeshCheckOptions{}.self_intersection_limit) return proven;
-  TriMesh mesh;
-  mesh.vertices_mm.resize(solid.vertex_count());
-  mesh.triangles.resize(solid.triangle_count());
-  solid.vertices(0, mesh.vertices_mm);
-  solid.triangles(0, mesh.triangles);
-  MAQUETTE_TRY(const MeshCertificate found, meshing::check_mesh(mesh, nullptr, {}, run));
-  if (!found.passed())
-    return fail(kMeshFailed, fmt::format("CGAL does not find the solid valid: {}", to_json(found)));
-  proven.proof = "graph of a height, and CGAL";
-  return proven;
+/// Those of one tile.
+Holes holes_of(const heightmap::ModelField& design, const Tile& tile, Millimetres base_z,
+               const JointHoles& holes) {
+  Holes found;
+  for (const HolesOfKind* kind : {&holes.dowels, &holes.magnets}) {
+    for (auto& wall : bored_walls(design, tile, base_z, kind->places, kind->options))
+      found.walls.push_back(std::move(wall));
+    for (std::size_t side = 0; side < found.depth.size(); ++side)
+      found.depth[side] = std::max(
+          found.depth[side],
+          bored_depth(tile, kind->places, static_cast<meshing::WallSide>(side), kind->options));
+  }
+  return found;
 }
 
 /// From above: tiles with their numbers, stones with theirs. Millimetres.
 std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile>& tiles,
-                     const std::vector<meshing::PlacedStone>& stones,
-                     const std::vector<meshing::Dowel>& dowels, double depth_mm) {
+                     const std::vector<meshing::PlacedStone>& stones, const JointHoles& holes) {
   const double x0 = design.x_mm(0), y1 = design.y_mm(design.z_mm.rows() - 1);
   const double width = design.x_mm(design.z_mm.cols() - 1) - x0, height = y1 - design.y_mm(0);
   const double line = 0.002 * std::max(width, height), letter = 15.0 * line;
@@ -89,13 +109,14 @@ std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile
     texts += fmt::format("<text x=\"{:.4f}\" y=\"{:.4f}\">{}</text>\n", 0.5 * (west + east),
                          south - 0.5 * letter, t.number);
   }
-  for (const auto& d : dowels) {
-    const double x = d.centre_mm.x - x0, y = y1 - d.centre_mm.y;
-    const double dx = d.along_x ? depth_mm : 0.0, dy = d.along_x ? 0.0 : depth_mm;
-    svg += fmt::format(
-        "<line x1=\"{:.4f}\" y1=\"{:.4f}\" x2=\"{:.4f}\" y2=\"{:.4f}\" stroke=\"#3060c0\"/>\n",
-        x - dx, y - dy, x + dx, y + dy);
-  }
+  for (const HolesOfKind* kind : {&holes.dowels, &holes.magnets})
+    for (const auto& d : kind->places) {
+      const double x = d.centre_mm.x - x0, y = y1 - d.centre_mm.y, depth = kind->options.depth_mm;
+      const double dx = d.along_x ? depth : 0.0, dy = d.along_x ? 0.0 : depth;
+      svg += fmt::format(
+          "<line x1=\"{:.4f}\" y1=\"{:.4f}\" x2=\"{:.4f}\" y2=\"{:.4f}\" stroke=\"{}\"/>\n", x - dx,
+          y - dy, x + dx, y + dy, kind == &holes.dowels ? "#3060c0" : "#c03030");
+    }
   svg += "</g>\n<g fill=\"#b08050\">\n";
   for (const auto& s : stones) {
     const Box3 box = meshing::stone_mesh(s).bounds();
@@ -108,33 +129,40 @@ std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile
   return svg + "</g>\n" + texts + "</g>\n</svg>\n";
 }
 
+/// What became of a tile.
+struct MadeTile {
+  MeshCertificate certificate;
+  json figures = json::object();  ///< "hollow", "engraved"
+};
+
 /// One tile to its file. @param origin  of the file's frame
-Result<MeshCertificate> make_tile(const heightmap::ModelField& design, const Tile& tile,
-                                  Millimetres base_z, const std::vector<meshing::Dowel>& dowels,
-                                  const TilesJob& job, Vec3 origin, const fs::path& file,
-                                  const RunContext& run) {
+Result<MadeTile> make_tile(const heightmap::ModelField& design, const Tile& tile,
+                           Millimetres base_z, const JointHoles& holes, const TilesJob& job,
+                           Vec3 origin, const fs::path& file, const RunContext& run) {
   const auto write = [&](const MeshStream& mesh) {
     return job.own_frame ? meshing::write_ply(OwnFrame(mesh, origin), file)
                          : meshing::write_ply(mesh, file);
   };
-  if (!dowels.empty()) {
-    MAQUETTE_TRY(const TriMesh bored,
-                 meshing::bored_solid(design, tile, base_z, dowels, *job.dowels));
-    MAQUETTE_TRY(const MeshCertificate certificate, prove(bored, run));
-    MAQUETTE_TRY_VOID(write(TriMeshStream(bored)));
-    return certificate;
-  }
-  MAQUETTE_TRY(const auto solid, GridSolidStream::create(design, tile.nodes,
-                                                         meshing::SolidOptions{.base_z = base_z}));
-  MAQUETTE_TRY(const MeshCertificate certificate, prove(solid, run));
+  MadeTile made;
+  const meshing::SolidOptions options{.base_z = base_z};
+  Holes own = holes_of(design, tile, base_z, holes);
+  Shape shape = job.shape;
+  if (!shape.label.empty()) shape.label += fmt::format(" {}", tile.number);
+  MAQUETTE_TRY(const ShapedPart part,
+               shape_part(design, tile.nodes, base_z, shape, std::move(own), run));
+  made.figures = json::parse(part.figures_json);
+  MAQUETTE_TRY(const auto solid,
+               meshing::ShapedSolid::create(design, tile.nodes, options, part.shaping));
+  MAQUETTE_TRY(made.certificate, prove_shaped(solid, run));
   MAQUETTE_TRY_VOID(write(solid));
-  return certificate;
+  return made;
 }
 
-/// Where dowels sit, and what their holes take.
-json dowels_json(const std::vector<meshing::Dowel>& dowels, const meshing::DowelOptions& o) {
+/// Where dowels or magnets sit, and what their holes take.
+json holes_json(const HolesOfKind& holes) {
+  const meshing::DowelOptions& o = holes.options;
   json list = json::array();
-  for (const auto& d : dowels)
+  for (const auto& d : holes.places)
     list.push_back({{"number", d.number},
                     {"tiles", d.tiles},
                     {"axis", d.along_x ? "x" : "y"},
@@ -163,13 +191,8 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
       .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
                 job.base_thickness};
 
-  std::vector<meshing::Dowel> dowels;
-  if (job.dowels) {
-    auto placed = meshing::place_dowels(design, *tiles, solid_options.base_z, job.base_thickness,
-                                        *job.dowels);
-    if (!placed) return tl::unexpected(std::move(placed.error()).within(job.design.string()));
-    dowels = std::move(*placed);
-  }
+  const auto holes = place_holes(design, *tiles, solid_options.base_z, job);
+  if (!holes) return tl::unexpected(Error(holes.error()).within(job.design.string()));
 
   JobResult result;
   json list = json::array();
@@ -182,12 +205,16 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
     const Vec3 origin = job.own_frame ? corner : Vec3{};
     const std::string name = fmt::format("tile_{:02}", t.number);
     result.outputs.push_back(folder / (name + ".ply"));
-    MAQUETTE_TRY(const MeshCertificate certificate,
-                 make_tile(design, t, solid_options.base_z, dowels, job, origin,
-                           result.outputs.back(), run));
+    auto made =
+        make_tile(design, t, solid_options.base_z, *holes, job, origin, result.outputs.back(), run);
+    if (!made)
+      return tl::unexpected(std::move(made.error())
+                                .within(fmt::format("{}: tile {}", job.design.string(), t.number)));
     result.outputs.push_back(folder / (name + ".certificate.json"));
-    MAQUETTE_TRY_VOID(write_file(result.outputs.back(), meshing::to_json(certificate)));
-    volume += certificate.volume_mm3;
+    auto text = nlohmann::ordered_json::parse(meshing::to_json(made->certificate));
+    text.update(made->figures);
+    MAQUETTE_TRY_VOID(write_file(result.outputs.back(), text.dump(2) + "\n"));
+    volume += made->certificate.volume_mm3;
     list.push_back({{"file", name + ".ply"},
                     {"number", t.number},
                     {"strip", t.strip},
@@ -195,20 +222,26 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
                     {"x_mm", {corner.x, design.x_mm(t.nodes.col1)}},
                     {"y_mm", {corner.y, design.y_mm(t.nodes.row1)}},
                     {"origin_mm", {origin.x, origin.y, origin.z}},
-                    {"volume_mm3", certificate.volume_mm3}});
+                    {"volume_mm3", made->certificate.volume_mm3}});
+    list.back().update(made->figures);
     run.progress(static_cast<double>(i + 1) / static_cast<double>(tiles->size()));
   }
   result.outputs.push_back(folder / "tiles.svg");
-  MAQUETTE_TRY_VOID(write_file(
-      result.outputs.back(),
-      plan_svg(design, *tiles, stones, dowels, job.dowels ? job.dowels->depth_mm : 0.0)));
+  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones, *holes)));
   json figures{{"tiles", list}, {"volume_mm3", volume}};
-  if (job.dowels) figures["dowels"] = dowels_json(dowels, *job.dowels);
+  if (job.dowels) figures["dowels"] = holes_json(holes->dowels);
+  if (job.magnets) {
+    figures["magnets"] = holes_json(holes->magnets);
+    // Whatever meets, attracts.
+    figures["magnets"]["north_pole_outwards"] = {"east", "north"};
+  }
   result.outputs.push_back(folder / "tiles.json");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), figures.dump(2) + "\n"));
   result.figures_json = figures.dump();
-  result.note = job.dowels ? fmt::format("{} tiles, {} dowels", tiles->size(), dowels.size())
-                           : fmt::format("{} tiles", tiles->size());
+  result.note = fmt::format("{} tiles", tiles->size());
+  if (job.dowels) result.note += fmt::format(", {} dowels", holes->dowels.places.size());
+  if (job.magnets)
+    result.note += fmt::format(", {} pairs of magnets", holes->magnets.places.size());
   return result;
 }
 

@@ -6,6 +6,7 @@
 #include "meshing/dowels.hpp"
 #include "meshing/tiles.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_shaped.hpp"
 
 namespace maquette::tools {
 
@@ -15,10 +16,12 @@ struct TilesJob {
   meshing::TileOptions options;
   Millimetres base_thickness{10.0};
   bool own_frame = false;  ///< each with its south-western corner and base at the origin
-  std::optional<meshing::DowelOptions> dowels{};  ///< holes in the joints
+  std::optional<meshing::DowelOptions> dowels{};   ///< holes in the joints
+  std::optional<meshing::DowelOptions> magnets{};  ///< between the dowels, if there are any
+  Shape shape{};  ///< of each tile; its number is added to the label
 };
-/// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels), tiles.svg (plan
-/// from above with stones, 1:1).
+/// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels, magnets), tiles.svg
+/// (plan from above with stones, 1:1).
 [[nodiscard]] Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder,
                                           const RunContext& run);
 

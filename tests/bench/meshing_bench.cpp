@@ -157,7 +157,7 @@ void shaped_case(const ModelField& field, const fs::path& folder) {
   const SolidOptions options{.base_z = Millimetres{low - 12.0}};
   HollowOptions hollow;
   EngravingStyle style;
-  hollow.engraved[0] = style.depth;
+  hollow.cut[0] = style.depth;
   const auto roof = cnc::offset_surface(field, Millimetres{-hollow.wall.value()});
   if (!roof) return;
   const Times offset = now();

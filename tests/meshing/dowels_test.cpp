@@ -21,7 +21,9 @@
 
 #include "core/random.hpp"
 #include "meshing/mesh_checks.hpp"
+#include "meshing/shaped_solid.hpp"
 #include "support/matchers.hpp"
+#include "support/mesh_properties.hpp"
 #include "support/shapes.hpp"
 
 namespace maquette::meshing {
@@ -29,6 +31,7 @@ namespace {
 
 using heightmap::ModelField;
 using testing::HasSubstr;
+using testing_support::collected;
 using testing_support::FailsWith;
 using testing_support::random_terrain;
 
@@ -52,7 +55,10 @@ struct Part {
     dowels = place_dowels(field, tiles, base_z, kThickness, options).value();
   }
   [[nodiscard]] TriMesh solid(const Tile& t) const {
-    return bored_solid(field, t, base_z, dowels, options).value();
+    const NodeWindow& w = t.nodes;
+    const Shaping shaping{.underside = plain_underside(window_field(field, w), base_z),
+                          .walls = bored_walls(field, t, base_z, dowels, options)};
+    return collected(ShapedSolid::create(field, w, {.base_z = base_z}, shaping).value());
   }
 };
 

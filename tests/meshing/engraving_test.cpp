@@ -264,7 +264,7 @@ TEST(Engraving, LabelAndScaleBarOnAHollowPart) {
   const ModelField f = part();
   const EngravingStyle style{.side = WallSide::east, .letter = Millimetres{4.0}};
   HollowOptions o{.wall = Millimetres{2.0}, .rib = Millimetres{2.0}, .pocket = Millimetres{25.0}};
-  o.engraved[1] = style.depth;
+  o.cut[1] = style.depth;
   const auto roof = cnc::offset_surface(f, Millimetres{-2.0}).value();
   Shaping shaping{
       hollow_underside(f, roof, Millimetres{kBase}, o).value(),

@@ -90,7 +90,7 @@ TEST(Hollow, WidthsAreMetWhereverNodesLie) {
   // Walls that end between nodes of 0.3 mm; a side is engraved.
   const ModelField f = plane(151, 201, 0.3, 9.0);
   HollowOptions o{.wall = Millimetres{2.2}, .rib = Millimetres{1.3}, .pocket = Millimetres{12}};
-  o.engraved[1] = Millimetres{0.7};
+  o.cut[1] = Millimetres{0.7};
   const auto u = hollowed(f, -5.0, o).value();
   std::vector<double> x, y;
   for (const Vec3& v : u.mesh.vertices_mm)

@@ -1129,8 +1129,52 @@ TEST_F(CommandLine, BandsAreHollowAndNumbered) {
             0);
   const double whole = json::parse(slurp(scratch / "whole.certificate.json"))["volume_mm3"];
   EXPECT_NEAR(volume, whole, 1e-9 * whole);
+}
+
+TEST_F(CommandLine, TilesAreHollowNumberedAndHeldByDowelsAndMagnets) {
+  const std::string verb = "bands " + design().string() + " --max-width-mm 11 --out " +
+                           out.string() + " --quiet --base-thickness-mm 8 ";
+  const std::string holes =
+      "--dowel-mm 1.2 --dowel-depth-mm 1.5 --dowel-wall-mm 0.4 --dowel-spacing-mm 8 "
+      "--magnet-mm 1.5 --magnet-depth-mm 0.8 --magnet-wall-mm 0.4 ";
+  ASSERT_EQ(
+      run(verb + holes +
+          "--hollow-mm 0.8 --rib-mm 0.8 --pocket-mm 9 --label N --letter-mm 2 --label-side east")
+          .exit_code,
+      0);
+  const json tiles = json::parse(slurp(out / "tiles.json"));
+  ASSERT_EQ(tiles["tiles"].size(), 2U);
+  double volume = tiles["volume_mm3"];
+  for (const json& t : tiles["tiles"]) {
+    EXPECT_EQ(t["engraved"][0]["what"], fmt::format("\"N {}\"", t["number"].get<int>()));
+    volume +=
+        t["hollow"]["removed_mm3"].get<double>() + t["engraved"][0]["removed_mm3"].get<double>();
+    const std::string file = t["file"];
+    const json said =
+        json::parse(slurp(out / (file.substr(0, file.size() - 4) + ".certificate.json")));
+    EXPECT_EQ(said["passed"], true);
+    EXPECT_EQ(said["hollow"], t["hollow"]);
+  }
+  for (const char* kind : {"dowels", "magnets"}) {
+    ASSERT_GE(tiles[kind]["places"].size(), 1U) << kind;
+    volume += 2.0 * static_cast<double>(tiles[kind]["places"].size()) *
+              tiles[kind]["hole_volume_mm3"].get<double>();
+  }
+  EXPECT_EQ(tiles["magnets"]["north_pole_outwards"], json({"east", "north"}));
+  ASSERT_EQ(run("mesh " + design().string() + " --quiet --base-thickness-mm 8 --out " +
+                (scratch / "whole.ply").string())
+                .exit_code,
+            0);
+  const double whole = json::parse(slurp(scratch / "whole.certificate.json"))["volume_mm3"];
+  EXPECT_NEAR(volume, whole, 1e-9 * whole);
+  // Magnets alone hold, too.
   fs::remove_all(out);
-  expect_refused(run(verb + "--hollow-mm 1 --dowel-mm 2"), HasSubstr("--dowel-mm"));
+  ASSERT_EQ(run(verb + "--magnet-mm 1.5 --magnet-depth-mm 0.8 --magnet-wall-mm 0.4").exit_code, 0);
+  EXPECT_EQ(json::parse(slurp(out / "tiles.json"))["magnets"]["places"].size(), 2U);
+  fs::remove_all(out);
+  expect_refused(run(verb + holes + "--hollow-mm 7.5"),
+                 AllOf(HasSubstr("tile 1"), HasSubstr("between the side walls")));
+  expect_refused(run(verb + "--magnet-depth-mm 2"), HasSubstr("--magnet-mm"));
 }
 
 TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {

@@ -30,9 +30,9 @@ class ShapedFile : public testing::Test {
   void SetUp() override {
     ASSERT_THAT(heightmap::write_model_field(field, scratch / "design.tif"), Succeeds());
     job.design = scratch / "design.tif";
-    job.hollow.emplace();
-    job.hollow->wall = Millimetres{2.0};
-    job.hollow->pocket = Millimetres{20.0};
+    job.shape.hollow.emplace();
+    job.shape.hollow->wall = Millimetres{2.0};
+    job.shape.hollow->pocket = Millimetres{20.0};
   }
   json certificate() const {
     return json::parse(read_file(scratch / "part.certificate.json").value());
@@ -57,10 +57,10 @@ TEST_F(ShapedFile, IsWhatItsCertificateSays) {
 }
 
 TEST_F(ShapedFile, IsEngraved) {
-  job.label = "Site 7";
-  job.scale_denominator = 1000.0;
-  job.engraving.side = meshing::WallSide::north;
-  job.engraving.letter = Millimetres{4.0};
+  job.shape.label = "Site 7";
+  job.shape.scale_denominator = 1000.0;
+  job.shape.engraving.side = meshing::WallSide::north;
+  job.shape.engraving.letter = Millimetres{4.0};
   ASSERT_THAT(shaped_job(job, scratch / "part.ply", {}), Succeeds());
   const auto found =
       meshing::check_mesh(meshing::read_mesh(scratch / "part.ply", {}).value()).value();
@@ -71,10 +71,10 @@ TEST_F(ShapedFile, IsEngraved) {
   EXPECT_EQ(said["engraved"][0]["what"], "\"Site 7\"");
   EXPECT_EQ(said["engraved"][1]["what"], "the scale bar of 20 m");
   EXPECT_GT(said["hollow"]["removed_mm3"], 0.0);
-  job.hollow.reset();
+  job.shape.hollow.reset();
   ASSERT_THAT(shaped_job(job, scratch / "part.ply", {}), Succeeds());
   EXPECT_FALSE(certificate().contains("hollow"));
-  job.label = "Site 7!";
+  job.shape.label = "Site 7!";
   EXPECT_THAT(shaped_job(job, scratch / "other.ply", {}), FailsWith(meshing::kLabelLetter));
   EXPECT_FALSE(fs::exists(scratch / "other.ply"));
 }

@@ -50,7 +50,7 @@ void add_shape_options(CLI::App& app, ShapeOptions& o, const std::string& label_
                 "width of engraved strokes (0: an eighth of the letters' height)");
 }
 
-Result<void> take_shape_options(const ShapeOptions& o, ShapedJob& job) {
+Result<void> take_shape_options(const ShapeOptions& o, Shape& shape) {
   const auto is_given = [&](const std::string& name) {
     return std::any_of(o.given.begin(), o.given.end(), [&](const CLI::Option* option) {
       return option->count() > 0 && option->check_lname(name);
@@ -64,17 +64,17 @@ Result<void> take_shape_options(const ShapeOptions& o, ShapedJob& job) {
         return fail(kUsage,
                     fmt::format("--{} is of --label or --scale-bar; give one of them", name));
   if (o.hollow_mm > 0.0)
-    job.hollow = {.wall = Millimetres{o.hollow_mm},
-                  .rib = Millimetres{o.rib_mm},
-                  .pocket = Millimetres{o.pocket_mm},
-                  .step = Millimetres{o.ceiling_step_mm}};
-  job.label = o.label;
-  job.scale_denominator = o.scale_bar;
+    shape.hollow = {.wall = Millimetres{o.hollow_mm},
+                    .rib = Millimetres{o.rib_mm},
+                    .pocket = Millimetres{o.pocket_mm},
+                    .step = Millimetres{o.ceiling_step_mm}};
+  shape.label = o.label;
+  shape.scale_denominator = o.scale_bar;
   const auto side = std::find(kSides.begin(), kSides.end(), o.side) - kSides.begin();
-  job.engraving = {.side = static_cast<meshing::WallSide>(side),
-                   .letter = Millimetres{o.letter_mm},
-                   .depth = Millimetres{o.depth_mm},
-                   .stroke = Millimetres{o.stroke_mm}};
+  shape.engraving = {.side = static_cast<meshing::WallSide>(side),
+                     .letter = Millimetres{o.letter_mm},
+                     .depth = Millimetres{o.depth_mm},
+                     .stroke = Millimetres{o.stroke_mm}};
   return {};
 }
 

@@ -25,7 +25,7 @@ struct ShapeOptions {
 /// @param label_help  what is engraved
 void add_shape_options(CLI::App& app, ShapeOptions& options, const std::string& label_help);
 
-/// What they ask of a job. Fails where options of engraving are given and nothing to engrave.
-[[nodiscard]] Result<void> take_shape_options(const ShapeOptions& options, ShapedJob& job);
+/// What they ask for. Fails where options of engraving are given and nothing to engrave.
+[[nodiscard]] Result<void> take_shape_options(const ShapeOptions& options, Shape& shape);
 
 }  // namespace maquette::tools

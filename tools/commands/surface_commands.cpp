@@ -245,7 +245,7 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
             ShapedJob job{.design = o->design,
                           .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
                           .base_thickness = Millimetres{o->base_thickness_mm}};
-            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job));
+            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
             fs::path surface = o->design;
             // Each change takes what the one before left.
             const auto change = [&](const std::string& what, double by_mm,
@@ -262,7 +262,7 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
             MAQUETTE_TRY_VOID(change("offset", o->offset_mm, offset_job));
             MAQUETTE_TRY_VOID(change("undercoat", o->coating_mm, undercoat_job));
             job.design = surface;
-            if (!job.plain())
+            if (!job.shape.plain())
               return finish(console, "mesh",
                             [&](const RunContext& run) { return shaped_job(job, o->out, run); });
             return finish(console, "mesh", [&](const RunContext& run) {
@@ -279,6 +279,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
     fs::path stones;
     bool own_frame = false;
     meshing::DowelOptions dowels{.diameter_mm = 0.0};  // 0: none
+    meshing::DowelOptions magnets{.diameter_mm = 0.0, .depth_mm = 3.2};
     std::string shard;
     ShapeOptions shape{.side = "west"};
   };
@@ -286,12 +287,12 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   auto* app = root.add_subcommand(
       "bands",
       "Splits a designed surface into bands, each a closed solid with certificate; with\n"
-      "--max-length-mm, --stones or --dowel-mm into tiles whose joints keep off the stones "
-      "(tile_01.ply ...,\n"
-      "tiles.json, tiles.svg); bands may be hollow and engraved as of `mesh` (docs/solids.md).\n"
+      "--max-length-mm, --stones, --dowel-mm or --magnet-mm into tiles whose joints keep off the\n"
+      "stones (tile_01.ply ..., tiles.json, tiles.svg; docs/bands.md). Bands and tiles may be\n"
+      "hollow and engraved as of `mesh` (docs/solids.md).\n"
       "Example: maquette bands design.tif --max-width-mm 500 --out bands\n"
       "         maquette bands design.tif --max-width-mm 500 --max-length-mm 700 --stones "
-      "stones.json --dowel-mm 4 --out tiles");
+      "stones.json --dowel-mm 4 --magnet-mm 6 --hollow-mm 3 --label N --out tiles");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
   app->add_option("--max-width-mm", o->max_width_mm, "of a band, in y")->capture_default_str();
@@ -321,16 +322,26 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   app->add_option("--dowel-spacing-mm", o->dowels.spacing_mm, "along a joint, at most")
       ->capture_default_str()
       ->needs(dowel);
+  auto* magnet = app->add_option("--magnet-mm", o->magnets.diameter_mm,
+                                 "diameter of round magnets that hold tiles together, between the "
+                                 "dowels if there are some")
+                     ->check(CLI::Range(0.1, 1000.0));
+  const auto magnet_only = [&](const char* name, double& value, const char* help) {
+    app->add_option(name, value, help)->capture_default_str()->needs(magnet);
+  };
+  magnet_only("--magnet-depth-mm", o->magnets.depth_mm, "of their holes, in each tile");
+  magnet_only("--magnet-play-mm", o->magnets.play_mm, "that holes are wider");
+  magnet_only("--magnet-wall-mm", o->magnets.wall_mm, "least material around holes");
+  magnet_only("--magnet-spacing-mm", o->magnets.spacing_mm,
+              "along a joint, at most, where there are no dowels");
   auto* shards =
       app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
-  add_shape_options(*app, o->shape, "text, engraved in each band with its number");
-  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel}) {
+  add_shape_options(*app, o->shape, "text, engraved in each band or tile with its number");
+  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel, magnet})
     shards->excludes(tiles_only);
-    for (CLI::Option* shape : o->shape.given) shape->excludes(tiles_only);
-  }
   return {app, [o](Console& console) -> Result<int> {
             if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame ||
-                o->dowels.diameter_mm > 0.0) {
+                o->dowels.diameter_mm > 0.0 || o->magnets.diameter_mm > 0.0) {
               TilesJob job{.design = o->design,
                            .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
                            .options = {.max_width = Millimetres{o->max_length_mm},
@@ -339,6 +350,8 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
                            .base_thickness = Millimetres{o->base_thickness_mm},
                            .own_frame = o->own_frame};
               if (o->dowels.diameter_mm > 0.0) job.dowels = o->dowels;
+              if (o->magnets.diameter_mm > 0.0) job.magnets = o->magnets;
+              MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
               return finish(console, "tiles",
                             [&](const RunContext& run) { return tiles_job(job, o->out, run); });
             }
@@ -353,13 +366,13 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
             fs::create_directories(o->out, ec);
             if (ec) return tl::unexpected(write_error(o->out, ec.value()));
             ShapedJob job{.design = o->design, .base_thickness = Millimetres{o->base_thickness_mm}};
-            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job));
+            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
             for (std::size_t b = shard.index; b < bands.size(); b += shard.count) {
               const std::string name = fmt::format("band_{:02}", b + 1);
-              if (!job.plain()) {
+              if (!job.shape.plain()) {
                 job.band = BandOf{Millimetres{o->max_width_mm}, b};
                 if (!o->shape.label.empty())
-                  job.label = fmt::format("{} {}", o->shape.label, b + 1);
+                  job.shape.label = fmt::format("{} {}", o->shape.label, b + 1);
                 MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
                   return shaped_job(job, o->out / (name + ".ply"), run);
                 }));

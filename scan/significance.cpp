@@ -520,7 +520,10 @@ void search_by_discs(std::span<const detail::Layer> layers, const detail::DiscSe
   // Of cells of several sizes two may have met one patch.
   for (std::size_t k = 0; k < kept.size(); ++k)
     kept.erase(std::remove_if(kept.begin() + static_cast<std::ptrdiff_t>(k) + 1, kept.end(),
-                              [&](const auto& g) { return overlap(kept[k].finding, g.finding); }),
+                              [&](const auto& g) {
+                                return overlap(kept[k].finding, g.finding) &&
+                                       kept[k].finding.height_mm * g.finding.height_mm > 0.0;
+                              }),
                kept.end());
   for (auto& [patch, size] : found) keep(std::move(patch), maps[size], kept);
 }

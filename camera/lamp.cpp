@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/lamp.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <limits>
 #include <numbers>
 
 #include <fmt/format.h>
 
 #include "camera/render.hpp"
+#include "core/check.hpp"
 #include "core/units.hpp"
 
 namespace maquette::camera {
@@ -57,6 +61,37 @@ Light::Arrival Light::arrive(Vec3 at_mm, DiscPoint p) const {
     strength *= table_->at(angle, azimuth) / axis_intensity_;
   }
   return {direction, distance, strength};
+}
+
+void Light::arrive(std::span<const Vec3> at_mm, std::span<const DiscPoint> p,
+                   std::span<Arrival> to) const {
+  MAQUETTE_CHECK(p.size() == at_mm.size() && to.size() == at_mm.size(),
+                 "{} places, {} points of the lens, {} answers", at_mm.size(), p.size(), to.size());
+  if (sun_ || table_) {
+    for (std::size_t i = 0; i < to.size(); ++i) to[i] = arrive(at_mm[i], p[i]);
+    return;
+  }
+  constexpr std::size_t kLanes = 16;
+  std::array<double, kLanes> x, y, z, distance, strength;
+  x.fill(1.0), y.fill(1.0), z.fill(1.0);
+  for (std::size_t first = 0; first < to.size(); first += kLanes) {
+    const std::size_t n = std::min(kLanes, to.size() - first);
+    for (std::size_t i = 0; i < n; ++i) {
+      const Vec3 way = point(p[first + i]) - at_mm[first + i];
+      x[i] = way.x, y[i] = way.y, z[i] = way.z;
+    }
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const double squared = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
+      distance[i] = std::sqrt(squared);
+      const double k = 1.0 / distance[i];
+      x[i] = k * x[i], y[i] = k * y[i], z[i] = k * z[i];
+      const double cosine = -(x[i] * axis_.x + y[i] * axis_.y + z[i] * axis_.z);
+      const double even = target_distance_squared_ / squared;
+      strength[i] = cosine >= cos_half_beam_ ? even : 0.0;
+    }
+    for (std::size_t i = 0; i < n; ++i)
+      to[first + i] = {{x[i], y[i], z[i]}, distance[i], strength[i]};
+  }
 }
 
 Result<void> check_lamp(const Lamp& lamp) {

@@ -13,6 +13,7 @@
 
 #include "camera/detail/box_tree.hpp"
 #include "camera/detail/field_skirt.hpp"
+#include "camera/detail/ray_lanes.hpp"
 #include "core/check.hpp"
 #include "heightmap/field_tracer.hpp"
 
@@ -32,7 +33,7 @@ constexpr double kFieldShare = 1e-6;
 constexpr double kBoxMargin = 4.0;
 
 /// So many rays are worked on together.
-constexpr std::size_t kTogether = 16;
+constexpr std::size_t kTogether = detail::RayLanes::kCount;
 
 struct Span {
   double enter, leave;
@@ -180,15 +181,11 @@ struct RayScene::State {
   [[nodiscard]] bool blocked_in(const Group& group, Vec3 start, Vec3 direction,
                                 double length) const;
   [[nodiscard]] bool may_meet_walls(Vec3 start, Vec3 direction, double length) const;
-  /// From off a surface, relative to the middle.
-  struct Way {
-    Vec3 start, direction;
-    double length;
-  };
-  [[nodiscard]] Way way_of(const ShadowRay& ray) const;
-  [[nodiscard]] bool walls_block(const Way& way) const;
+  [[nodiscard]] std::array<char, kTogether> within_walls(const detail::RayLanes& rays) const;
+  [[nodiscard]] static detail::RayLanes ways_of(std::span<const ShadowRay> rays, double off_mm,
+                                                Vec3 origin);
+  [[nodiscard]] bool walls_block(Vec3 start, Vec3 direction, double length) const;
   void meshes_block(std::span<const ShadowRay> rays, std::span<bool> blocked) const;
-  [[nodiscard]] heightmap::FieldTracer::Segment over_terrain(const ShadowRay& ray) const;
 };
 
 RTCScene RayScene::State::new_scene() const {
@@ -385,6 +382,36 @@ bool RayScene::State::may_meet_walls(Vec3 start, Vec3 direction, double length) 
   return false;
 }
 
+/// Rays of which all that is low enough is certainly inside the walls, for may_meet_walls() to be
+/// asked about the others only: both ends of what lies below the upper border do.
+std::array<char, kTogether> RayScene::State::within_walls(const detail::RayLanes& rays) const {
+  std::array<char, kTogether> within;
+  within.fill(1);
+  for (const Skirt& skirt : skirts) {
+    const Box3& box = skirt.inner;
+    std::array<std::int64_t, kTogether> inside;
+    for (std::size_t i = 0; i < kTogether; ++i) {
+      const double border = (box.max.z - rays.origin_z[i]) / rays.way_z[i];
+      const bool down = rays.way_z[i] < 0.0;
+      const double enter = down && border > 0.0 ? border : 0.0;
+      const double leave = !down && border < rays.length[i] ? border : rays.length[i];
+      const auto holds = [](bool b) { return static_cast<std::int64_t>(b); };
+      std::int64_t both = 1;
+      for (const double t : {enter, leave}) {
+        const double x = rays.origin_x[i] + t * rays.way_x[i];
+        const double y = rays.origin_y[i] + t * rays.way_y[i];
+        const double z = rays.origin_z[i] + t * rays.way_z[i];
+        both &= holds(x > box.min.x) & holds(x < box.max.x) & holds(y > box.min.y) &
+                holds(y < box.max.y) & holds(z > box.min.z);
+      }
+      inside[i] = holds(leave < enter) | both;
+    }
+    for (std::size_t i = 0; i < kTogether; ++i)
+      if (inside[i] == 0) within[i] = 0;
+  }
+  return within;
+}
+
 /// The nearest triangle of the meshes and walls, if it is nearer than what is known.
 void RayScene::State::mesh_hit(Vec3 origin_mm, Vec3 direction,
                                std::optional<RayHit>& nearest) const {
@@ -403,17 +430,20 @@ void RayScene::State::wall_hit(Vec3 origin_mm, Vec3 direction,
 /// mesh_hit() of rays of one packet: Embree is asked only if one of them may come to a mesh.
 void RayScene::State::mesh_hits(std::span<const Ray> rays,
                                 std::span<std::optional<RayHit>> nearest) const {
-  detail::BoxTree::Bundle bundle;
-  if (!meshes.empty)
+  if (geometries.empty()) return;
+  detail::RayLanes lanes;
+  for (std::size_t i = 0; i < rays.size(); ++i)
+    lanes.put(i, rays[i].origin_mm - middle, rays[i].direction,
+              nearest[i] ? nearest[i]->distance_mm + kBoxMargin * offset_mm
+                         : std::numeric_limits<double>::infinity());
+  for (std::size_t i = rays.size(); i < kTogether; ++i) lanes.repeat(0, i);
+  if (!meshes.empty && mesh_boxes.may_meet(detail::BoxTree::Bundle(lanes)))
     for (std::size_t i = 0; i < rays.size(); ++i)
-      bundle.add(rays[i].origin_mm - middle, rays[i].direction,
-                 nearest[i] ? nearest[i]->distance_mm + kBoxMargin * offset_mm
-                            : std::numeric_limits<double>::infinity());
-  const bool near_meshes = mesh_boxes.may_meet(bundle);
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    if (near_meshes) hit_in(meshes, rays[i].origin_mm, rays[i].direction, nearest[i]);
-    wall_hit(rays[i].origin_mm, rays[i].direction, nearest[i]);
-  }
+      hit_in(meshes, rays[i].origin_mm, rays[i].direction, nearest[i]);
+  if (walls.empty) return;
+  const auto within = within_walls(lanes);
+  for (std::size_t i = 0; i < rays.size(); ++i)
+    if (within[i] == 0) wall_hit(rays[i].origin_mm, rays[i].direction, nearest[i]);
 }
 
 void RayScene::State::hit_in(const Group& group, Vec3 origin_mm, Vec3 direction,
@@ -496,36 +526,47 @@ void RayScene::first_hits(std::span<const Ray> rays, std::span<std::optional<Ray
   }
 }
 
-RayScene::State::Way RayScene::State::way_of(const ShadowRay& ray) const {
-  const Vec3 start = ray.point_mm + offset_mm * ray.normal - middle;
-  const Vec3 way = ray.to_mm - middle - start;
-  const double length = norm(way);
-  return {start, (1.0 / length) * way, length};
+/// From `off_mm` off each surface, as directions of unit length; relative to `origin`.
+detail::RayLanes RayScene::State::ways_of(std::span<const ShadowRay> rays, double off_mm,
+                                          Vec3 origin) {
+  detail::RayLanes ways;
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    const Vec3 start = rays[i].point_mm + off_mm * rays[i].normal - origin;
+    ways.put(i, start, rays[i].to_mm - origin - start, 0.0);
+  }
+  for (std::size_t i = rays.size(); i < kTogether; ++i) ways.repeat(0, i);
+  for (std::size_t i = 0; i < kTogether; ++i) {
+    const double x = ways.way_x[i], y = ways.way_y[i], z = ways.way_z[i];
+    const double length = std::sqrt(x * x + y * y + z * z), k = 1.0 / length;
+    ways.way_x[i] = k * x, ways.way_y[i] = k * y, ways.way_z[i] = k * z;
+    ways.length[i] = length;
+  }
+  return ways;
 }
 
-bool RayScene::State::walls_block(const Way& way) const {
-  return !walls.empty && way.length > offset_mm &&
-         may_meet_walls(way.start, way.direction, way.length) &&
-         blocked_in(walls, way.start, way.direction, way.length);
+bool RayScene::State::walls_block(Vec3 start, Vec3 direction, double length) const {
+  return !walls.empty && length > offset_mm && may_meet_walls(start, direction, length) &&
+         blocked_in(walls, start, direction, length);
 }
 
 /// Rays of one packet that are not blocked: Embree is asked only if one of them may come to a mesh.
 void RayScene::State::meshes_block(std::span<const ShadowRay> rays, std::span<bool> blocked) const {
-  if (geometries.empty()) return;
-  std::array<Way, kTogether> ways;
-  detail::BoxTree::Bundle bundle;
+  const auto open =
+      static_cast<std::size_t>(std::find(blocked.begin(), blocked.end(), false) - blocked.begin());
+  if (geometries.empty() || open == rays.size()) return;
+  detail::RayLanes ways = ways_of(rays, offset_mm, middle);
+  for (std::size_t i = 0; i < kTogether; ++i)
+    if (i >= rays.size() || blocked[i]) ways.repeat(open, i);
+  const bool near_meshes = !meshes.empty && mesh_boxes.may_meet(detail::BoxTree::Bundle(ways));
+  std::array<char, kTogether> within{};
+  if (!walls.empty) within = within_walls(ways);
   for (std::size_t i = 0; i < rays.size(); ++i) {
     if (blocked[i]) continue;
-    ways[i] = way_of(rays[i]);
-    if (!meshes.empty)
-      bundle.add(ways[i].start, ways[i].direction, ways[i].length + kBoxMargin * offset_mm);
-  }
-  const bool near_meshes = mesh_boxes.may_meet(bundle);
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    if (blocked[i]) continue;
-    blocked[i] = (near_meshes && ways[i].length > offset_mm &&
-                  blocked_in(meshes, ways[i].start, ways[i].direction, ways[i].length)) ||
-                 walls_block(ways[i]);
+    const Vec3 start = ways.origin(i), direction = ways.way(i);
+    const double length = ways.length[i];
+    blocked[i] =
+        (near_meshes && length > offset_mm && blocked_in(meshes, start, direction, length)) ||
+        (within[i] == 0 && walls_block(start, direction, length));
   }
 }
 
@@ -542,24 +583,10 @@ bool RayScene::State::blocked_in(const Group& group, Vec3 start, Vec3 direction,
   return ray.tfar < 0.0F;
 }
 
-heightmap::FieldTracer::Segment RayScene::State::over_terrain(const ShadowRay& ray) const {
-  const Vec3 start = ray.point_mm + kFieldShare * offset_mm * ray.normal;
-  const Vec3 way = ray.to_mm - start;
-  const double length = norm(way);
-  return {start, (1.0 / length) * way, length};
-}
-
 bool RayScene::blocked(const ShadowRay& ray) const {
-  const State& s = *state_;
-  for (const auto& terrain : s.terrains) {
-    const auto segment = s.over_terrain(ray);
-    if (terrain.tracer.blocked(segment.origin_mm, segment.direction, segment.to_mm)) return true;
-  }
-  if (s.geometries.empty()) return false;
-  const State::Way way = s.way_of(ray);
-  return (way.length > s.offset_mm &&
-          s.blocked_in(s.meshes, way.start, way.direction, way.length)) ||
-         s.walls_block(way);
+  bool answer = false;
+  blocked({&ray, 1}, {&answer, 1});
+  return answer;
 }
 
 void RayScene::blocked(std::span<const ShadowRay> rays, std::span<bool> blocked) const {
@@ -569,12 +596,16 @@ void RayScene::blocked(std::span<const ShadowRay> rays, std::span<bool> blocked)
   std::array<bool, kTogether> met;
   for (std::size_t first = 0; first < rays.size(); first += kTogether) {
     const std::size_t n = std::min(kTogether, rays.size() - first);
+    const auto some = rays.subspan(first, n);
+    if (!s.terrains.empty()) {
+      const auto ways = State::ways_of(some, kFieldShare * s.offset_mm, {});
+      for (std::size_t i = 0; i < n; ++i) packet[i] = {ways.origin(i), ways.way(i), ways.length[i]};
+    }
     for (const auto& terrain : s.terrains) {
-      for (std::size_t i = 0; i < n; ++i) packet[i] = s.over_terrain(rays[first + i]);
       terrain.tracer.blocked_many({packet.data(), n}, {met.data(), n});
       for (std::size_t i = 0; i < n; ++i) blocked[first + i] = blocked[first + i] || met[i];
     }
-    s.meshes_block(rays.subspan(first, n), blocked.subspan(first, n));
+    s.meshes_block(some, blocked.subspan(first, n));
   }
 }
 

@@ -11,8 +11,8 @@
 /// scene's box, rays start where they enter that box, and what is found is computed
 /// again in double on the triangle as it stands in the TriMesh.
 ///
-/// Of rays that are asked together each sixteen go through a terrain as a packet, and come to Embree
-/// only if one of them may meet a mesh's box (detail/box_tree.hpp).
+/// Of rays that are asked together each sixteen go through a terrain as a packet, and come to
+/// Embree only if one of them may meet a mesh's box (detail/box_tree.hpp).
 
 #include <cstdint>
 #include <limits>

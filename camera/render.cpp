@@ -50,6 +50,14 @@ struct View {
     return normalized(model_from_camera.direction(
         {pitch_mm * (x_px - middle_x) - skew * down, -down, -focal_mm}));
   }
+  /// direction() of as many places as a block has pixels, in place.
+  void directions(std::array<double, kLanes>& x_px, std::array<double, kLanes>& y_px,
+                  std::array<double, kLanes>& z) const {
+    for (std::size_t i = 0; i < kLanes; ++i) {
+      const Vec3 way = direction(x_px[i], y_px[i]);
+      x_px[i] = way.x, y_px[i] = way.y, z[i] = way.z;
+    }
+  }
 };
 
 bool is_grey(const Bands& b) {
@@ -84,7 +92,9 @@ bool is_grey(const Lighting& lighting) {
 Image empty_image(const CameraModel& camera, bool grey, bool geometry) {
   const std::ptrdiff_t rows = camera.height_px, cols = camera.width_px;
   const Grid<float> nothing(geometry ? rows : 0, geometry ? cols : 0, NAN);
-  return {std::vector<Grid<float>>(grey ? 1 : 3, Grid<float>(rows, cols, 0.0F)),
+  std::vector<Grid<float>> bands;
+  for (int b = 0; b < (grey ? 1 : 3); ++b) bands.emplace_back(rows, cols, 0.0F);
+  return {std::move(bands),
           Grid<float>(rows, cols, std::numeric_limits<float>::infinity()),
           Grid<std::uint8_t>(rows, cols, 0),
           {nothing, nothing, nothing},
@@ -155,6 +165,7 @@ class Renderer {
   /// Lanes, their centre rays, and what those see.
   void begin(Image& image, std::ptrdiff_t top, std::ptrdiff_t left, Block& b) const {
     const Grid<float>& frame = image.bands[0];
+    std::array<double, kLanes> x{}, y{}, z;
     b.lanes = 0;
     b.open = true;
     for (std::ptrdiff_t r = top; r < std::min(frame.rows(), top + kBlock); ++r)
@@ -163,13 +174,14 @@ class Renderer {
         b.row[i] = r;
         b.col[i] = c;
         b.key[i] = random_bits(options_.seed, static_cast<std::uint64_t>(r * frame.cols() + c));
-        b.rays[i] = {view_.eye,
-                     view_.direction(static_cast<double>(c) + 0.5, static_cast<double>(r) + 0.5)};
+        x[i] = static_cast<double>(c) + 0.5, y[i] = static_cast<double>(r) + 0.5;
         b.sum[i] = {};
         b.square[i] = 0.0;
         b.lit[i] = false;
         b.samples[i] = 0;
       }
+    view_.directions(x, y, z);
+    for (std::size_t i = 0; i < b.lanes; ++i) b.rays[i] = {view_.eye, {x[i], y[i], z[i]}};
     trace(b);
     mark_lit(image, b);
     for (std::size_t i = 0; i < b.lanes; ++i)
@@ -245,12 +257,15 @@ class Renderer {
   void sample(Block& b, int pass, int s) const {
     if (side_ > 1 || pass > 0) {
       const auto draw = 2 * static_cast<std::uint64_t>(s);
+      std::array<double, kLanes> x{}, y{}, z;
       for (std::size_t i = 0; i < b.lanes; ++i) {
         const std::uint64_t place = stream(b, i, pass, kPlace);
-        b.rays[i].direction = view_.direction(
-            static_cast<double>(b.col[i]) + (s % side_ + random_uniform(place, draw)) / side_,
-            static_cast<double>(b.row[i]) + (s / side_ + random_uniform(place, draw + 1)) / side_);
+        x[i] = static_cast<double>(b.col[i]) + (s % side_ + random_uniform(place, draw)) / side_;
+        y[i] =
+            static_cast<double>(b.row[i]) + (s / side_ + random_uniform(place, draw + 1)) / side_;
       }
+      view_.directions(x, y, z);
+      for (std::size_t i = 0; i < b.lanes; ++i) b.rays[i].direction = {x[i], y[i], z[i]};
       trace(b);
     }
     shine(b, s);
@@ -305,6 +320,9 @@ class Renderer {
   /// only shadow beside a penumbra is not taken for good. The variance of single samples is an
   /// upper bound for the stratified mean's, so the target is kept.
   void judge(Block& b) const {
+    b.open = options_.noise_target > 0.0 &&
+             b.samples[0] + options_.samples_per_pixel <= options_.max_samples;
+    if (!b.open) return;
     bool more = false;
     for (std::size_t i = 0; i < b.lanes; ++i) {
       const double n = b.samples[i], mean = b.sum[i][1] / n;
@@ -312,8 +330,6 @@ class Renderer {
       more = more || n < kFirstLook ||
              std::sqrt(variance) > options_.noise_target * std::max(mean, kDark);
     }
-    more = more && options_.noise_target > 0.0 &&
-           b.samples[0] + options_.samples_per_pixel <= options_.max_samples;
     b.open = more;
   }
 

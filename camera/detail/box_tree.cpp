@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <numeric>
 #include <tuple>
 #include <utility>
@@ -48,6 +49,29 @@ void halve(std::span<const Box3> boxes, Part part, int times, std::vector<Part>&
 }
 
 }  // namespace
+
+BoxTree::Bundle::Bundle(const RayLanes& rays) {
+  using Four = double __attribute__((vector_size(32)));
+  static_assert(RayLanes::kCount == 16);
+  const auto ends = [](const RayLanes::Lane& lane, double& least, double& most) {
+    std::array<Four, 4> v;
+    std::memcpy(v.data(), lane.data(), sizeof v);
+    const auto less = [](Four x, Four y) { return x < y ? x : y; };
+    const auto more = [](Four x, Four y) { return x > y ? x : y; };
+    const Four low = less(less(v[0], v[1]), less(v[2], v[3]));
+    const Four high = more(more(v[0], v[1]), more(v[2], v[3]));
+    least = std::min(std::min(low[0], low[1]), std::min(low[2], low[3]));
+    most = std::max(std::max(high[0], high[1]), std::max(high[2], high[3]));
+  };
+  ends(rays.origin_x, least_origin_[0], most_origin_[0]);
+  ends(rays.origin_y, least_origin_[1], most_origin_[1]);
+  ends(rays.origin_z, least_origin_[2], most_origin_[2]);
+  ends(rays.way_x, least_way_[0], most_way_[0]);
+  ends(rays.way_y, least_way_[1], most_way_[1]);
+  ends(rays.way_z, least_way_[2], most_way_[2]);
+  double shortest = 0.0;
+  ends(rays.length, shortest, length_);
+}
 
 void BoxTree::Bundle::add(Vec3 origin, Vec3 direction, double length) {
   const auto o = axes(origin), d = axes(direction);

@@ -20,6 +20,7 @@
 #include <span>
 #include <vector>
 
+#include "camera/detail/ray_lanes.hpp"
 #include "core/vec.hpp"
 
 namespace maquette::camera::detail {
@@ -29,6 +30,9 @@ class BoxTree {
   /// Rays, by what holds them all.
   class Bundle {
    public:
+    Bundle() = default;
+    /// Of all lanes.
+    explicit Bundle(const RayLanes& rays);
     /// @param direction  of any length
     /// @param length     times `direction`; infinite allowed
     void add(Vec3 origin, Vec3 direction, double length);

@@ -75,14 +75,19 @@ void Shader::direct(std::span<const Seen> seen, const Light& light, std::span<Li
   constexpr std::size_t kMost = 16;
   MAQUETTE_CHECK(seen.size() <= kMost && lit.size() == seen.size(), "{} places, {} answers",
                  seen.size(), lit.size());
+  std::array<Vec3, kMost> places;
+  std::array<DiscPoint, kMost> lens;
   std::array<Light::Arrival, kMost> arrivals;
   std::array<RayScene::ShadowRay, kMost> rays;
   std::array<std::size_t, kMost> of;
   std::array<bool, kMost> blocked;
   std::size_t n = 0;
+  for (std::size_t i = 0; i < seen.size(); ++i)
+    places[i] = seen[i].hit->point_mm, lens[i] = seen[i].lens;
+  light.arrive({places.data(), seen.size()}, {lens.data(), seen.size()},
+               {arrivals.data(), seen.size()});
   for (std::size_t i = 0; i < seen.size(); ++i) {
     lit[i] = {};
-    arrivals[i] = light.arrive(seen[i].hit->point_mm, seen[i].lens);
     if (!faces(seen[i], arrivals[i])) continue;
     of[n] = i;
     rays[n++] = shadow_ray(*seen[i].hit, arrivals[i]);

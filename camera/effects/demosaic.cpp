@@ -79,7 +79,8 @@ void apply(const Demosaic& e, const Shot& shot, Frame& frame) {
   if (!frame.mosaic) return;
   const BayerPattern pattern = *frame.mosaic;
   const Grid<float> mosaic = std::move(frame.bands.front());
-  frame.bands.assign(3, Grid<float>(mosaic.rows(), mosaic.cols()));
+  frame.bands.clear();
+  for (int b = 0; b < 3; ++b) frame.bands.emplace_back(mosaic.rows(), mosaic.cols());
   const auto cols = static_cast<std::size_t>(mosaic.cols());
   const bool malvar = e.method == "malvar";
   const auto most = static_cast<float>(std::ldexp(1.0, shot.bits) - 1.0);

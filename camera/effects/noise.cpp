@@ -54,22 +54,85 @@ RowFunction added_normal(const NoiseStream& stream, double sigma) {
   };
 }
 
+namespace {
+
+constexpr float kFewCounts = 30.0F;
+constexpr int kMostCounts = 200;  ///< of fewer than kFewCounts expected
+
+/// Of kFewCounts or more.
+inline float many_counts(float mean, float z) {
+  const float root = std::sqrt(mean), z2 = z * z;
+  const float skewed = z + (z2 - 1.0F) / (6.0F * root) + (z - z * z2) / (72.0F * mean);
+  const float count = std::floor(mean + root * skewed + 0.5F);
+  return count > 0.0F ? count : 0.0F;
+}
+
+}  // namespace
+
 float poisson_from(const NormalTable& table, float mean, std::uint32_t bits) {
   if (!(mean > 0.0F)) return 0.0F;
-  constexpr float kFewCounts = 30.0F;
   if (mean < kFewCounts) {
     const double u = (static_cast<double>(bits) + 0.5) * 0x1.0p-32;
     double term = std::exp(-static_cast<double>(mean)), sum = term;
     int count = 0;
     // 2^-33 of the tail lies beyond 30 + 45: it ends.
-    while (sum < u && count < 200) sum += term *= static_cast<double>(mean) / ++count;
+    while (sum < u && count < kMostCounts) sum += term *= static_cast<double>(mean) / ++count;
     return static_cast<float>(count);
   }
-  const float z = normal_from(table, bits);
-  const float root = std::sqrt(mean), z2 = z * z;
-  const float skewed = z + (z2 - 1.0F) / (6.0F * root) + (z - z * z2) / (72.0F * mean);
-  const float count = std::floor(mean + root * skewed + 0.5F);
-  return count > 0.0F ? count : 0.0F;
+  return many_counts(mean, normal_from(table, bits));
+}
+
+namespace {
+
+/// poisson_from() of means below kFewCounts, four at a time.
+void few_counts(std::span<const float> means, std::span<const std::uint32_t> bits,
+                std::span<float> counts) {
+  using Four = double __attribute__((vector_size(32)));
+  for (std::size_t first = 0; first < means.size(); first += 4) {
+    const std::size_t n = std::min<std::size_t>(4, means.size() - first);
+    Four mean{}, u{}, term{}, count{};  // what is left of the four draws nothing
+    for (std::size_t i = 0; i < n; ++i) {
+      if (!(means[first + i] > 0.0F)) continue;
+      mean[i] = static_cast<double>(means[first + i]);
+      u[i] = (static_cast<double>(bits[first + i]) + 0.5) * 0x1.0p-32;
+      term[i] = std::exp(-mean[i]);
+    }
+    Four sum = term;
+    for (int k = 1; k <= kMostCounts; ++k) {
+      const auto more = sum < u;
+      if ((more[0] | more[1] | more[2] | more[3]) == 0) break;
+      term *= mean / static_cast<double>(k);
+      sum = more ? sum + term : sum;
+      count = more ? count + 1.0 : count;
+    }
+    for (std::size_t i = 0; i < n; ++i) counts[first + i] = static_cast<float>(count[i]);
+  }
+}
+
+}  // namespace
+
+void poisson_counts(const NormalTable& table, const NoiseStream& stream, std::uint64_t first,
+                    std::span<float> means) {
+  std::array<float, kDraws> z, counts, few;
+  std::array<std::uint32_t, kDraws> few_bits;
+  std::array<std::size_t, kDraws> of;
+  for (std::size_t c = 0; c < means.size(); c += kDraws) {
+    const std::size_t n = std::min(kDraws, means.size() - c);
+    float* to = means.data() + c;
+    normals_at(table, stream, first + c, n, z.data());
+    for (std::size_t i = 0; i < n; ++i)
+      counts[i] = many_counts(to[i] > kFewCounts ? to[i] : kFewCounts, z[i]);
+    std::size_t k = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (to[i] >= kFewCounts) continue;
+      of[k] = i;
+      few[k] = to[i];
+      few_bits[k++] = static_cast<std::uint32_t>(stream.bits(first + c + i) >> 32);
+    }
+    std::copy_n(counts.data(), n, to);
+    few_counts({few.data(), k}, {few_bits.data(), k}, {counts.data(), k});
+    for (std::size_t i = 0; i < k; ++i) to[of[i]] = counts[i];
+  }
 }
 
 }  // namespace maquette::camera

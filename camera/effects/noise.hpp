@@ -103,5 +103,9 @@ void with_normals(const NoiseStream& stream, std::ptrdiff_t row,
 
 /// Counts of a Poisson distribution of `mean` >= 0 from 32 random bits.
 [[nodiscard]] float poisson_from(const NormalTable& table, float mean, std::uint32_t bits);
+/// Each mean becomes a count, by draws `first` and following of a stream: the same as
+/// poisson_from() one by one.
+void poisson_counts(const NormalTable& table, const NoiseStream& stream, std::uint64_t first,
+                    std::span<float> means);
 
 }  // namespace maquette::camera

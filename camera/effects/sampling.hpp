@@ -78,6 +78,24 @@ inline void bicubic_lanes(const Grid<float>& g, const float* x, const float* y, 
     const auto a = cubic_weights(s[l]), b = cubic_weights(t[l]);
     for (std::size_t k = 0; k < 4; ++k) wx[k][l] = a[k], wy[k][l] = b[k];
   }
+  int side_by_side = 1;
+  for (std::size_t l = 1; l < n; ++l)
+    side_by_side &=
+        static_cast<int>(c[l] == c[0] + static_cast<int>(l)) & static_cast<int>(r[l] == r[0]);
+  if (side_by_side != 0) {
+    // The picture is hardly scaled: most of the time each lane's pixels lie beside the last one's.
+    std::array<std::array<float, n>, 4> sum{};
+    const float* at = &g(r[0] - 1, c[0] - 1);
+    for (std::size_t k = 0; k < 4; ++k, at += g.cols())
+      for (std::size_t j = 0; j < 4; ++j)
+        for (std::size_t l = 0; l < n; ++l) sum[j][l] += at[j + l] * wy[k][l];
+    for (std::size_t l = 0; l < n; ++l) {
+      const float value = (sum[0][l] * wx[0][l] + sum[1][l] * wx[1][l]) +
+                          (sum[2][l] * wx[2][l] + sum[3][l] * wx[3][l]);
+      to[l] = value > 0.0F ? value : 0.0F;
+    }
+    return;
+  }
   using Four = float __attribute__((vector_size(16)));
   for (std::size_t l = 0; l < n; ++l) {
     const float* at = &g(r[l] - 1, c[l] - 1);

@@ -9,12 +9,8 @@ RowFunction rows(const ShotNoise&, const Shot& shot, const Frame&) {
   const NoiseStream stream = temporal_noise(shot, ShotNoise::kInfo.name);
   return [stream](std::ptrdiff_t row, const std::vector<std::span<float>>& bands) {
     const NormalTable& table = normal_table();
-    for (std::size_t b = 0; b < bands.size(); ++b) {
-      const std::uint64_t first = draw_number(row, 0, b);
-      for (std::size_t c = 0; c < bands[b].size(); ++c)
-        bands[b][c] = poisson_from(table, bands[b][c],
-                                   static_cast<std::uint32_t>(stream.bits(first + c) >> 32));
-    }
+    for (std::size_t b = 0; b < bands.size(); ++b)
+      poisson_counts(table, stream, draw_number(row, 0, b), bands[b]);
   };
 }
 

@@ -79,6 +79,10 @@ TEST(BoxTree, NoIsCertainAndMostlySaid) {
       for (const Ray& ray : rays)
         for (const Box3& box : boxes) any = any || meets(ray, box);
       const bool said = tree.may_meet(bundle);
+      RayLanes lanes;
+      for (std::size_t k = 0; k < rays.size(); ++k)
+        lanes.put(k, rays[k].origin, rays[k].direction, rays[k].length);
+      ASSERT_EQ(tree.may_meet(BoxTree::Bundle(lanes)), said);
       ASSERT_TRUE(said || !any) << count << " boxes, bundle " << i;
       met += any ? 1 : 0;
       const bool close = spread < 0.1 && apart == 0.0;

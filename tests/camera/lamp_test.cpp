@@ -2,6 +2,7 @@
 
 // camera/lamp.hpp, camera/spectrum.hpp, lamps and surroundings of camera/render.hpp:
 //   irradiance of a plane ............ several lamps add; a table scales by angle; a sun is even
+//   many places together ............. the same light as one by one, to the bit
 //   penumbra of a sun ................ width = height times angular diameter, 2 %
 //   tables ........................... LM-63 of every symmetry, CSV; bad files name the line
 //   surroundings ..................... even: albedo times radiance; a panel: its form factor
@@ -20,6 +21,7 @@
 
 #include "camera/render.hpp"
 #include "camera/spectrum.hpp"
+#include "core/random.hpp"
 #include "support/matchers.hpp"
 #include "support/simple_solids.hpp"
 
@@ -354,6 +356,39 @@ TEST(Spectrum, FilesAreReadAndRefused) {
                           "wavelength_nm,value\n400,1\n400,2\n",
                           "wavelength_nm,value\n400,-1\n500,1\n", "wavelength_nm,value\n400,x\n"})
     EXPECT_THAT(read_spectrum(written("bad.csv", bad)), FailsWith(kSpectrumFile)) << bad;
+}
+
+TEST(Light, ArrivesAtManyPlacesAsAtOne) {
+  Lamp even, wide, table, sun;
+  even.position_mm = wide.position_mm = table.position_mm = {40.0, -30.0, 90.0};
+  wide.lens_diameter_mm = 12.0;
+  table.intensity =
+      std::make_shared<IntensityTable>(IntensityTable{{0.0, 20.0, 60.0}, {0.0}, {3.0, 2.0, 0.5}});
+  sun.sun_diameter_deg = 0.5;
+  int dark = 0, lit = 0;
+  for (const Lamp& lamp : {even, wide, table, sun}) {
+    const Light light(lamp);
+    for (const std::size_t count : {0U, 1U, 16U, 17U, 40U}) {
+      std::vector<Vec3> places(count);
+      std::vector<DiscPoint> points(count);
+      for (std::size_t i = 0; i < count; ++i) {
+        const auto u = [&](std::uint64_t k) { return 2.0 * random_uniform(5, 5 * i + k) - 1.0; };
+        places[i] = {120.0 * u(0), 120.0 * u(1), 20.0 * u(2)};
+        points[i] = {u(3), u(4)};
+      }
+      std::vector<Light::Arrival> many(count);
+      light.arrive(places, points, many);
+      for (std::size_t i = 0; i < count; ++i) {
+        const Light::Arrival one = light.arrive(places[i], points[i]);
+        ASSERT_EQ(one.direction, many[i].direction);
+        ASSERT_EQ(one.distance_mm, many[i].distance_mm);
+        ASSERT_EQ(one.strength, many[i].strength);
+        ++(one.strength > 0.0 ? lit : dark);
+      }
+    }
+  }
+  EXPECT_GT(dark, 50);
+  EXPECT_GT(lit, 50);
 }
 
 TEST(Lamp, IsRefusedWhenItMakesNoSense) {

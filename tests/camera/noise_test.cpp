@@ -3,6 +3,7 @@
 // camera/effects/noise.hpp:
 //   normal quantile .................. against erfc, at 20000 places up to 6 sigma: 1e-4
 //   Poisson counts ................... mean, variance, third moment against the distribution's
+//   counts of a row .................. the same as one by one, to the bit
 //   streams are independent .......... correlation of 16 M draws between seeds, times, effects,
 //                                      neighbours: below 1e-3 (four standard errors of 2.5e-4)
 //   fixed pattern .................... depends on the serial number only
@@ -74,6 +75,27 @@ double correlation(const NoiseStream& a, const NoiseStream& b, std::uint64_t lag
         static_cast<double>(normal_from(table, static_cast<std::uint32_t>(a.bits(i) >> 32)) *
                             normal_from(table, static_cast<std::uint32_t>(b.bits(i + lag) >> 32)));
   return sum / static_cast<double>(kDraws);
+}
+
+TEST(PoissonCounts, AreTheSameTogether) {
+  const NoiseStream stream{7};
+  for (const std::size_t count : {1U, 3U, 64U, 65U, 1000U}) {
+    std::vector<float> means(count), counts;
+    for (std::size_t i = 0; i < count; ++i) {
+      const double u = random_uniform(9, i);
+      means[i] = static_cast<float>(std::exp(16.0 * u - 5.0));
+      if (i % 9 == 4) means[i] = i % 2 == 0 ? 0.0F : -1.0F;
+      if (i % 31 == 30) means[i] = NAN;
+      if (i % 17 == 16) means[i] = i % 2 == 0 ? 30.0F : std::nextafter(30.0F, 0.0F);
+    }
+    counts = means;
+    poisson_counts(normal_table(), stream, 100 * count, counts);
+    for (std::size_t i = 0; i < count; ++i)
+      ASSERT_EQ(counts[i],
+                poisson_from(normal_table(), means[i],
+                             static_cast<std::uint32_t>(stream.bits(100 * count + i) >> 32)))
+          << means[i];
+  }
 }
 
 TEST(NoiseStreams, AreNotCorrelated) {

@@ -12,7 +12,7 @@
 //   picture
 //                      against the figure, far part included
 //   veiling glare .... share in the dark; mean kept
-//   sampling ......... quadratics exactly
+//   sampling ......... quadratics exactly; places together as one by one, to the bit
 
 #include <cmath>
 #include <numbers>
@@ -94,6 +94,29 @@ TEST(Sampling, IsExactForQuadratics) {
   }
   EXPECT_EQ(bilinear(g, -3.0F, -3.0F), g(0, 0));
   EXPECT_EQ(bilinear(g, 4.5F, 4.5F), g(4, 4));
+}
+
+TEST(Sampling, IsTheSameForPlacesTogether) {
+  Grid<float> g(40, 60);
+  std::uint64_t draw = 0;
+  const auto uniform = [&](double lo, double hi) {
+    return static_cast<float>(lo + (hi - lo) * random_uniform(12, draw++));
+  };
+  for (float& v : g.cells()) v = uniform(-0.2, 1.0);
+  for (int i = 0; i < 4000; ++i) {
+    // Side by side, hardly scaled, across rows, all over the picture and beyond it.
+    const float x0 = uniform(-2.0, 55.0), y0 = uniform(-2.0, 42.0);
+    const float dx = i % 4 == 0 ? 1.0F : uniform(0.9, 1.1),
+                dy = i % 3 == 0 ? 0.0F : uniform(-0.1, 0.1);
+    std::array<float, kSampleLanes> x, y, together;
+    for (std::size_t l = 0; l < kSampleLanes; ++l) {
+      x[l] = i % 5 == 4 ? uniform(-2.0, 62.0) : x0 + dx * static_cast<float>(l);
+      y[l] = y0 + dy * static_cast<float>(l);
+    }
+    bicubic_lanes(g, x.data(), y.data(), together.data());
+    for (std::size_t l = 0; l < kSampleLanes; ++l)
+      ASSERT_EQ(together[l], bicubic(g, x[l], y[l])) << x[l] << ", " << y[l];
+  }
 }
 
 class DistortionModels : public testing::TestWithParam<Distortion> {};

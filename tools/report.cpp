@@ -169,7 +169,7 @@ std::string page(const std::string& title, const std::string& body) {
 }
 
 Result<void> write_run_page(const Site& site, std::span<const UnitRecord> records,
-                            const fs::path& folder, const fs::path& out) {
+                            const fs::path& folder, const fs::path& out, const std::string& view) {
   const auto figures_of = [&](const std::string& unit) {
     for (const UnitRecord& r : records)
       if (r.name == unit) return json::parse(r.figures_json);
@@ -181,6 +181,11 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
       "maquette {}.</p>\n",
       markup_escaped(site.body), site.centre_latitude_deg, site.centre_longitude_deg, site.size_mm,
       site.size_mm, site.spacing_mm, kVersion);
+  if (!view.empty())
+    html += fmt::format(
+        "<p><a href='{}'>Surfaces, deviations and toolpaths to turn and click</a>, in one file "
+        "that needs no network.</p>\n",
+        view);
   for (const UnitRecord& r : records)
     if (!r.unmet.empty())
       html += fmt::format("<p class='warn'>{}: {}</p>\n", markup_escaped(r.name),

@@ -34,9 +34,11 @@ namespace maquette::tools {
 /// report.html of a run: for each scale hillshade, mesh and toolpath figures, the paths in three
 /// dimensions, machining time, picture, deviation map and histogram. `folder` is the run's, with
 /// one folder a scale.
+/// @param view  file beside it that holds the page of `maquette view`; empty: there is none
 [[nodiscard]] Result<void> write_run_page(const Site& site, std::span<const UnitRecord> records,
                                           const std::filesystem::path& folder,
-                                          const std::filesystem::path& out);
+                                          const std::filesystem::path& out,
+                                          const std::string& view);
 
 /// manifest.json: versions, parameters, inputs and outputs with SHA-256, seconds,
 /// memory and figures of every unit.

@@ -138,6 +138,24 @@ TEST_F(Chain, LeavesEveryDocumentedFile) {
       EXPECT_TRUE(fs::exists(out() / scale / file)) << scale << "/" << file;
 }
 
+// Where the program was built with its page, the report links it with the run's data inside.
+TEST_F(Chain, TheReportLinksAPageOfTheRun) {
+  const bool there = fs::exists(out() / "view.html");
+  EXPECT_EQ(slurp(out() / "report.html").find("href='view.html'") != std::string::npos, there);
+  if (!there) {
+    const ScratchFolder other;
+    const Outcome tried =
+        run_program(other.path(),
+                    fmt::format("view '{}' --export '{}'", out().string(), (other / "p").string()));
+    ASSERT_NE(tried.exit_code, 0) << "the program has a page, and the run none";
+    GTEST_SKIP() << "built without the page: tools/setup --web";
+  }
+  const std::string page = slurp(out() / "view.html");
+  EXPECT_LE(page.size(), 10'000'000U);
+  for (const char* raster : {"s1000/design.tif", "s200/as_milled.tif", "s200/deviation.tif"})
+    EXPECT_NE(page.find(fmt::format("\"grid/{}\"", raster)), std::string::npos) << raster;
+}
+
 // Files against files: means over 5 x 5 nodes of 1:200 are the nodes of 1:1000, in heights of the
 // model above one datum.
 TEST_F(Chain, TheFinerScaleIsAnEnlargement) {

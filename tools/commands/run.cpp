@@ -18,6 +18,8 @@
 #include "tools/milling.hpp"
 #include "tools/operations.hpp"
 #include "tools/report.hpp"
+#include "tools/view/view_export.hpp"
+#include "tools/view/view_page.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -407,6 +409,30 @@ bool selected(const std::string& stage, const std::vector<std::string>& wanted) 
          });
 }
 
+constexpr const char* kPage = "view.html";
+
+/// The page of `maquette view` with the run's surfaces and toolpaths inside, for the report to
+/// link.
+/// @return false: the program has no page, or what is there does not fit into one
+Result<bool> export_page(Console& console, std::span<const UnitRecord> records,
+                         const fs::path& folder) {
+  constexpr double kMost_mb = 10.0;
+  if (view_page().empty()) return false;
+  const fs::path out = folder / kPage;
+  const bool nothing_new =
+      std::all_of(records.begin(), records.end(), [](const UnitRecord& r) { return r.reused; });
+  if (nothing_new && fs::exists(out)) return true;
+  const RunContext run = console.begin("view");
+  const auto result = view_export_job(folder, out, view_page(), kMost_mb, run);
+  console.end(result ? result->note : "failed");
+  if (!result && result.error().code == kViewExportSmall) {
+    console.warning(result.error().message);
+    return false;
+  }
+  if (!result) return tl::unexpected(result.error());
+  return true;
+}
+
 Result<int> run_site(const RunOptions& options, const CommonOptions& common, Console& console) {
   const bool sharded = !options.shard.empty();
   Shard shard;
@@ -486,7 +512,9 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
   const bool whole = options.stages.empty() && !sharded;
   if (whole) {
     MAQUETTE_TRY_VOID(write_manifest(file, records, options.site, folder / "manifest.json"));
-    MAQUETTE_TRY_VOID(write_run_page(site, records, folder, folder / "report.html"));
+    MAQUETTE_TRY(const bool seen, export_page(console, records, folder));
+    MAQUETTE_TRY_VOID(write_run_page(site, records, folder, folder / "report.html",
+                                     seen ? std::string(kPage) : std::string()));
   }
   console.result(summary_table(records));
   nlohmann::json times{{"machining_time", nlohmann::json::array()}};

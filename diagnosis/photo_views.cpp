@@ -2,8 +2,11 @@
 #include "diagnosis/detail/photo_views.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -56,20 +59,43 @@ bool same_lamp(const PhotoState& a, const PhotoState& b, std::size_t lamp) {
          a.lamp_diameter_mm == b.lamp_diameter_mm;
 }
 
-bool sees(const heightmap::FieldTracer& tracer, Vec3 from, Vec3 to) {
+constexpr std::ptrdiff_t kBlock = 4;   // side of a square of rays that are traced together
+constexpr std::size_t kTogether = 16;  // rays in it
+
+heightmap::FieldTracer::Segment segment(Vec3 from, Vec3 to) {
   const double way = norm(to - from);
-  return !tracer.blocked(from, (1.0 / way) * (to - from), way, 0.0);
+  return {from, (1.0 / way) * (to - from), way};
+}
+/// Calls `cell` for each cell of a square of kBlock x kBlock, then `end`, square by square.
+template <class State, class Cell, class End>
+void in_squares(std::ptrdiff_t rows, std::ptrdiff_t cols, const Cell& cell, const End& end) {
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, (rows + kBlock - 1) / kBlock, [&](std::ptrdiff_t i) {
+    State state;
+    for (std::ptrdiff_t left = 0; left < cols; left += kBlock) {
+      for (std::ptrdiff_t r = i * kBlock; r < std::min(rows, (i + 1) * kBlock); ++r)
+        for (std::ptrdiff_t c = left; c < std::min(cols, left + kBlock); ++c) cell(r, c, state);
+      end(state);
+    }
+  });
 }
 /// What a place sees of points on a lamp's disc.
 SeenLamp seen_of(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& lamp,
                  double diameter_mm, const std::vector<camera::DiscPoint>& disc) {
   int seen = 0;
   double x = 0.0, y = 0.0;
-  for (const camera::DiscPoint& d : disc) {
-    if (!sees(tracer, from, lamp.at(d.x, d.y, diameter_mm))) continue;
-    ++seen;
-    x += d.x;
-    y += d.y;
+  std::array<heightmap::FieldTracer::Segment, kTogether> rays;
+  std::array<bool, kTogether> blocked;
+  for (std::size_t first = 0; first < disc.size(); first += kTogether) {
+    const std::size_t n = std::min(kTogether, disc.size() - first);
+    for (std::size_t i = 0; i < n; ++i)
+      rays[i] = segment(from, lamp.at(disc[first + i].x, disc[first + i].y, diameter_mm));
+    tracer.blocked_many({rays.data(), n}, {blocked.data(), n});
+    for (std::size_t i = 0; i < n; ++i) {
+      if (blocked[i]) continue;
+      ++seen;
+      x += disc[first + i].x;
+      y += disc[first + i].y;
+    }
   }
   const auto all = static_cast<int>(disc.size());
   if (seen == all) return {1.0F, 0.0F, 0.0F};
@@ -80,9 +106,13 @@ SeenLamp seen_of(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& la
 /// Is what a place sees of a lamp's rim other than what it sees of its middle?
 bool differs_at_rim(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& lamp,
                     double diameter_mm, bool middle) {
+  std::array<heightmap::FieldTracer::Segment, 4> rays;
+  std::size_t n = 0;
   for (const auto& [x, y] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}})
-    if (sees(tracer, from, lamp.at(x, y, diameter_mm)) != middle) return true;
-  return false;
+    rays[n++] = segment(from, lamp.at(x, y, diameter_mm));
+  std::array<bool, 4> blocked;
+  tracer.blocked_many(rays, blocked);
+  return std::any_of(blocked.begin(), blocked.end(), [&](bool b) { return b == middle; });
 }
 SeenLamp mean_of(const SeenLamp& sum, double n) {
   const auto k = static_cast<float>(1.0 / n);
@@ -325,44 +355,69 @@ void PhotoViews::trace(std::size_t k) {
       turned > 0.0 ? rotation_about((1.0 / turned) * turn, turned) * photo.model_from_camera
                    : photo.model_from_camera;
   const std::ptrdiff_t far = reach();
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, view.samples.rows(), [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < view.samples.cols(); ++c) {
-      if (!view.wanted(r / kAcross, c / kAcross, far)) {
-        view.samples(r, c) = {};
-        continue;
-      }
-      const double u0 = (static_cast<double>(c) + 0.5) / kAcross - photo.principal_u_px,
-                   v0 = (static_cast<double>(r) + 0.5) / kAcross - photo.principal_v_px;
-      double u = u0, v = v0;
-      for (int round = 0; round < 6; ++round) {  // back from where the lens puts it
-        const double r2 = (u * u + v * v) / (f * f);
-        const double radial = 1.0 + state_.focal + state_.radial_1 * r2 + state_.radial_2 * r2 * r2;
-        u = u0 / radial;
-        v = v0 / radial;
-      }
-      Sample& s = view.samples(r, c);
-      s = {};
-      const auto hit = tracer.trace(origin, rotate(model_from_camera, normalized(Vec3{u, -v, -f})));
-      if (!hit) continue;
-      s.x = static_cast<float>(hit->point_mm.x);
-      s.y = static_cast<float>(hit->point_mm.y);
-      s.z = static_cast<float>(hit->point_mm.z);
-    }
-  });
+  struct Square {
+    std::size_t n = 0;
+    std::array<Sample*, kTogether> of;
+    std::array<heightmap::FieldTracer::Ray, kTogether> rays;
+    std::array<std::optional<heightmap::FieldHit>, kTogether> hits;
+  };
+  in_squares<Square>(
+      view.samples.rows(), view.samples.cols(),
+      [&](std::ptrdiff_t r, std::ptrdiff_t c, Square& square) {
+        Sample& s = view.samples(r, c);
+        s = {};
+        if (!view.wanted(r / kAcross, c / kAcross, far)) return;
+        const double u0 = (static_cast<double>(c) + 0.5) / kAcross - photo.principal_u_px,
+                     v0 = (static_cast<double>(r) + 0.5) / kAcross - photo.principal_v_px;
+        double u = u0, v = v0;
+        for (int round = 0; round < 6; ++round) {  // back from where the lens puts it
+          const double r2 = (u * u + v * v) / (f * f);
+          const double radial =
+              1.0 + state_.focal + state_.radial_1 * r2 + state_.radial_2 * r2 * r2;
+          u = u0 / radial;
+          v = v0 / radial;
+        }
+        square.of[square.n] = &s;
+        square.rays[square.n++] = {origin, rotate(model_from_camera, normalized(Vec3{u, -v, -f}))};
+      },
+      [&](Square& square) {
+        const std::size_t n = std::exchange(square.n, 0);
+        tracer.trace_many({square.rays.data(), n}, {square.hits.data(), n});
+        for (std::size_t i = 0; i < n; ++i) {
+          const auto& hit = square.hits[i];
+          if (!hit) continue;
+          square.of[i]->x = static_cast<float>(hit->point_mm.x);
+          square.of[i]->y = static_cast<float>(hit->point_mm.y);
+          square.of[i]->z = static_cast<float>(hit->point_mm.z);
+        }
+      });
 }
 
 void PhotoViews::see_lamp(std::size_t k) {
   View& view = views_[k];
   const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
   const Lamp lamp(scene_, state_, k);
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, view.samples.rows(), [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < view.samples.cols(); ++c) {
-      Sample& s = view.samples(r, c);
-      if (std::isnan(s.x)) continue;
-      const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
-      s.lamp = {sees(tracer, p, lamp.position) ? 1.0F : 0.0F, 0.0F, 0.0F};
-    }
-  });
+  struct Square {
+    std::size_t n = 0;
+    std::array<Sample*, kTogether> of;
+    std::array<heightmap::FieldTracer::Segment, kTogether> rays;
+    std::array<bool, kTogether> blocked;
+  };
+  in_squares<Square>(
+      view.samples.rows(), view.samples.cols(),
+      [&](std::ptrdiff_t r, std::ptrdiff_t c, Square& square) {
+        Sample& s = view.samples(r, c);
+        if (std::isnan(s.x)) return;
+        square.of[square.n] = &s;
+        square.rays[square.n++] =
+            segment({s.x, s.y, static_cast<double>(s.z) + kOff_mm}, lamp.position);
+      },
+      [&](Square& square) {
+        const std::size_t n = std::exchange(square.n, 0);
+        tracer.blocked_many({square.rays.data(), n}, {square.blocked.data(), n});
+        for (std::size_t i = 0; i < n; ++i)
+          square.of[i]->lamp = {square.blocked[i] ? 0.0F : 1.0F, 0.0F, 0.0F};
+      });
   if (!(lamp.diameter_mm > 0.0)) return;
   // Penumbras: where a neighbour within their width sees what this does not. Along the light a low
   // lamp stretches them twice: the shadow, and the angle at which its edge meets the ground.

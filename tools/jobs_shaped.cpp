@@ -81,14 +81,17 @@ Result<MeshCertificate> prove(const TriMesh& shaped, const TriMesh& plain,
 Result<MeshCertificate> make(const heightmap::ModelField& design, const meshing::NodeWindow& window,
                              const meshing::SolidOptions& options, const meshing::Shaping& shaping,
                              const ShapedJob& job, const fs::path& out, const RunContext& run) {
-  if (!job.stones) {
+  std::vector<meshing::PlacedStone> plan;
+  if (job.stones) {
+    MAQUETTE_TRY(plan, meshing::read_stone_plan(*job.stones));
+  }
+  if (plan.empty()) {
     MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, window, options, shaping));
     MAQUETTE_TRY(const MeshCertificate certificate, prove_shaped(solid, part(run, 0.0, 0.5)));
     MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.5, 1.0)));
     return certificate;
   }
   std::vector<TriMesh> stones;
-  MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*job.stones));
   for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
   MAQUETTE_TRY(const TriMesh plain,
                meshing::volume_solid(design, stones, options, part(run, 0.0, 0.4)));
@@ -135,26 +138,37 @@ Result<void> hollow(const heightmap::ModelField& piece, Millimetres base_z,
 
 Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& job,
                         const fs::path& out, const RunContext& run) {
-  MAQUETTE_CHECK(!job.shape.plain() && !(job.band && job.stones), "nothing to shape");
-  meshing::NodeWindow window = meshing::all_nodes(design);
+  MAQUETTE_CHECK(!job.plain() && !(job.band && job.stones), "nothing to shape");
+  meshing::Tile tile{1, 1, 1, meshing::all_nodes(design)};
+  std::vector<meshing::Tile> tiles{tile};
   if (job.band) {
     MAQUETTE_TRY(const auto bands,
                  meshing::split_into_bands(design, meshing::BandAxis::y, job.band->max_width));
     MAQUETTE_CHECK(job.band->index < bands.size(), "band {} of {}", job.band->index, bands.size());
-    window.row0 = bands[job.band->index].first;
-    window.row1 = bands[job.band->index].last;
+    tiles.clear();
+    for (const meshing::Band& b : bands)
+      tiles.push_back({b.number, b.number, 1, {b.first, b.last, 0, design.z_mm.cols() - 1}});
+    tile = tiles[job.band->index];
   }
   // The base is that of the whole, so that bands stand level beside each other.
   const meshing::SolidOptions options{
       .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
                 job.base_thickness};
+  MAQUETTE_TRY(JointHoles holes,
+               place_holes(design, tiles, options.base_z, job.base_thickness, job.in_joints));
+  for (HolesOfKind* kind : {&holes.dowels, &holes.magnets})
+    std::erase_if(kind->places, [&](const meshing::Dowel& d) {
+      return d.tiles[0] != tile.number && d.tiles[1] != tile.number;
+    });
   MAQUETTE_TRY(const ShapedPart shaped,
-               shape_part(design, window, options.base_z, job.shape, {}, part(run, 0.0, 0.4)));
+               shape_part(design, tile.nodes, options.base_z, job.shape,
+                          holes_of(design, tile, options.base_z, holes), part(run, 0.0, 0.4)));
   MAQUETTE_TRY(const MeshCertificate certificate,
-               make(design, window, options, shaped.shaping, job, out, part(run, 0.4, 1.0)));
+               make(design, tile.nodes, options, shaped.shaping, job, out, part(run, 0.4, 1.0)));
 
   auto text = ordered_json::parse(meshing::to_json(certificate));
   text.update(ordered_json::parse(shaped.figures_json));
+  text.update(ordered_json::parse(to_json(holes)));
   JobResult result;
   result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
   result.figures_json = text.dump(2) + "\n";

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -9,6 +8,7 @@
 #include "meshing/mesh_checks.hpp"
 #include "meshing/shaped_solid.hpp"
 #include "tools/jobs.hpp"
+#include "tools/joint_holes.hpp"
 
 namespace maquette::tools {
 
@@ -34,17 +34,14 @@ struct ShapedJob {
   Millimetres base_thickness{10.0};  ///< under the lowest point of the whole design
   std::optional<BandOf> band{};      ///< that band alone; without stones
   Shape shape{};
+  InJoints in_joints{};  ///< of bands
+  [[nodiscard]] bool plain() const { return shape.plain() && !in_joints.any(); }
 };
-/// The solid (PLY) and its certificate beside it, with what was shaped under "hollow" and
-/// "engraved". A mesh that fails its checks is not written. @pre not plain
+/// The solid (PLY) and its certificate beside it, with what was shaped under "hollow",
+/// "engraved", "dowels" and "magnets" (those of the band). A mesh that fails its checks is not
+/// written. @pre not plain
 [[nodiscard]] Result<JobResult> shaped_job(const ShapedJob& job, const fs::path& out,
                                            const RunContext& run);
-
-/// Holes in a part's walls, and how deep they go into the southern, eastern, northern, western one.
-struct Holes {
-  std::vector<meshing::EngravedWall> walls{};
-  std::array<Millimetres, 4> depth{Millimetres{0}, Millimetres{0}, Millimetres{0}, Millimetres{0}};
-};
 
 /// A part of a design, shaped, and what its certificate says of that: an object with "hollow" and
 /// "engraved".

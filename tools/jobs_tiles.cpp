@@ -42,53 +42,6 @@ class OwnFrame final : public MeshStream {
   Vec3 origin_;
 };
 
-/// Dowels or magnets.
-struct HolesOfKind {
-  meshing::DowelOptions options;
-  std::vector<meshing::Dowel> places{};
-};
-struct JointHoles {
-  HolesOfKind dowels, magnets;
-};
-
-/// Magnets are placed as dowels are, or between these where there are some.
-Result<JointHoles> place_holes(const heightmap::ModelField& design, std::span<const Tile> tiles,
-                               Millimetres base_z, const TilesJob& job) {
-  JointHoles holes;
-  if (job.magnets) holes.magnets.options = *job.magnets;
-  if (job.dowels) {
-    holes.dowels.options = *job.dowels;
-    if (job.magnets) holes.dowels.options.between_mm = room_along_mm(design, *job.magnets);
-    MAQUETTE_TRY(
-        holes.dowels.places,
-        meshing::place_dowels(design, tiles, base_z, job.base_thickness, holes.dowels.options));
-  }
-  if (job.magnets) {
-    // Checks what they ask for, too.
-    MAQUETTE_TRY(holes.magnets.places,
-                 meshing::place_dowels(design, tiles, base_z, job.base_thickness, *job.magnets));
-    if (job.dowels)
-      holes.magnets.places =
-          place_between(design, holes.dowels.places, holes.dowels.options, *job.magnets);
-  }
-  return holes;
-}
-
-/// Those of one tile.
-Holes holes_of(const heightmap::ModelField& design, const Tile& tile, Millimetres base_z,
-               const JointHoles& holes) {
-  Holes found;
-  for (const HolesOfKind* kind : {&holes.dowels, &holes.magnets}) {
-    for (auto& wall : bored_walls(design, tile, base_z, kind->places, kind->options))
-      found.walls.push_back(std::move(wall));
-    for (std::size_t side = 0; side < found.depth.size(); ++side)
-      found.depth[side] = std::max(
-          found.depth[side],
-          bored_depth(tile, kind->places, static_cast<meshing::WallSide>(side), kind->options));
-  }
-  return found;
-}
-
 /// From above: tiles with their numbers, stones with theirs. Millimetres.
 std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile>& tiles,
                      const std::vector<meshing::PlacedStone>& stones, const JointHoles& holes) {
@@ -158,22 +111,6 @@ Result<MadeTile> make_tile(const heightmap::ModelField& design, const Tile& tile
   return made;
 }
 
-/// Where dowels or magnets sit, and what their holes take.
-json holes_json(const HolesOfKind& holes) {
-  const meshing::DowelOptions& o = holes.options;
-  json list = json::array();
-  for (const auto& d : holes.places)
-    list.push_back({{"number", d.number},
-                    {"tiles", d.tiles},
-                    {"axis", d.along_x ? "x" : "y"},
-                    {"centre_mm", {d.centre_mm.x, d.centre_mm.y, d.centre_mm.z}}});
-  return {{"diameter_mm", o.diameter_mm},
-          {"hole_diameter_mm", o.diameter_mm + o.play_mm},
-          {"hole_depth_mm", o.depth_mm},
-          {"hole_volume_mm3", meshing::hole_volume_mm3(o)},
-          {"places", list}};
-}
-
 }  // namespace
 
 Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const RunContext& run) {
@@ -191,7 +128,8 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
       .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
                 job.base_thickness};
 
-  const auto holes = place_holes(design, *tiles, solid_options.base_z, job);
+  const auto holes =
+      place_holes(design, *tiles, solid_options.base_z, job.base_thickness, job.in_joints);
   if (!holes) return tl::unexpected(Error(holes.error()).within(job.design.string()));
 
   JobResult result;
@@ -229,18 +167,13 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   result.outputs.push_back(folder / "tiles.svg");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones, *holes)));
   json figures{{"tiles", list}, {"volume_mm3", volume}};
-  if (job.dowels) figures["dowels"] = holes_json(holes->dowels);
-  if (job.magnets) {
-    figures["magnets"] = holes_json(holes->magnets);
-    // Whatever meets, attracts.
-    figures["magnets"]["north_pole_outwards"] = {"east", "north"};
-  }
+  figures.update(json::parse(to_json(*holes)));
   result.outputs.push_back(folder / "tiles.json");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), figures.dump(2) + "\n"));
   result.figures_json = figures.dump();
   result.note = fmt::format("{} tiles", tiles->size());
-  if (job.dowels) result.note += fmt::format(", {} dowels", holes->dowels.places.size());
-  if (job.magnets)
+  if (job.in_joints.dowels) result.note += fmt::format(", {} dowels", holes->dowels.places.size());
+  if (job.in_joints.magnets)
     result.note += fmt::format(", {} pairs of magnets", holes->magnets.places.size());
   return result;
 }

@@ -3,10 +3,10 @@
 
 #include <optional>
 
-#include "meshing/dowels.hpp"
 #include "meshing/tiles.hpp"
 #include "tools/jobs.hpp"
 #include "tools/jobs_shaped.hpp"
+#include "tools/joint_holes.hpp"
 
 namespace maquette::tools {
 
@@ -16,8 +16,7 @@ struct TilesJob {
   meshing::TileOptions options;
   Millimetres base_thickness{10.0};
   bool own_frame = false;  ///< each with its south-western corner and base at the origin
-  std::optional<meshing::DowelOptions> dowels{};   ///< holes in the joints
-  std::optional<meshing::DowelOptions> magnets{};  ///< between the dowels, if there are any
+  InJoints in_joints{};
   Shape shape{};  ///< of each tile; its number is added to the label
 };
 /// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels, magnets), tiles.svg

@@ -13,6 +13,7 @@
 #include "core/check.hpp"
 #include "meshing/mesh_io.hpp"
 #include "tools/scanner_file.hpp"
+#include "tools/shape_of_site.hpp"
 #include "tools/sphere_file.hpp"
 
 namespace maquette::tools {
@@ -123,6 +124,9 @@ std::vector<std::string> contradictions(const Site& s) {
                       own.file.filename().string()));
   }
   check_craters(s, found);
+  if (const Shape shape = shape_of(s, s.scales.front()); !shape.label.empty())
+    if (const auto mark = meshing::text_mark(shape.label, shape.engraving); !mark)
+      found.push_back("solid.label: " + mark.error().message);
   if (s.stepover_mm >= s.ball_diameter_mm)
     found.push_back(fmt::format("mill.stepover_mm {} must be below cutter.ball_diameter_mm {}",
                                 s.stepover_mm, s.ball_diameter_mm));
@@ -340,6 +344,44 @@ SiteFile empty_site_file() {
 
   t.section("bands", "Strips that are milled one at a time.");
   t.add({"bands.max_width_mm", &s.band_max_width_mm, "in y", 1, 20000});
+  t.add({"bands.dowel_mm", &s.dowel_mm,
+         "diameter of dowels that hold the strips together (docs/bands.md), in their solids only; "
+         "0: none",
+         0, 1000});
+  t.add({"bands.dowel_depth_mm", &s.dowel_depth_mm, "of their holes, in each strip", 0.1, 1000});
+  t.add({"bands.dowel_play_mm", &s.dowel_play_mm, "that holes are wider", 0, 10});
+  t.add({"bands.dowel_wall_mm", &s.dowel_wall_mm, "least material around holes", 0.1, 1000});
+  t.add({"bands.dowel_spacing_mm", &s.dowel_spacing_mm, "along a joint, at most", 1, 10000});
+  t.add({"bands.magnet_mm", &s.magnet_mm,
+         "diameter of round magnets, between the dowels if there are some; 0: none", 0, 1000});
+  t.add({"bands.magnet_depth_mm", &s.magnet_depth_mm, "of their holes, in each strip", 0.1, 1000});
+  t.add({"bands.magnet_play_mm", &s.magnet_play_mm, "that holes are wider", 0, 10});
+  t.add({"bands.magnet_wall_mm", &s.magnet_wall_mm, "least material around holes", 0.1, 1000});
+  t.add({"bands.magnet_spacing_mm", &s.magnet_spacing_mm,
+         "along a joint, at most, where there are no dowels", 1, 10000});
+
+  t.section("solid",
+            "What is not plain of the solids, surface.ply and the bands' (docs/solids.md): their "
+            "underside and a wall; programs mill the top only.");
+  t.add({"solid.hollow_mm", &s.hollow_mm,
+         "opens the underside, leaves walls at least that thick; 0: solid", 0, 1000});
+  t.add({"solid.rib_mm", &s.rib_mm, "thickness of ribs between pockets", 0.1, 1000});
+  t.add({"solid.pocket_mm", &s.pocket_mm, "widest pocket between ribs", 1, 10000});
+  t.add({"solid.ceiling_step_mm", &s.ceiling_step_mm,
+         "widest triangles of the pockets' ceilings; 0: four spacings", 0, 1000});
+  t.add({"solid.label", &s.label,
+         "text in a wall, {scale} in it becomes 1:1000; bands add their number; empty: none"});
+  t.add({"solid.scale_bar", &s.scale_bar, "in the same wall"});
+  t.add({"solid.label_side",
+         &s.label_side,
+         "which wall",
+         -kInf,
+         kInf,
+         {"south", "east", "north", "west"}});
+  t.add({"solid.letter_mm", &s.letter_mm, "height of engraved capitals", 0.1, 1000});
+  t.add({"solid.engrave_depth_mm", &s.engrave_depth_mm, "of engraved strokes", 0.02, 1000});
+  t.add({"solid.stroke_mm", &s.stroke_mm,
+         "width of engraved strokes; 0: an eighth of the letters' height", 0, 1000});
 
   t.section("spheres", "Reference spheres that tie a scan to the machine.");
   t.add({"spheres.file", &s.spheres,

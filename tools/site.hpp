@@ -99,6 +99,15 @@ struct Site {
   std::string material = "polyurethane_650";
 
   double band_max_width_mm = 500.0;
+  double dowel_mm = 0.0, dowel_depth_mm = 10.0, dowel_play_mm = 0.2;  ///< 0 mm: none
+  double dowel_wall_mm = 2.0, dowel_spacing_mm = 200.0;
+  double magnet_mm = 0.0, magnet_depth_mm = 3.2, magnet_play_mm = 0.2;
+  double magnet_wall_mm = 2.0, magnet_spacing_mm = 200.0;
+
+  double hollow_mm = 0.0, rib_mm = 3.0, pocket_mm = 40.0, ceiling_step_mm = 0.0;  ///< 0: solid
+  std::string label{}, label_side = "west";
+  bool scale_bar = false;
+  double letter_mm = 5.0, engrave_depth_mm = 0.6, stroke_mm = 0.0;
 
   std::filesystem::path spheres;  ///< none: the block has no reference spheres
 

@@ -1177,6 +1177,50 @@ TEST_F(CommandLine, TilesAreHollowNumberedAndHeldByDowelsAndMagnets) {
   expect_refused(run(verb + "--magnet-depth-mm 2"), HasSubstr("--magnet-mm"));
 }
 
+TEST_F(CommandLine, ASiteSaysHowItsSolidsAreShaped) {
+  const std::string verb =
+      "run '" MAQUETTE_SOURCE
+      "/assets/sites/default.toml' --quiet --set size_mm=40 --set stones.count=3 "
+      "--set bands.max_width_mm=21 --set solid.hollow_mm=1.5 --set solid.rib_mm=1 "
+      "--set solid.pocket_mm=12 --set solid.letter_mm=2 --set bands.dowel_mm=2 "
+      "--set bands.dowel_depth_mm=2 --set bands.dowel_wall_mm=1 --set bands.dowel_spacing_mm=12 "
+      "--set bands.magnet_mm=3 --set bands.magnet_depth_mm=1.2 --set bands.magnet_wall_mm=1 "
+      "--stage products --stage fuse --stage stones --stage mesh --stage bands --out '" +
+      out.string() + "' ";
+  ASSERT_EQ(run(verb + "--set 'solid.label=\"S {scale}\"'").exit_code, 0);
+  for (const std::string scale : {"1000", "200"}) {
+    const fs::path here = out / ("s" + scale);
+    const json whole = json::parse(slurp(here / "surface.certificate.json"));
+    EXPECT_EQ(whole["passed"], true);
+    EXPECT_EQ(whole["engraved"][0]["what"], "\"S 1:" + scale + "\"");
+    EXPECT_GT(whole["hollow"]["removed_mm3"], 0.0);
+    EXPECT_FALSE(whole.contains("dowels")) << "joints are the bands'";
+    double volume = 0.0;
+    for (const std::string band : {"1", "2"}) {
+      const json said = json::parse(slurp(here / ("bands/band_0" + band + ".certificate.json")));
+      EXPECT_EQ(said["passed"], true);
+      EXPECT_EQ(said["engraved"][0]["what"], "\"S 1:" + scale + " " + band + "\"");
+      volume += said["volume_mm3"].get<double>() + said["hollow"]["removed_mm3"].get<double>() +
+                said["engraved"][0]["removed_mm3"].get<double>();
+      for (const char* kind : {"dowels", "magnets"}) {
+        EXPECT_GE(said[kind]["places"].size(), 2U);
+        volume += static_cast<double>(said[kind]["places"].size()) *
+                  said[kind]["hole_volume_mm3"].get<double>();
+      }
+    }
+    ASSERT_EQ(run("mesh " + (here / "design.tif").string() + " --quiet --out " +
+                  (scratch / "whole.ply").string())
+                  .exit_code,
+              0);
+    const double plain = json::parse(slurp(scratch / "whole.certificate.json"))["volume_mm3"];
+    EXPECT_NEAR(volume, plain, 1e-9 * plain);
+  }
+  // Said before anything is made.
+  const Outcome letters = run(verb + "--set 'solid.label=\"#1\"'");
+  EXPECT_EQ(letters.exit_code, 2);
+  EXPECT_THAT(letters.err, AllOf(HasSubstr("solid.label"), HasSubstr("cannot be engraved: #")));
+}
+
 TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
   const std::string surface =
       "run '" MAQUETTE_SOURCE

@@ -18,6 +18,7 @@
 #include "tools/milling.hpp"
 #include "tools/operations.hpp"
 #include "tools/report.hpp"
+#include "tools/shape_of_site.hpp"
 #include "tools/view/view_export.hpp"
 #include "tools/view/view_page.hpp"
 
@@ -153,9 +154,15 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   stages.push_back(
       single("reach", {design}, {"reach.", "cutter.", "stock.base", "stock.margin"},
              [=, &site](const RunContext& run) { return reach_job(site, design, here, run); }));
-  stages.push_back(single("mesh", {design, stones}, {"stock."}, [=, &site](const RunContext& run) {
-    return mesh_job(design, stones, Millimetres{site.base_thickness_mm}, mesh, run);
-  }));
+  const ShapedJob whole_part{.design = design,
+                             .stones = stones,
+                             .base_thickness = Millimetres{site.base_thickness_mm},
+                             .shape = shape_of(site, scale)};
+  stages.push_back(
+      single("mesh", {design, stones}, {"stock.", "solid."}, [=](const RunContext& run) {
+        return whole_part.plain() ? mesh_job(design, stones, whole_part.base_thickness, mesh, run)
+                                  : shaped_job(whole_part, mesh, run);
+      }));
 
   const Millimetres width{site.band_max_width_mm};
   const std::size_t bands = band_count(site);
@@ -165,10 +172,17 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     const fs::path solid = here / "bands" / fmt::format("band_{:02}.ply", b + 1);
     band_stage.units.push_back({fmt::format("{}.bands.band_{:02}", name, b + 1),
                                 {design},
-                                values({"bands.", "stock."}),
+                                values({"bands.", "stock.", "solid."}),
                                 [=, &site](const RunContext& run) {
                                   std::error_code ec;
                                   fs::create_directories(solid.parent_path(), ec);
+                                  ShapedJob part = whole_part;
+                                  part.stones.reset();
+                                  part.band = BandOf{width, b};
+                                  part.in_joints = in_joints_of(site);
+                                  if (!part.shape.label.empty())
+                                    part.shape.label += fmt::format(" {}", b + 1);
+                                  if (!part.plain()) return shaped_job(part, solid, run);
                                   return band_job(design, width, b,
                                                   Millimetres{site.base_thickness_mm}, solid, run);
                                 }});

@@ -262,7 +262,7 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
             MAQUETTE_TRY_VOID(change("offset", o->offset_mm, offset_job));
             MAQUETTE_TRY_VOID(change("undercoat", o->coating_mm, undercoat_job));
             job.design = surface;
-            if (!job.shape.plain())
+            if (!job.plain())
               return finish(console, "mesh",
                             [&](const RunContext& run) { return shaped_job(job, o->out, run); });
             return finish(console, "mesh", [&](const RunContext& run) {
@@ -349,8 +349,8 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
                                        .clearance = Millimetres{o->clearance_mm}},
                            .base_thickness = Millimetres{o->base_thickness_mm},
                            .own_frame = o->own_frame};
-              if (o->dowels.diameter_mm > 0.0) job.dowels = o->dowels;
-              if (o->magnets.diameter_mm > 0.0) job.magnets = o->magnets;
+              if (o->dowels.diameter_mm > 0.0) job.in_joints.dowels = o->dowels;
+              if (o->magnets.diameter_mm > 0.0) job.in_joints.magnets = o->magnets;
               MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
               return finish(console, "tiles",
                             [&](const RunContext& run) { return tiles_job(job, o->out, run); });
@@ -369,7 +369,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
             MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
             for (std::size_t b = shard.index; b < bands.size(); b += shard.count) {
               const std::string name = fmt::format("band_{:02}", b + 1);
-              if (!job.shape.plain()) {
+              if (!job.plain()) {
                 job.band = BandOf{Millimetres{o->max_width_mm}, b};
                 if (!o->shape.label.empty())
                   job.shape.label = fmt::format("{} {}", o->shape.label, b + 1);

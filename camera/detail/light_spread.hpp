@@ -11,7 +11,7 @@
 ///         an offset is from the aperture's edges is worked out once for all. Where all radii
 ///         around a tile are nearly the same there are no layers to keep apart.
 /// Holds   Each sum runs over rows, then columns, whatever is worked on together: one bit for all.
-/// Cost    100 offsets a pixel, three bands: 22 ns.
+/// Cost    Radii of 5.6 pixels, three bands: 45 ns a pixel, 100 where there are layers.
 
 #include <array>
 #include <cstddef>

@@ -54,13 +54,16 @@ std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile
       "<g fill=\"none\" stroke=\"black\" stroke-width=\"{5}\">\n",
       width, height, -line, width + 2 * line, height + 2 * line, line);
   std::string texts = fmt::format("<g font-size=\"{}\">\n", letter);
+  double deepest = 0.0;  // numbers stand above what comes in from the joint
+  for (const HolesOfKind* kind : {&holes.dowels, &holes.magnets})
+    if (kind->wanted) deepest = std::max(deepest, kind->options.depth_mm);
   for (const Tile& t : tiles) {
     const double west = design.x_mm(t.nodes.col0) - x0, east = design.x_mm(t.nodes.col1) - x0;
     const double north = y1 - design.y_mm(t.nodes.row1), south = y1 - design.y_mm(t.nodes.row0);
     svg += fmt::format("<rect x=\"{:.4f}\" y=\"{:.4f}\" width=\"{:.4f}\" height=\"{:.4f}\"/>\n",
                        west, north, east - west, south - north);
     texts += fmt::format("<text x=\"{:.4f}\" y=\"{:.4f}\">{}</text>\n", 0.5 * (west + east),
-                         south - 0.5 * letter, t.number);
+                         south - deepest - 0.5 * letter, t.number);
   }
   for (const HolesOfKind* kind : {&holes.dowels, &holes.magnets})
     for (const auto& d : kind->places) {

@@ -11,8 +11,9 @@
 /// Accuracy measured at every node with the mesh as it is given out, in integers of rows and
 ///          columns. Beside plain greedy insertion with as many triangles: the same maximum to 0.1
 ///          %, rms 0.76 to 0.84 of its. Beside the program hmm, which stops wherever it is: 0.4 to
-///          0.7 of its maximum, rms 0.81 of its. OpenMesh's quadrics: 2.9 times our maximum, 1.4
-///          times our rms, 4 to 5 of a hundred triangles turned over (tools/bench meshing).
+///          0.7 of its maximum, rms 0.81 of its. OpenMesh's quadrics: 2.7 to 2.9 times our
+///          maximum, 1.4 times our rms, 2 to 5 of a hundred triangles turned over (tools/bench
+///          meshing).
 /// Cost     2 to 5 us of processor time a triangle at 16 nodes each, more the less of the field
 ///          caches hold; 59 MiB a million triangles beside the field, the result's 23 among them.
 

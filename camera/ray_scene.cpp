@@ -31,6 +31,8 @@ constexpr double kFieldShare = 1e-6;
 /// how much farther they reach, in steps of offset_mm: more than Embree, which works in float, may
 /// be off by, and more than a hit is moved along its ray afterwards.
 constexpr double kBoxMargin = 4.0;
+/// Of a mesh of which each place gets a box by vertices, not by corners of the mesh's own box.
+constexpr std::size_t kFewVertices = 2000;
 
 /// So many rays are worked on together.
 constexpr std::size_t kTogether = detail::RayLanes::kCount;
@@ -277,16 +279,22 @@ void RayScene::State::measure(const std::vector<RayObject>& objects) {
                        std::size_t object) {
     const Box3 part = mesh->bounds();
     if (part.empty()) return;
-    Box3 box;
+    Box3 corners;
     for (int corner = 0; corner < 8; ++corner) {
       const Vec3 p = pose.point({(corner & 1) != 0 ? part.max.x : part.min.x,
                                  (corner & 2) != 0 ? part.max.y : part.min.y,
                                  (corner & 4) != 0 ? part.max.z : part.min.z});
       (skirt ? walls : meshes).box.add(p);
-      box.add(p);
+      corners.add(p);
       whole.add(p);
     }
-    if (!skirt) boxes.push_back(box);
+    if (!skirt) {
+      // A turned mesh is smaller than its box, turned.
+      Box3 box;
+      if (moved && mesh->vertices_mm.size() <= kFewVertices)
+        for (const Vec3& v : mesh->vertices_mm) box.add(pose.point(v));
+      boxes.push_back(box.empty() ? corners : box);
+    }
     geometries.push_back({mesh, pose, moved, skirt, static_cast<std::uint32_t>(object)});
   };
   for (std::size_t i = 0; i < objects.size(); ++i) {

@@ -35,7 +35,7 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
   const Screen beside = screen(bank, others, {kChoose});
   std::vector<std::pair<double, Member>> rivals;
   for (const Candidate& other : search.candidates) {
-    if (has(with, other.effect)) continue;
+    if (has(with, other.effect) || !may_join(others, other.effect)) continue;
     const auto found = best_form(bank, others, other, {kChoose}, true, beside);
     if (found.objective < now + kClose)
       rivals.emplace_back(found.objective, Member{other.effect, other.forms[found.form]});

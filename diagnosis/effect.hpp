@@ -91,6 +91,9 @@ struct Effect {
   /// knows (that of a scale, of a warm-up): "z"; "r": each scan along its beam. Beside it, such a
   /// shift is no finding.
   std::string unknown_shift{};
+  /// A cause that this one says with more or fewer terms: beside each other they would only patch
+  /// up what a signature to first order is wrong by.
+  std::string never_beside{};
   Needs needs = Needs::nothing;
   std::function<std::vector<Form>(const Scene&)> forms;  ///< as scans and probes see it
   /// As photographs see it: numbers of the chain (photo_chain.hpp).

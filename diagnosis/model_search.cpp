@@ -49,6 +49,8 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
   return f.objective + (priced ? price(bank, members) : 0.0);
 }
 
+constexpr int kRounds = 12;  // of refining: four borders, each twice, and some to spare
+
 /// Replaces the form of the last member by the best of its neighbours, as often as there are any.
 /// Of neighbours that do as well (a moment at which no block of these sets was cut) it is the
 /// middle.
@@ -56,7 +58,7 @@ void refine(const Search& search, const Bank& bank, State& state, const std::vec
   const Fit now = fit(bank, columns_of(bank, state.members), sets);
   const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta[0])],
                                  bank.theta[static_cast<std::size_t>(now.theta[1])]};
-  for (int round = 0; round < 4; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     Member& last = state.members.back();
     if (!last.form.finer) return;
     const auto near = last.form.finer();
@@ -112,6 +114,12 @@ void offer(Search& search, const Member& member) {
 bool has(const std::vector<Member>& members, const Effect* effect) {
   return std::any_of(members.begin(), members.end(),
                      [&](const Member& m) { return m.effect == effect; });
+}
+
+bool may_join(const std::vector<Member>& members, const Effect* effect) {
+  return std::none_of(members.begin(), members.end(), [&](const Member& m) {
+    return m.effect == effect || m.effect->never_beside == effect->name;
+  });
 }
 
 std::vector<Member> without(std::vector<Member> members, std::size_t k) {
@@ -267,7 +275,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     for (const State& from : beam) {
       const Screen beside = screen(bank, from.members, {kChoose});
       for (const Candidate& c : search.candidates) {
-        if (has(from.members, c.effect)) continue;
+        if (!may_join(from.members, c.effect)) continue;
         const BestForm found = best_form(bank, from.members, c, {kChoose}, true, beside);
         if (step == 0 && std::isfinite(found.objective))
           ranking.push_back({c.effect->name, c.forms[found.form].law, null - found.objective});

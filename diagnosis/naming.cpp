@@ -135,7 +135,7 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const Search& sear
   const Screen beside = screen(bank, others, kAll);
   Equivalents equivalent;
   for (const Candidate& other : search.candidates) {
-    if (has(model.members, other.effect)) continue;
+    if (has(model.members, other.effect) || !may_join(others, other.effect)) continue;
     const auto found = best_form(bank, others, other, kAll, false, beside);
     if (!std::isfinite(found.objective)) continue;
     auto instead = others;
@@ -273,7 +273,7 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
     const double linear = objective(members);
     const Screen beside = screen(bank, others, sets);
     for (const Candidate& other : search.candidates) {
-      if (has(members, other.effect)) continue;
+      if (has(members, other.effect) || !may_join(others, other.effect)) continue;
       const auto found = best_form(bank, others, other, sets, true, beside);
       if (!(found.objective < linear + kCloseGain * kEquivalent)) continue;
       auto instead = others;

@@ -60,6 +60,8 @@ struct Search {
 
 /// Is the effect one of the members?
 [[nodiscard]] bool has(const std::vector<Member>& members, const Effect* effect);
+/// May the effect be beside these? Not one of them, nor one that says the same (never_beside).
+[[nodiscard]] bool may_join(const std::vector<Member>& members, const Effect* effect);
 
 /// What a model costs while choosing.
 [[nodiscard]] double price(const Bank& bank, const std::vector<Member>& members);

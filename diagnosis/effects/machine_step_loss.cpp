@@ -19,6 +19,7 @@ void add_machine_step_loss(std::vector<Effect>& all) {
     e.looks_like = axis == 2
                        ? std::vector<std::string>{"process.band_step", "machine.thermal_growth_z"}
                        : std::vector<std::string>{"machine.scale_" + a, "machine.backlash_" + a};
+    if (axis == 2) e.never_beside = "process.band_step";
     e.separate_by = "touch off again and compare with the datum";
     e.correction = "lower acceleration; mill again what came after the moment";
     e.needs = Needs::path;

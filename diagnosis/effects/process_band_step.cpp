@@ -9,7 +9,40 @@
 namespace maquette::diagnosis::detail {
 namespace {
 constexpr double kSize_mm = 0.05;
-}
+
+/// Borders whose moments are refined one after the other, then all once more, closer.
+struct MakeBands {
+  double size_mm, radius_mm, minutes;
+
+  /// @param next  border that is refined next
+  /// @param step  distance to the next such form; 0: as they are
+  Form operator()(const std::string& law, std::vector<double> borders, std::size_t next,
+                  double step) const {
+    std::sort(borders.begin(), borders.end());
+    Form f{law, {}};
+    for (std::size_t k = 0; k < borders.size(); ++k) {
+      f.columns.push_back(
+          step_after(2, borders[k], fmt::format("step_{}_mm", k + 1), size_mm, radius_mm));
+      f.fixed.emplace_back(fmt::format("moment_{}_min", k + 1), borders[k] * minutes);
+    }
+    if (step > 1e-3)
+      f.finer = [make = *this, law, borders, next, step] {
+        const double before = next > 0 ? borders[next - 1] : 0.0,
+                     after = next + 1 < borders.size() ? borders[next + 1] : 1.0;
+        const bool last = next + 1 == borders.size();
+        std::vector<Form> near;
+        for (int k = -6; k <= 6; ++k) {
+          std::vector<double> moved = borders;
+          moved[next] += k * step / 7.0;
+          if (moved[next] > before && moved[next] < after)
+            near.push_back(make(law, moved, last ? 0 : next + 1, last ? step / 7.0 : step));
+        }
+        return near;
+      };
+    return f;
+  }
+};
+}  // namespace
 
 void add_process_band_step(std::vector<Effect>& all) {
   Effect e;
@@ -19,30 +52,23 @@ void add_process_band_step(std::vector<Effect>& all) {
   e.acts_on = "machine";
   e.depends_on = "band, tool or program";
   e.unknown_shift = std::string("z");
+  e.never_beside = "machine.step_loss_z";  // a single border
   e.looks_like = {"machine.step_loss_z", "machine.thermal_growth_z"};
   e.separate_by = "touch-off log of each band";
   e.correction = "touch off each band on the same datum";
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
-    const auto bands = [&](const std::string& law, std::vector<double> borders) {
-      std::sort(borders.begin(), borders.end());
-      Form f{law, {}};
-      for (std::size_t k = 0; k < borders.size(); ++k) {
-        f.columns.push_back(step_after(2, borders[k], fmt::format("step_{}_mm", k + 1),
-                                       sizes_of_drifts(scene, kSize_mm).back(),
-                                       scene.ball_radius_mm));
-        f.fixed.emplace_back(fmt::format("moment_{}_min", k + 1), borders[k] * scene.duration_min);
-      }
-      forms.push_back(std::move(f));
-    };
+    const MakeBands make{sizes_of_drifts(scene, kSize_mm).back(), scene.ball_radius_mm,
+                         scene.duration_min};
     if (!scene.section_starts.empty() && scene.section_starts.size() <= 12)
-      bands("bands of the program", scene.section_starts);
+      forms.push_back(make("bands of the program", scene.section_starts, 0, 0.0));
     // Borders that the data show, the sharpest alone, then with the next.
     const auto& seen = scene.steps[2];
     for (std::size_t n = 2; n <= seen.size(); ++n)
-      bands(fmt::format("{} borders", n),
-            {seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(n)});
+      forms.push_back(make(fmt::format("{} borders", n),
+                           {seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(n)}, 0,
+                           1.0 / 64.0));
     for (Form& f : step_forms(2, scene)) forms.push_back(std::move(f));
     return forms;
   };

@@ -2,8 +2,10 @@
 
 // The library of causes: what each does to a place, in closed form.
 
+#include <algorithm>
 #include <cmath>
 #include <set>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -127,6 +129,45 @@ TEST(Library, IsCompleteAndFinite) {
       }
     }
   }
+}
+
+// Borders that the data show to a percent are refined in turn, each between its neighbours, to
+// within a thousandth of the program.
+TEST(Library, RefinesEachBorderOfBands) {
+  Scene scene;
+  scene.has_path = true;
+  scene.duration_min = 10.0;
+  scene.steps[2] = {0.75, 0.26, 0.24};
+  std::vector<Form> forms = find_effect("process.band_step")->forms(scene);
+  const auto seen =
+      std::find_if(forms.begin(), forms.end(), [](const Form& f) { return f.law == "3 borders"; });
+  ASSERT_NE(seen, forms.end());
+  const auto moments = [](const Form& f) {
+    std::vector<double> m;
+    for (const auto& [name, minutes] : f.fixed) m.push_back(0.1 * minutes);
+    return m;
+  };
+  Form now = *seen;
+  std::vector<double> last = moments(now);
+  EXPECT_EQ(last, (std::vector{0.24, 0.26, 0.75}));
+  int rounds = 0;
+  double narrowest = 1.0;
+  for (; now.finer; ++rounds) {
+    const auto near = now.finer();
+    ASSERT_GE(near.size(), 2U);
+    const auto moves = static_cast<std::size_t>(rounds % 3);
+    for (const Form& f : near) {
+      const auto m = moments(f);
+      EXPECT_TRUE(std::is_sorted(m.begin(), m.end()));
+      for (std::size_t k = 0; k < 3; ++k)
+        EXPECT_TRUE(k == moves || m[k] == last[k]) << "round " << rounds;
+    }
+    narrowest = moments(near[1])[moves] - moments(near[0])[moves];
+    now = near.back();
+    last = moments(now);
+  }
+  EXPECT_EQ(rounds, 6) << "two a border";
+  EXPECT_LT(narrowest, 1e-3);
 }
 
 TEST(Library, MovesMaterialAsItsPhysicsSays) {

@@ -129,6 +129,22 @@ TEST_P(InferenceSeeded, ClaimsNothingOnNoise) {
   }
 }
 
+// A border alone is a lost step: one is not searched beside the other, whichever came first.
+TEST(Choosing, CausesThatSayTheSameExcludeEachOther) {
+  int pairs = 0;
+  for (const Effect& e : library()) {
+    if (e.never_beside.empty()) continue;
+    const Effect* other = find_effect(e.never_beside);
+    ASSERT_NE(other, nullptr) << e.name;
+    EXPECT_EQ(other->never_beside, e.name);
+    const std::vector<detail::Member> members{detail::Member{other, {}}};
+    EXPECT_FALSE(detail::may_join(members, &e));
+    EXPECT_TRUE(detail::may_join(members, find_effect("machine.scale_z")));
+    ++pairs;
+  }
+  EXPECT_EQ(pairs, 2);
+}
+
 TEST_P(InferenceSeeded, NamesOneCauseWithItsSize) {
   const auto seed = static_cast<std::uint64_t>(100 * GetParam() + 7);
   const auto d =

@@ -401,6 +401,20 @@ Finding describe(const Layer& layer, const Window& w) {
 
 }  // namespace
 
+double typical_variance(const Grid<Cell>& cells) {
+  std::vector<double> variances, counts;
+  for (const Cell& c : cells.cells())
+    if (c.n >= 3.0) {
+      variances.push_back(std::fmax(0.0, (c.square - c.sum * c.sum / c.n) / (c.n - 1.0)));
+      counts.push_back(c.n);
+    }
+  if (variances.empty()) return 0.0;
+  // The median of s^2 with few degrees of freedom lies below its mean: Wilson and Hilferty.
+  const double freedom = std::fmax(2.0, median(std::move(counts)) - 1.0);
+  const double to_mean = 1.0 / std::pow(1.0 - 2.0 / (9.0 * freedom), 3.0);
+  return std::fmax(1e-12, to_mean * median(std::move(variances)));
+}
+
 double pose_variance(const CellMap& map, std::ptrdiff_t r, std::ptrdiff_t c) {
   const double all = static_cast<double>(map.lod_mm(r, c)) / kLevelOfDetection,
                noise = static_cast<double>(map.sigma_mm(r, c));

@@ -4,16 +4,15 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <optional>
 
 #include <Eigen/Dense>
 
 #include "core/check.hpp"
 #include "core/median.hpp"
 #include "scan/detail/disc_filter.hpp"
-#include "scan/detail/disc_fit.hpp"
 #include "scan/detail/patch_pose.hpp"
 #include "scan/detail/patches.hpp"
+#include "scan/detail/small_patches.hpp"
 
 namespace maquette::scan {
 namespace {
@@ -22,10 +21,6 @@ constexpr int kSizes = 5;
 constexpr double kFalseDiscoveries = 0.005;  // of cells, over all sizes
 constexpr double kFalseDisc = 0.005;         // that any disc is found by chance
 constexpr double kCertain = 3.0;             // standard deviations of a finding's volume
-constexpr double kFitCells =
-    16;  // discs as wide as so many of the finest cells are cut out of points
-// A patch that stands out by less has no shape but round.
-constexpr double kShapeless = 16.0;  // standard deviations
 constexpr double kDegree = std::numbers::pi / 180.0;
 
 using detail::Cell;
@@ -33,22 +28,6 @@ using detail::Cell;
 /// Two-sided probability of a standard normal beyond |z|.
 double tail(double z) {
   return std::erfc(std::abs(z) / std::numbers::sqrt2);
-}
-
-/// Scatter of single points: pooled robustly, the typical cell. A cell with many points that
-/// scatters more has its own.
-double typical_variance(const Grid<Cell>& cells) {
-  std::vector<double> variances, counts;
-  for (const Cell& c : cells.cells())
-    if (c.n >= 3.0) {
-      variances.push_back(std::fmax(0.0, (c.square - c.sum * c.sum / c.n) / (c.n - 1.0)));
-      counts.push_back(c.n);
-    }
-  if (variances.empty()) return 0.0;
-  // The median of s^2 with few degrees of freedom lies below its mean: Wilson and Hilferty.
-  const double freedom = std::fmax(2.0, median(std::move(counts)) - 1.0);
-  const double to_mean = 1.0 / std::pow(1.0 - 2.0 / (9.0 * freedom), 3.0);
-  return std::fmax(1e-12, to_mean * median(std::move(variances)));
 }
 
 /// Of a cell's mean, as if the typical scatter had been seen in 20 more points.
@@ -99,7 +78,7 @@ CellMap map_of(const Grid<Cell>& cells, double cell_mm, double x0, double y0,
               Grid<std::uint8_t>(rows, cols, 0),
               Grid<std::uint8_t>(rows, cols, 0),
               0.0};
-  const double typical = typical_variance(cells);
+  const double typical = detail::typical_variance(cells);
   std::vector<double> scores;
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
@@ -246,7 +225,7 @@ detail::Layer layer_of(const CellMap& map, const Grid<Cell>& cells, const Backgr
   const std::ptrdiff_t rows = cells.rows(), cols = cells.cols();
   detail::Layer layer{map, cells, Grid<float>(rows, cols, 0.0F), Grid<float>(rows, cols, NAN),
                       map.significant};
-  const double typical = typical_variance(cells);
+  const double typical = detail::typical_variance(cells);
   Discoveries discoveries;
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c) {
@@ -290,242 +269,6 @@ Grid<float> coarser(const Grid<float>& share) {
   for (std::ptrdiff_t r = 0; r < share.rows(); ++r)
     for (std::ptrdiff_t c = 0; c < share.cols(); ++c) sum(r / 2, c / 2) += share(r, c);
   return sum;
-}
-
-/// Cells and their neighbours: what lies across the edge of a patch is neither.
-void mark_with_rim(const detail::FoundPatch::Cells& cells, Grid<std::uint8_t>& marked) {
-  for (const auto& [r, c] : cells)
-    for (std::ptrdiff_t a = -1; a <= 1; ++a)
-      for (std::ptrdiff_t b = -1; b <= 1; ++b)
-        if (marked.contains(r + a, c + b)) marked(r + a, c + b) = 1;
-}
-
-bool overlap(const Finding& a, const Finding& b) {
-  return a.min_mm.x < b.max_mm.x && b.min_mm.x < a.max_mm.x && a.min_mm.y < b.max_mm.y &&
-         b.min_mm.y < a.max_mm.y;
-}
-
-/// What a disc has found, or what has grown away from the cell that began it, is drawn all the
-/// same.
-void draw(const detail::FoundPatch& patch, CellMap& map) {
-  mark_with_rim(patch.all, map.in_patch);
-  if (std::none_of(patch.all.begin(), patch.all.end(),
-                   [&](const auto& cell) { return map.significant(cell.first, cell.second) != 0; }))
-    for (const auto& [r, c] : patch.all) map.significant(r, c) = 1;
-}
-
-/// Of patches that overlap the first stays.
-void keep(detail::FoundPatch patch, CellMap& map, std::vector<detail::FoundPatch>& kept) {
-  if (std::any_of(kept.begin(), kept.end(),
-                  [&](const detail::FoundPatch& g) { return overlap(patch.finding, g.finding); }))
-    return;
-  draw(patch, map);
-  kept.push_back(std::move(patch));
-}
-
-/// The layer in which a disc has some four cells across: fewer have no inside, of more each is mere
-/// noise.
-std::size_t size_for(double width_mm, std::span<const detail::Layer> layers) {
-  std::size_t size = 0;
-  while (size + 1 < layers.size() && layers[size + 1].map.cell_mm < width_mm / 3.5) ++size;
-  return size;
-}
-
-bool touch(const detail::Disc& d, const Finding& f) {
-  const double r = 0.5 * d.width_mm;
-  return d.x_mm > f.min_mm.x - r && d.x_mm < f.max_mm.x + r && d.y_mm > f.min_mm.y - r &&
-         d.y_mm < f.max_mm.y + r;
-}
-
-/// Discs that touch none of those that cells have shown, and none that stands out more.
-std::vector<detail::Disc> alone(std::span<const detail::Disc> discs,
-                                std::span<const detail::FoundPatch> known) {
-  constexpr std::size_t kMost = 200;
-  std::vector<detail::Disc> found;
-  for (const detail::Disc& d : discs) {
-    if (std::any_of(known.begin(), known.end(),
-                    [&](const auto& g) { return touch(d, g.finding); }) ||
-        std::any_of(found.begin(), found.end(), [&](const detail::Disc& o) {
-          return std::hypot(d.x_mm - o.x_mm, d.y_mm - o.y_mm) < 0.5 * (d.width_mm + o.width_mm);
-        }))
-      continue;
-    found.push_back(d);
-    if (found.size() == kMost) break;
-  }
-  return found;
-}
-
-/// The points about each disc, less the part as a whole.
-std::vector<std::vector<detail::Sample>> samples_about(std::span<const detail::Disc> discs,
-                                                       std::span<const Vec3> points,
-                                                       std::span<const float> deviation,
-                                                       const Background& background,
-                                                       const CellMap& map) {
-  std::vector<std::vector<detail::Sample>> samples(discs.size());
-  Grid<std::uint8_t> near(map.mean_mm.rows(), map.mean_mm.cols(), 0);
-  const auto cell = [&](double at, double zero) {
-    return static_cast<std::ptrdiff_t>((at - zero) / map.cell_mm);
-  };
-  for (const detail::Disc& d : discs) {
-    const double reach = detail::kDiscWindow * d.width_mm;
-    for (auto r = std::max<std::ptrdiff_t>(0, cell(d.y_mm - reach, map.y0_mm));
-         r < near.rows() && r <= cell(d.y_mm + reach, map.y0_mm); ++r)
-      for (auto c = std::max<std::ptrdiff_t>(0, cell(d.x_mm - reach, map.x0_mm));
-           c < near.cols() && c <= cell(d.x_mm + reach, map.x0_mm); ++c)
-        near(r, c) = 1;
-  }
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Vec3 p = points[i];
-    if (std::isnan(deviation[i]) || near(cell(p.y, map.y0_mm), cell(p.x, map.x0_mm)) == 0) continue;
-    const double level = background.there ? background.at(p.x, p.y) : 0.0;
-    for (std::size_t k = 0; k < discs.size(); ++k)
-      if (std::hypot(p.x - discs[k].x_mm, p.y - discs[k].y_mm) <
-          detail::kDiscWindow * discs[k].width_mm)
-        samples[k].push_back({p.x, p.y, static_cast<double>(deviation[i]) - level});
-  }
-  return samples;
-}
-
-/// A disc as a patch of a layer.
-detail::FoundPatch patch_of(const detail::DiscFit& fit, const detail::Layer& layer) {
-  const CellMap& map = layer.map;
-  const double r = 0.5 * fit.diameter_mm;
-  detail::FoundPatch patch;
-  const auto row = static_cast<std::ptrdiff_t>((fit.y_mm - map.y0_mm) / map.cell_mm);
-  const auto col = static_cast<std::ptrdiff_t>((fit.x_mm - map.x0_mm) / map.cell_mm);
-  const auto reach = static_cast<std::ptrdiff_t>(4.0 * r / map.cell_mm) + 1;
-  double level = 0.0, points = 0.0;
-  for (std::ptrdiff_t i = row - reach; i <= row + reach; ++i)
-    for (std::ptrdiff_t j = col - reach; j <= col + reach; ++j) {
-      if (!map.mean_mm.contains(i, j)) continue;
-      const double off =
-          std::hypot(map.x0_mm + map.cell_mm * (static_cast<double>(j) + 0.5) - fit.x_mm,
-                     map.y0_mm + map.cell_mm * (static_cast<double>(i) + 0.5) - fit.y_mm);
-      if (off < r || (i == row && j == col)) {
-        patch.all.emplace_back(i, j);
-        level += layer.cells(i, j).level, points += layer.cells(i, j).n;
-      } else if (off > 1.6 * r && off < 4.0 * r) {
-        patch.around.emplace_back(i, j);
-      }
-    }
-  patch.inside = patch.all;
-  Finding& f = patch.finding;
-  f.cell_mm = map.cell_mm;
-  f.centre_mm = {fit.x_mm, fit.y_mm, 0.0};
-  f.height_mm = fit.height_mm, f.sigma_height_mm = fit.sigma_height_mm;
-  f.along_z_mm = points > 0.0 ? fit.height_mm * points / level : fit.height_mm;
-  f.area_mm2 = fit.area_mm2;
-  f.diameter_mm = fit.diameter_mm, f.sigma_diameter_mm = fit.sigma_diameter_mm;
-  f.length_mm = f.width_mm = 0.5 * std::sqrt(3.0) * fit.diameter_mm;  // equal second moments
-  f.volume_mm3 = fit.volume_mm3, f.sigma_volume_mm3 = fit.sigma_volume_mm3;
-  f.min_mm = {fit.x_mm - r, fit.y_mm - r, 0.0};
-  f.max_mm = {fit.x_mm + r, fit.y_mm + r, 0.0};
-  return patch;
-}
-
-/// The patch that cells show at a disc.
-std::optional<detail::FoundPatch> patch_by_cells(const detail::Disc& d,
-                                                 const detail::Layer& layer) {
-  const CellMap& map = layer.map;
-  const auto row = static_cast<std::ptrdiff_t>((d.y_mm - map.y0_mm) / map.cell_mm);
-  const auto col = static_cast<std::ptrdiff_t>((d.x_mm - map.x0_mm) / map.cell_mm);
-  detail::FoundPatch::Cells cells;
-  for (std::ptrdiff_t r = row - 2; r <= row + 2; ++r)
-    for (std::ptrdiff_t c = col - 2; c <= col + 2; ++c) {
-      const double x = map.x0_mm + map.cell_mm * (static_cast<double>(c) + 0.5) - d.x_mm,
-                   y = map.y0_mm + map.cell_mm * (static_cast<double>(r) + 0.5) - d.y_mm;
-      const bool inside = std::hypot(x, y) < 0.35 * d.width_mm || (r == row && c == col);
-      if (inside && map.mean_mm.contains(r, c)) cells.emplace_back(r, c);
-    }
-  return detail::patch_at(layer, std::move(cells));
-}
-
-/// The gain of a patch as its cells have it: of all its points, on the base of the disc.
-double gain_of(const detail::FoundPatch& patch, const detail::DiscFit& fit,
-               std::span<const detail::Layer> layers) {
-  const auto layer =
-      std::min_element(layers.begin(), layers.end(), [&](const auto& a, const auto& b) {
-        return std::abs(a.map.cell_mm - patch.finding.cell_mm) <
-               std::abs(b.map.cell_mm - patch.finding.cell_mm);
-      });
-  double n = 0.0, sum = 0.0;
-  for (const auto& [r, c] : patch.all) {
-    const detail::Cell& cell = layer->cells(r, c);
-    n += cell.n;
-    sum += cell.sum - cell.n * (fit.base_mm + static_cast<double>(layer->background_mm(r, c)));
-  }
-  return n > 0.0 ? sum * sum / n / fit.variance : 0.0;
-}
-
-/// Small patches by their points: those that cells show, where a disc explains more, and those that
-/// lie across cells. Adds to `kept`.
-void search_by_discs(std::span<const detail::Layer> layers, const detail::DiscSearch& discs,
-                     std::span<const Vec3> points, std::span<const float> deviation,
-                     const Background& background, double beam_diameter_mm,
-                     std::vector<CellMap>& maps, std::vector<detail::FoundPatch>& kept) {
-  const double typical = typical_variance(layers.front().cells);
-  const double widest = kFitCells * layers.front().map.cell_mm;
-  struct Seed {
-    detail::Disc disc;
-    std::ptrdiff_t of_kept = -1;
-  };
-  std::vector<Seed> seeds;
-  for (std::size_t k = 0; k < kept.size(); ++k) {
-    const Finding& f = kept[k].finding;
-    if (f.certainty > kShapeless) continue;
-    const auto d = std::find_if(discs.found.begin(), discs.found.end(), [&](const auto& o) {
-      return (o.z > 0.0) == (f.height_mm > 0.0) && o.width_mm < widest && touch(o, f);
-    });
-    if (d != discs.found.end()) seeds.push_back({*d, static_cast<std::ptrdiff_t>(k)});
-  }
-  for (const detail::Disc& d : alone(discs.found, kept)) seeds.push_back({d, -1});
-
-  std::vector<detail::Disc> narrow;
-  std::vector<std::size_t> seed_of;
-  for (std::size_t k = 0; k < seeds.size(); ++k)
-    if (seeds[k].disc.width_mm < widest) {
-      narrow.push_back(seeds[k].disc);
-      seed_of.push_back(k);
-    }
-  std::vector<std::optional<detail::DiscFit>> fits(seeds.size());
-  const auto samples = samples_about(narrow, points, deviation, background, layers.front().map);
-  for (std::size_t k = 0; k < narrow.size(); ++k)
-    if (auto fit = detail::fit_disc(narrow[k], samples[k], typical, beam_diameter_mm);
-        fit && fit->gain < kShapeless * kShapeless)
-      fits[seed_of[k]] = *fit;
-
-  std::vector<std::pair<detail::FoundPatch, std::size_t>> found;
-  for (std::size_t k = 0; k < seeds.size(); ++k) {
-    const detail::Disc& d = seeds[k].disc;
-    const auto& fit = fits[k];
-    const std::size_t size = size_for(fit ? fit->diameter_mm : d.width_mm, layers);
-    const auto by_disc = [&](double certainty) {
-      detail::FoundPatch patch = patch_of(*fit, layers[size]);
-      patch.finding.certainty = std::fmax(certainty, std::abs(d.z));
-      return patch;
-    };
-    if (seeds[k].of_kept >= 0) {
-      const auto of = static_cast<std::size_t>(seeds[k].of_kept);
-      const double certainty = kept[of].finding.certainty;
-      if (!fit || fit->gain < gain_of(kept[of], *fit, layers)) continue;
-      kept[of] = by_disc(certainty);
-      draw(kept[of], maps[size]);
-      continue;
-    }
-    auto patch = patch_by_cells(d, layers[size]);
-    if (patch) patch->finding.certainty = std::fmax(patch->finding.certainty, std::abs(d.z));
-    if (fit && (!patch || fit->gain >= gain_of(*patch, *fit, layers))) patch = by_disc(0.0);
-    if (patch) found.emplace_back(*std::move(patch), size);
-  }
-  // Of cells of several sizes two may have met one patch.
-  for (std::size_t k = 0; k < kept.size(); ++k)
-    kept.erase(std::remove_if(kept.begin() + static_cast<std::ptrdiff_t>(k) + 1, kept.end(),
-                              [&](const auto& g) {
-                                return overlap(kept[k].finding, g.finding) &&
-                                       kept[k].finding.height_mm * g.finding.height_mm > 0.0;
-                              }),
-               kept.end());
-  for (auto& [patch, size] : found) keep(std::move(patch), maps[size], kept);
 }
 
 }  // namespace
@@ -609,12 +352,14 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
     return a.first.finding.certainty > b.first.finding.certainty;
   });
   std::vector<detail::FoundPatch> kept;
-  for (auto& [f, size] : all) keep(std::move(f), result.maps[size], kept);
-  const auto discs = detail::search_discs(patch_layers, typical_variance(layers.front()),
+  for (auto& [f, size] : all) detail::keep(std::move(f), result.maps[size], kept);
+  const auto discs = detail::search_discs(patch_layers, detail::typical_variance(layers.front()),
                                           kFalseDisc, !background.there);
   result.limits = discs.limits;
-  search_by_discs(patch_layers, discs, points, deviation, background, beam_diameter_mm, result.maps,
-                  kept);
+  detail::search_by_discs(
+      patch_layers, discs, points, deviation,
+      [&](double x, double y) { return background.there ? background.at(x, y) : 0.0; },
+      beam_diameter_mm, result.maps, kept);
   std::stable_sort(kept.begin(), kept.end(), [](const auto& f, const auto& g) {
     return f.finding.certainty > g.finding.certainty;
   });

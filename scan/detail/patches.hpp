@@ -36,6 +36,10 @@ struct Cell {
   double level = 0.0;  ///< cosines of the design's slope
 };
 
+/// Scatter of single points: pooled robustly, the typical cell. A cell with many points that
+/// scatters more has its own.
+[[nodiscard]] double typical_variance(const Grid<Cell>& cells);
+
 /// Cells of one size in which patches are sought. All grids have one shape.
 struct Layer {
   const CellMap& map;

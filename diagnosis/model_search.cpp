@@ -49,8 +49,6 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
   return f.objective + (priced ? price(bank, members) : 0.0);
 }
 
-constexpr int kRounds = 12;  // of refining: four borders, each twice, and some to spare
-
 /// Replaces the form of the last member by the best of its neighbours, as often as there are any.
 /// Of neighbours that do as well (a moment at which no block of these sets was cut) it is the
 /// middle.
@@ -58,7 +56,7 @@ void refine(const Search& search, const Bank& bank, State& state, const std::vec
   const Fit now = fit(bank, columns_of(bank, state.members), sets);
   const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta[0])],
                                  bank.theta[static_cast<std::size_t>(now.theta[1])]};
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < 4; ++round) {
     Member& last = state.members.back();
     if (!last.form.finer) return;
     const auto near = last.form.finer();
@@ -309,11 +307,14 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     // Refined forms become columns of the bank, and candidates for all that follow.
     std::vector<Column> added;
     for (State& s : kept) {
-      const std::string before = s.members.back().form.columns[0].key;
+      const auto before = s.members.back().form.columns;
       if (s.score < kept.front().score + 1000.0) refine(search, bank, s, {kChoose});
-      if (s.members.back().form.columns[0].key == before) continue;
-      added.insert(added.end(), s.members.back().form.columns.begin(),
-                   s.members.back().form.columns.end());
+      const auto& now = s.members.back().form.columns;
+      // Of several borders the first may stay where it is.
+      if (std::equal(now.begin(), now.end(), before.begin(), before.end(),
+                     [](const Column& x, const Column& y) { return x.key == y.key; }))
+        continue;
+      added.insert(added.end(), now.begin(), now.end());
       offer(search, s.members.back());
     }
     add_columns(bank, search.observations, added);

@@ -10,14 +10,14 @@ namespace maquette::diagnosis::detail {
 namespace {
 constexpr double kSize_mm = 0.05;
 
-/// Borders whose moments are refined one after the other, then all once more, closer.
+/// Borders whose moments are refined in turn: each once, and of two or three some twice.
 struct MakeBands {
   double size_mm, radius_mm, minutes;
 
-  /// @param next  border that is refined next
-  /// @param step  distance to the next such form; 0: as they are
+  /// @param next   border that is refined next
+  /// @param times  how often one is; 0: they are as they are
   Form operator()(const std::string& law, std::vector<double> borders, std::size_t next,
-                  double step) const {
+                  std::size_t times) const {
     std::sort(borders.begin(), borders.end());
     Form f{law, {}};
     for (std::size_t k = 0; k < borders.size(); ++k) {
@@ -25,17 +25,18 @@ struct MakeBands {
           step_after(2, borders[k], fmt::format("step_{}_mm", k + 1), size_mm, radius_mm));
       f.fixed.emplace_back(fmt::format("moment_{}_min", k + 1), borders[k] * minutes);
     }
-    if (step > 1e-3)
-      f.finer = [make = *this, law, borders, next, step] {
+    if (times > 0)
+      f.finer = [make = *this, law, borders, next, times] {
         const double before = next > 0 ? borders[next - 1] : 0.0,
                      after = next + 1 < borders.size() ? borders[next + 1] : 1.0;
-        const bool last = next + 1 == borders.size();
         std::vector<Form> near;
-        for (int k = -6; k <= 6; ++k) {
+        // Passes are some thousandths of the program, and windows up to eight hundredths.
+        for (const double off :
+             {-32.0, -16.0, -8.0, -4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0}) {
           std::vector<double> moved = borders;
-          moved[next] += k * step / 7.0;
+          moved[next] += off / 4096.0;
           if (moved[next] > before && moved[next] < after)
-            near.push_back(make(law, moved, last ? 0 : next + 1, last ? step / 7.0 : step));
+            near.push_back(make(law, moved, (next + 1) % borders.size(), times - 1));
         }
         return near;
       };
@@ -62,13 +63,13 @@ void add_process_band_step(std::vector<Effect>& all) {
     const MakeBands make{sizes_of_drifts(scene, kSize_mm).back(), scene.ball_radius_mm,
                          scene.duration_min};
     if (!scene.section_starts.empty() && scene.section_starts.size() <= 12)
-      forms.push_back(make("bands of the program", scene.section_starts, 0, 0.0));
+      forms.push_back(make("bands of the program", scene.section_starts, 0, 0));
     // Borders that the data show, the sharpest alone, then with the next.
     const auto& seen = scene.steps[2];
     for (std::size_t n = 2; n <= seen.size(); ++n)
       forms.push_back(make(fmt::format("{} borders", n),
                            {seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(n)}, 0,
-                           1.0 / 64.0));
+                           std::max<std::size_t>(4, n)));
     for (Form& f : step_forms(2, scene)) forms.push_back(std::move(f));
     return forms;
   };

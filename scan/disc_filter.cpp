@@ -137,7 +137,7 @@ class Pass {
         if (!(std::abs(z) > kWorthAThought)) continue;
         candidates.push_back({map.x0_mm + map.cell_mm * (static_cast<double>(c) + mask_.middle),
                               map.y0_mm + map.cell_mm * (static_cast<double>(r) + mask_.middle),
-                              width_mm(), z, inflation_, pose2});
+                              width_mm(), z, inflation_});
       }
     return discs;
   }

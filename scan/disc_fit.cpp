@@ -20,9 +20,9 @@ struct Base {
   double points = 0.0;
 };
 
-/// Of the points beyond any disc that is tried.
+/// Of the points round the disc that began it.
 std::optional<Base> base_of(const Disc& first, std::span<const Sample> around, double typical) {
-  const double inner = 0.5 * first.width_mm * 1.6, outer = kDiscWindow * first.width_mm;
+  const double inner = kDiscBase * first.width_mm, outer = kDiscWindow * first.width_mm;
   Base b;
   double sum = 0.0, square = 0.0;
   for (const Sample& s : around) {

@@ -353,11 +353,11 @@ Significance significance(std::span<const Vec3> points, std::span<const float> d
   });
   std::vector<detail::FoundPatch> kept;
   for (auto& [f, size] : all) detail::keep(std::move(f), result.maps[size], kept);
-  const auto discs = detail::search_discs(patch_layers, detail::typical_variance(layers.front()),
-                                          kFalseDisc, !background.there);
+  const double typical = detail::typical_variance(layers.front());
+  const auto discs = detail::search_discs(patch_layers, typical, kFalseDisc, !background.there);
   result.limits = discs.limits;
   detail::search_by_discs(
-      patch_layers, discs, points, deviation,
+      patch_layers, typical, discs, points, deviation,
       [&](double x, double y) { return background.there ? background.at(x, y) : 0.0; },
       beam_diameter_mm, result.maps, kept);
   std::stable_sort(kept.begin(), kept.end(), [](const auto& f, const auto& g) {

@@ -101,7 +101,7 @@ FoundPatch patch_of(const DiscFit& fit, const Layer& layer) {
   FoundPatch patch;
   const auto row = static_cast<std::ptrdiff_t>((fit.y_mm - map.y0_mm) / map.cell_mm);
   const auto col = static_cast<std::ptrdiff_t>((fit.x_mm - map.x0_mm) / map.cell_mm);
-  const auto reach = static_cast<std::ptrdiff_t>(4.0 * r / map.cell_mm) + 1;
+  const auto reach = static_cast<std::ptrdiff_t>(kDiscWindow * fit.diameter_mm / map.cell_mm) + 1;
   double level = 0.0, points = 0.0;
   for (std::ptrdiff_t i = row - reach; i <= row + reach; ++i)
     for (std::ptrdiff_t j = col - reach; j <= col + reach; ++j) {
@@ -112,7 +112,7 @@ FoundPatch patch_of(const DiscFit& fit, const Layer& layer) {
       if (off < r || (i == row && j == col)) {
         patch.all.emplace_back(i, j);
         level += layer.cells(i, j).level, points += layer.cells(i, j).n;
-      } else if (off > 1.6 * r && off < 4.0 * r) {
+      } else if (off > kDiscBase * fit.diameter_mm && off < kDiscWindow * fit.diameter_mm) {
         patch.around.emplace_back(i, j);
       }
     }
@@ -173,11 +173,10 @@ void keep(FoundPatch patch, CellMap& map, std::vector<FoundPatch>& kept) {
   kept.push_back(std::move(patch));
 }
 
-void search_by_discs(std::span<const Layer> layers, const DiscSearch& discs,
+void search_by_discs(std::span<const Layer> layers, double typical, const DiscSearch& discs,
                      std::span<const Vec3> points, std::span<const float> deviation,
                      const std::function<double(double, double)>& level_mm, double beam_diameter_mm,
                      std::vector<CellMap>& maps, std::vector<FoundPatch>& kept) {
-  const double typical = typical_variance(layers.front().cells);
   const double widest = kFitCells * layers.front().map.cell_mm;
   struct Seed {
     Disc disc;

@@ -9,6 +9,7 @@
 namespace maquette::diagnosis::detail {
 namespace {
 constexpr double kSize_mm = 0.05;
+constexpr std::size_t kTimes = 4;  // that one is refined; the data show four borders at most
 
 /// Borders whose moments are refined in turn: each once, and of two or three some twice.
 struct MakeBands {
@@ -69,7 +70,7 @@ void add_process_band_step(std::vector<Effect>& all) {
     for (std::size_t n = 2; n <= seen.size(); ++n)
       forms.push_back(make(fmt::format("{} borders", n),
                            {seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(n)}, 0,
-                           std::max<std::size_t>(4, n)));
+                           kTimes));
     for (Form& f : step_forms(2, scene)) forms.push_back(std::move(f));
     return forms;
   };

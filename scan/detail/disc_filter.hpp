@@ -30,7 +30,6 @@ struct Disc {
   double x_mm = 0.0, y_mm = 0.0, width_mm = 0.0;
   double z = 0.0;          ///< its mean in standard deviations
   double inflation = 1.0;  ///< what correlation between points makes of them
-  double pose_mm2 = 0.0;   ///< variance of its mean by the pose
 };
 
 struct DiscSearch {

@@ -43,6 +43,8 @@ struct Sample {
 
 /// Points up to this many widths of a disc from its middle are asked for.
 inline constexpr double kDiscWindow = 2.0;
+/// Of these, those beyond this many widths are its base: only the widest discs reach in there.
+inline constexpr double kDiscBase = 0.8;
 
 /// @param around  the points within kDiscWindow widths, of any order
 /// @param beam_diameter_mm  at the part, 1/e^2 of the intensity; 0: a ray

@@ -33,6 +33,7 @@ using heightmap::ModelField;
 using testing::HasSubstr;
 using testing_support::collected;
 using testing_support::FailsWith;
+using testing_support::in_plane;
 using testing_support::random_terrain;
 
 constexpr Millimetres kThickness{10.0};
@@ -79,25 +80,6 @@ TEST(BoredSolid, IsASolidAndAddsUp) {
   EXPECT_NEAR(sum, known, 1e-9 * known);
   // The same by the thought-of hole: round, as wide as dowel and play.
   EXPECT_NEAR(hole_volume_mm3(part.options), 3.14159265 * 2.1 * 2.1 * 8.0, 0.01 * 110);
-}
-
-/// Triangles whose corners all lie in the plane, each from its least corner on.
-std::set<std::array<std::array<double, 3>, 3>> in_plane(const TriMesh& m, bool x, double at,
-                                                        bool turned) {
-  std::set<std::array<std::array<double, 3>, 3>> found;
-  for (const auto& t : m.triangles) {
-    std::array<std::array<double, 3>, 3> corners{};
-    bool flat = true;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Vec3 v = m.vertices_mm[t[turned ? 2 - k : k]];
-      corners[k] = {v.x, v.y, v.z};
-      flat = flat && (x ? v.x : v.y) == at;
-    }
-    if (!flat) continue;
-    std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
-    found.insert(corners);
-  }
-  return found;
 }
 
 TEST(BoredSolid, HasTheSameWallAsItsNeighbour) {

@@ -4,8 +4,11 @@
 /// @file mesh_properties.hpp
 /// Plain properties of triangle meshes, counted without any mesh library.
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <utility>
 
 #include <gmock/gmock.h>
@@ -30,6 +33,26 @@ inline double signed_volume_mm3(const TriMesh& m) {
   for (const auto& t : m.triangles)
     six += dot(m.vertices_mm[t[0]], cross(m.vertices_mm[t[1]], m.vertices_mm[t[2]]));
   return six / 6.0;
+}
+
+/// Triangles whose corners all lie in the plane of this x (or y), each from its least corner on.
+/// @param turned  seen from the other side
+inline std::set<std::array<std::array<double, 3>, 3>> in_plane(const TriMesh& m, bool x, double at,
+                                                               bool turned) {
+  std::set<std::array<std::array<double, 3>, 3>> found;
+  for (const auto& t : m.triangles) {
+    std::array<std::array<double, 3>, 3> corners{};
+    bool flat = true;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3 v = m.vertices_mm[t[turned ? 2 - k : k]];
+      corners[k] = {v.x, v.y, v.z};
+      flat = flat && (x ? v.x : v.y) == at;
+    }
+    if (!flat) continue;
+    std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
+    found.insert(corners);
+  }
+  return found;
 }
 
 /// Every directed edge once, and its opposite once: closed, oriented, 2-manifold at edges.

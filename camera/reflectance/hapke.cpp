@@ -18,6 +18,8 @@ double multiple(Hapke::Form form, double w, double x) {
   if (form == Hapke::Form::y1981) return (1.0 + 2.0 * x) / (1.0 + 2.0 * x * gamma);
   if (x <= 0.0) return 1.0;
   const double r0 = (1.0 - gamma) / (1.0 + gamma);
+  if (form == Hapke::Form::y1993)
+    return 1.0 / (1.0 - (1.0 - gamma) * x * (r0 + (1.0 - 0.5 * r0 - r0 * x) * std::log1p(1.0 / x)));
   return 1.0 / (1.0 - w * x * (r0 + 0.5 * (1.0 - 2.0 * r0 * x) * std::log1p(1.0 / x)));
 }
 

@@ -57,7 +57,9 @@ Light::Arrival Light::arrive(Vec3 at_mm, DiscPoint p) const {
   if (table_ && strength > 0.0) {
     const double angle = std::acos(std::clamp(cosine, -1.0, 1.0)) / kDegree;
     const double azimuth =
-        std::atan2(-dot(direction, across_y_), -dot(direction, across_x_)) / kDegree;
+        table_->azimuth_deg.size() < 2
+            ? 0.0  // the same all around
+            : std::atan2(-dot(direction, across_y_), -dot(direction, across_x_)) / kDegree;
     strength *= table_->at(angle, azimuth) / axis_intensity_;
   }
   return {direction, distance, strength};

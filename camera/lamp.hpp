@@ -19,6 +19,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "camera/disc_samples.hpp"
@@ -41,9 +42,18 @@ struct IntensityTable {
 };
 
 /// `.ies`: ANSI/IES LM-63 (1991 to 2019), type C, the lamp's axis at vertical angle 0. Other names:
-/// CSV with the head `angle_deg,intensity`, the same all around.
+/// CSV with the head `angle_deg,intensity`, the same all around; lines that begin with # say what
+/// they like.
 /// CORE_FILE_*; CAMERA_INTENSITY_FILE: what is wrong and where.
 [[nodiscard]] Result<IntensityTable> read_intensity(const std::filesystem::path& path);
+/// The content of such a CSV. @param name  for messages
+[[nodiscard]] Result<IntensityTable> read_intensity_csv(const std::filesystem::path& name,
+                                                        std::string_view text);
+
+/// Luminous flux by the axis' intensity, sr: exact for intensities that are linear between the
+/// table's angles; azimuths by the degree. A cone of half angle a that is even: 2 pi (1 - cos a).
+/// @pre intensity on the axis > 0
+[[nodiscard]] double solid_angle_sr(const IntensityTable& table);
 
 struct Lamp {
   Vec3 position_mm{-3000.0, 500.0, 2500.0};

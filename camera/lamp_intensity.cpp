@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
 #include <charconv>
+#include <cmath>
+#include <numbers>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -16,7 +19,17 @@ class Words {
   explicit Words(std::string_view text, int line = 1) : text_(text), line_(line) {}
 
   [[nodiscard]] int line() const { return line_; }
-  [[nodiscard]] std::string_view rest() const { return text_; }
+  /// Is there another word? Lines whose first one begins with # are passed over.
+  bool more() {
+    while (true) {
+      const auto begins = text_.find_first_not_of(" \t\r\n");
+      if (begins == std::string_view::npos) return false;
+      if (text_[begins] != '#') return true;
+      line_ += static_cast<int>(std::count(text_.begin(), text_.begin() + begins, '\n'));
+      text_.remove_prefix(begins);
+      next_line();
+    }
+  }
   /// The next line without its end; nothing at the end of the file.
   std::optional<std::string_view> next_line() {
     if (text_.empty()) return std::nullopt;
@@ -130,7 +143,7 @@ Result<IntensityTable> read_csv(const Path& path, std::string_view text) {
   if (!head || !head->starts_with("angle_deg,intensity"))
     return wrong(path, 1, "the head angle_deg,intensity expected");
   IntensityTable table{{}, {0.0}, {}};
-  while (words.rest().find_first_not_of(" \t\r\n") != std::string_view::npos) {
+  while (words.more()) {
     MAQUETTE_TRY(const auto row, take(path, words, 2, "values of a row"));
     table.angle_deg.push_back(row[0]);
     table.intensity.push_back(row[1]);
@@ -167,6 +180,29 @@ double IntensityTable::at(double angle, double azimuth) const {
   };
   return (1 - t) * ((1 - s) * value(a, b) + s * value(a + 1, b)) +
          t * ((1 - s) * value(a, b + 1) + s * value(a + 1, b + 1));
+}
+
+double solid_angle_sr(const IntensityTable& table) {
+  constexpr double kDegree = std::numbers::pi / 180.0;
+  const double axis = table.at(0.0, 0.0);
+  double sum = 0.0;
+  const std::size_t around = table.azimuth_deg.size() > 1 ? 360 : 1;
+  for (std::size_t k = 0; k < around; ++k) {
+    const double azimuth = around > 1 ? static_cast<double>(k) : 0.0;
+    for (std::size_t i = 1; i < table.angle_deg.size(); ++i) {
+      // Intensity is linear in the angle between nodes: its integral with the sine is exact.
+      const double a = kDegree * table.angle_deg[i - 1], b = kDegree * table.angle_deg[i];
+      const double at_a = table.at(table.angle_deg[i - 1], azimuth),
+                   at_b = table.at(table.angle_deg[i], azimuth);
+      const double slope = (at_b - at_a) / (b - a);
+      sum += at_a * std::cos(a) - at_b * std::cos(b) + slope * (std::sin(b) - std::sin(a));
+    }
+  }
+  return 2.0 * std::numbers::pi * sum / static_cast<double>(around) / axis;
+}
+
+Result<IntensityTable> read_intensity_csv(const Path& name, std::string_view text) {
+  return read_csv(name, text);
 }
 
 Result<IntensityTable> read_intensity(const Path& path) {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/spectrum.hpp"
 
+#include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <numbers>
 #include <string_view>
 
@@ -14,11 +16,57 @@ namespace {
 
 constexpr double kFirstNm = 300.0, kLastNm = 1100.0;
 
+/// By trapezia of at most 1 nm that end where f does.
 template <class F>
-double integral(const F& f) {
-  double sum = 0.5 * (f(kFirstNm) + f(kLastNm));
-  for (double nm = kFirstNm + 1.0; nm < kLastNm; nm += 1.0) sum += f(nm);
-  return sum;
+double integral(double from_nm, double to_nm, const F& f) {
+  from_nm = std::max(from_nm, kFirstNm), to_nm = std::min(to_nm, kLastNm);
+  if (!(to_nm > from_nm)) return 0.0;
+  const double steps = std::ceil(to_nm - from_nm), step = (to_nm - from_nm) / steps;
+  double sum = 0.5 * (f(from_nm) + f(to_nm));
+  for (double i = 1.0; i < steps; i += 1.0) sum += f(from_nm + i * step);
+  return step * sum;
+}
+
+/// Rows of a wavelength and `Columns` values under `head`.
+template <std::size_t Columns>
+Result<std::array<SpectralCurve, Columns>> read_curves(const std::filesystem::path& path,
+                                                       std::string_view head) {
+  MAQUETTE_TRY(const std::string file, read_file(path));
+  std::string_view text = file;
+  std::array<SpectralCurve, Columns> curves;
+  for (int number = 1; !text.empty(); ++number) {
+    const auto end = text.find('\n');
+    std::string_view line = text.substr(0, end);
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+    if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
+    const auto wrong = [&](const std::string& what) {
+      return fail(kSpectrumFile, fmt::format("{}: line {}: {}", path.string(), number, what));
+    };
+    if (number == 1) {
+      if (line != head) return wrong(fmt::format("the head {} expected", head));
+      continue;
+    }
+    if (line.empty() || line.front() == '#') continue;
+    std::array<double, Columns + 1> row{};
+    const char *at = line.data(), *const last = line.data() + line.size();
+    for (std::size_t i = 0; i <= Columns; ++i) {
+      const auto read = std::from_chars(at, last, row[i]);
+      const bool ended = i == Columns ? read.ptr == last : read.ptr != last && *read.ptr == ',';
+      if (read.ec != std::errc{} || !ended || !std::isfinite(row[i]))
+        return wrong(fmt::format("{} finite numbers expected", Columns + 1));
+      if (i > 0 && row[i] < 0.0) return wrong("a value is negative");
+      at = read.ptr == last ? last : read.ptr + 1;
+    }
+    if (!curves[0].wavelength_nm.empty() && !(row[0] > curves[0].wavelength_nm.back()))
+      return wrong("wavelengths must ascend");
+    for (std::size_t i = 0; i < Columns; ++i) {
+      curves[i].wavelength_nm.push_back(row[0]);
+      curves[i].value.push_back(row[i + 1]);
+    }
+  }
+  if (curves[0].value.size() < 2)
+    return fail(kSpectrumFile, fmt::format("{}: at least two rows expected", path.string()));
+  return curves;
 }
 
 }  // namespace
@@ -41,7 +89,7 @@ double planck(double nm, double temperature_k) {
 
 SpectralCurve black_body(double temperature_k) {
   SpectralCurve curve;
-  for (double nm = kFirstNm; nm <= kLastNm; nm += 5.0) {
+  for (double nm = kFirstNm; nm <= kLastNm; nm += 2.0) {
     curve.wavelength_nm.push_back(nm);
     curve.value.push_back(planck(nm, temperature_k));
   }
@@ -63,54 +111,49 @@ double luminous_efficiency(double nm) {
 
 Bands band_light(const SpectralCurve& spectrum, const std::array<SpectralCurve, 3>& filters) {
   Bands light{};
-  for (std::size_t b = 0; b < 3; ++b)
-    light[b] = integral([&](double nm) { return spectrum.at(nm) * filters[b].at(nm); });
+  for (std::size_t b = 0; b < 3; ++b) {
+    const auto &s = spectrum.wavelength_nm, &f = filters[b].wavelength_nm;
+    if (s.empty() || f.empty()) continue;
+    light[b] = integral(std::max(s.front(), f.front()), std::min(s.back(), f.back()),
+                        [&](double nm) { return spectrum.at(nm) * filters[b].at(nm); });
+  }
   return light;
 }
 
 Bands white_radiance(const SpectralCurve& spectrum, double illuminance_lux,
                      const std::array<SpectralCurve, 3>& filters) {
-  const double lux =
-      683.0 * integral([&](double nm) { return spectrum.at(nm) * luminous_efficiency(nm); });
+  const double lux = 683.0 * integral(kFirstNm, kLastNm, [&](double nm) {
+                       return spectrum.at(nm) * luminous_efficiency(nm);
+                     });
   Bands light = band_light(spectrum, filters);
   for (double& b : light) b *= illuminance_lux / lux / std::numbers::pi;
   return light;
 }
 
 Result<SpectralCurve> read_spectrum(const std::filesystem::path& path) {
-  MAQUETTE_TRY(const std::string file, read_file(path));
-  std::string_view text = file;
-  SpectralCurve curve;
-  for (int number = 1; !text.empty(); ++number) {
-    const auto end = text.find('\n');
-    std::string_view line = text.substr(0, end);
-    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-    if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-    const auto wrong = [&](const char* what) {
-      return fail(kSpectrumFile, fmt::format("{}: line {}: {}", path.string(), number, what));
-    };
-    if (number == 1) {
-      if (line != "wavelength_nm,value") return wrong("the head wavelength_nm,value expected");
-      continue;
-    }
-    if (line.empty() || line.front() == '#') continue;
-    double nm = 0.0, value = 0.0;
-    const char* const last = line.data() + line.size();
-    const auto first = std::from_chars(line.data(), last, nm);
-    if (first.ec != std::errc{} || first.ptr == last || *first.ptr != ',')
-      return wrong("two numbers expected");
-    const auto second = std::from_chars(first.ptr + 1, last, value);
-    if (second.ec != std::errc{} || second.ptr != last || !std::isfinite(nm) ||
-        !std::isfinite(value) || value < 0.0)
-      return wrong("two finite numbers expected, the value not negative");
-    if (!curve.wavelength_nm.empty() && !(nm > curve.wavelength_nm.back()))
-      return wrong("wavelengths must ascend");
-    curve.wavelength_nm.push_back(nm);
-    curve.value.push_back(value);
-  }
-  if (curve.value.size() < 2)
-    return fail(kSpectrumFile, fmt::format("{}: at least two rows expected", path.string()));
-  return curve;
+  MAQUETTE_TRY(auto curves, read_curves<1>(path, "wavelength_nm,value"));
+  return std::move(curves[0]);
+}
+
+Result<std::array<SpectralCurve, 3>> read_filters(const std::filesystem::path& path) {
+  MAQUETTE_TRY(auto filters, read_curves<3>(path, "wavelength_nm,r,g,b"));
+  const SpectralCurve flat{{kFirstNm, kLastNm}, {1.0, 1.0}};
+  const Bands width = band_light(flat, filters);
+  for (std::size_t b = 0; b < 3; ++b)
+    if (!(width[b] > 0.0))
+      return fail(kSpectrumFile, fmt::format("{}: filter {} lets nothing pass from {} to {} nm",
+                                             path.string(), "rgb"[b], kFirstNm, kLastNm));
+  return filters;
+}
+
+std::optional<Bands> colour_of(const SpectralCurve& spectrum,
+                               const std::array<SpectralCurve, 3>& filters) {
+  const Bands light = band_light(spectrum, filters);
+  const Bands flat = band_light({{kFirstNm, kLastNm}, {1.0, 1.0}}, filters);
+  if (!(light[1] > 0.0)) return std::nullopt;
+  Bands colour;
+  for (std::size_t b = 0; b < 3; ++b) colour[b] = light[b] / flat[b] / (light[1] / flat[1]);
+  return colour;
 }
 
 }  // namespace maquette::camera

@@ -191,6 +191,31 @@ TEST(Intensity, OfLm63IsScaledAndMirrored) {
   EXPECT_NEAR(full->at(45, 315), 130, 1e-12);
 }
 
+TEST(Intensity, SaysHowMuchLightALampGives) {
+  // An even cone, a Lambert source (pi), and one that is brighter to two sides.
+  const double half = 28.0 * kRad;
+  EXPECT_NEAR(solid_angle_sr({{0, 10, 28}, {0}, {7, 7, 7}}), 2 * kPi * (1 - std::cos(half)), 1e-12);
+  IntensityTable lambert{{}, {0}, {}};
+  for (int i = 0; i <= 90; ++i) {
+    lambert.angle_deg.push_back(i);
+    lambert.intensity.push_back(5 * std::cos(kRad * i));
+  }
+  // Lines under an arc of a degree: 1/12 degree^2, 2.5e-5.
+  EXPECT_NEAR(solid_angle_sr(lambert), kPi, 1e-4);
+  const IntensityTable uneven{{0, 60}, {0, 90}, {1, 1, 1, 3}};
+  const double round = 2 * kPi * 0.5;
+  // Beside the even part: twice the share of the azimuth, 1/2 in the mean, times that of the angle.
+  const double end = 60 * kRad, ramp = (std::sin(end) - end * std::cos(end)) / end;
+  EXPECT_NEAR(solid_angle_sr(uneven), round + 2 * kPi * ramp, 1e-3);
+}
+
+TEST(Intensity, MayHaveRemarks) {
+  const auto table = read_intensity(
+      written("remarks.csv", "angle_deg,intensity\n# assumed\n0,4\n\n # and more\n10,2\n# end\n"));
+  ASSERT_THAT(table, Succeeds());
+  EXPECT_DOUBLE_EQ(table->at(5, 0), 3.0);
+}
+
 TEST(Intensity, IsRefusedWithItsLine) {
   const auto says = [](const std::string& name, const std::string& text, const std::string& what) {
     const auto table = read_intensity(written(name, text));
@@ -205,6 +230,7 @@ TEST(Intensity, IsRefusedWithItsLine) {
   says("f.ies", ies("0 77", "1 1 1 1 1 1"), "horizontal");
   says("g.csv", "angle,intensity\n", "line 1");
   says("h.csv", "angle_deg,intensity\n10,5\n", "begin with 0");
+  says("r.csv", "angle_deg,intensity\n# one\n# two\n0,5\nx,y\n", "line 5");
   says("i.csv", "angle_deg,intensity\n0,5\n10\n", "number 2 of 2");
   says("j.csv", "angle_deg,intensity\n", "no row");
 }
@@ -329,6 +355,63 @@ TEST(Spectrum, BandsOfAWhiteOneAreAsWideAsTheirFilters) {
   EXPECT_NEAR(light[0], 2 * 100, 2.1);  // one step of 1 nm at the ends
   EXPECT_NEAR(light[1], 2 * 90, 2.1);
   EXPECT_NEAR(light[2], 2 * 90, 2.1);
+}
+
+/// Planck's radiance up to a wavelength, W m^-2 sr^-1, by the series of exponentials (Widger and
+/// Woodall 1976, doi:10.1175/1520-0477(1976)057<1217:IOTPBR>2.0.CO;2), to 1e-12.
+double planck_up_to(double nm, double kelvin) {
+  constexpr double h = 6.62607015e-34, c = 299792458.0, k = 1.380649e-23;
+  const double x = h * c / (1e-9 * nm * k * kelvin);
+  double sum = 0;
+  for (int n = 1; n < 60; ++n)
+    sum += std::exp(-n * x) *
+           (x * x * x / n + 3 * x * x / n / n + 6 * x / n / n / n + 6.0 / n / n / n / n);
+  return 2 * std::pow(k * kelvin, 4) / (h * h * h * c * c) * sum;
+}
+
+TEST(Spectrum, OfABlackBodyHasPlancksIntegralsInTheBands) {
+  for (const double kelvin : {2856.0, 5772.0, 6000.0, 9000.0}) {
+    const Bands light = band_light(black_body(kelvin), box_bands());
+    const std::array<std::array<double, 2>, 3> ends{{{580, 680}, {490, 580}, {400, 490}}};
+    Bands exact{};
+    for (std::size_t b = 0; b < 3; ++b) {
+      exact[b] = planck_up_to(ends[b][1], kelvin) - planck_up_to(ends[b][0], kelvin);
+      // Lines of 2 nm and trapezia of 1 nm: h^2/12 of the second derivative, 5e-5 at worst here.
+      EXPECT_NEAR(light[b] / exact[b], 1.0, 1e-4) << kelvin << ' ' << b;
+    }
+    const auto colour = colour_of(black_body(kelvin), box_bands());
+    ASSERT_TRUE(colour.has_value());
+    EXPECT_EQ((*colour)[1], 1.0);
+    EXPECT_NEAR((*colour)[0], exact[0] / 100 / (exact[1] / 90), 1e-4);
+    EXPECT_NEAR((*colour)[2], exact[2] / 90 / (exact[1] / 90), 1e-4);
+  }
+}
+
+TEST(Spectrum, GoesThroughFiltersOfAFile) {
+  // Triangles and a trapezium, ends off the grid of 1 nm.
+  const auto filters =
+      read_filters(written("filters.csv",
+                           "wavelength_nm,r,g,b\n# of no camera\n420.5,0,0,0\n500.5,0,1,1\n"
+                           "580.5,1,0,1\n660.5,0,0,0\n"));
+  ASSERT_THAT(filters, Succeeds());
+  const Bands area = band_light({{300, 1100}, {1, 1}}, *filters);
+  // Trapezia of 1 nm on straight lines with a kink inside a step: at most 1/8 nm of slope 1/80
+  // each.
+  EXPECT_NEAR(area[0], 80.0, 5e-3);
+  EXPECT_NEAR(area[1], 80.0, 5e-3);
+  EXPECT_NEAR(area[2], 160.0, 5e-3);
+  // A spectrum that rises as a straight line is in a symmetric filter what it is in its middle.
+  const auto colour = colour_of({{300, 1100}, {0.0, 800.0}}, *filters);
+  ASSERT_TRUE(colour.has_value());
+  EXPECT_NEAR((*colour)[0], 280.5 / 200.5, 1e-4);
+  EXPECT_NEAR((*colour)[2], 240.5 / 200.5, 1e-4);
+  EXPECT_FALSE(colour_of({{600, 700}, {1.0, 1.0}}, *filters).has_value()) << "no light in G";
+  for (const char* bad :
+       {"wavelength_nm,value\n400,1\n500,1\n", "wavelength_nm,r,g,b\n400,1,1\n500,1,1,1\n",
+        "wavelength_nm,r,g,b\n400,1,1,1,1\n500,1,1,1\n", "wavelength_nm,r,g,b\n400,1,1,1\n",
+        "wavelength_nm,r,g,b\n400,1,-1,1\n500,1,1,1\n",
+        "wavelength_nm,r,g,b\n400,1,1,0\n500,1,1,0\n"})
+    EXPECT_THAT(read_filters(written("bad.csv", bad)), FailsWith(kSpectrumFile)) << bad;
 }
 
 TEST(Spectrum, TheSunsIlluminanceComesBack) {

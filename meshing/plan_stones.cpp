@@ -133,6 +133,7 @@ std::vector<SiteStone> draw_stones(const SitePlanRequest& request) {
     SiteStone stone;
     stone.number = static_cast<int>(i + 1);
     stone.shape = draw_shape(request.seed, shape_of(i));
+    if (request.angularity) stone.shape.angularity = *request.angularity;
     stone.diameter = diameters[i];
     stone.heading = Radians{2.0 * std::numbers::pi *
                             random_uniform(random_bits(request.seed, kShapes), 8 * i + 5)};

@@ -70,6 +70,9 @@ struct SitePlanRequest {
   /// A workshop's catalogue: that many distinct shapes, and sizes at that many steps of equal ratio
   /// from min to max, the nearest one for each stone. 0: each stone its own.
   int shapes = 0, sizes = 0;
+  /// Of all drawn stones, 0 rounded to 1 angular; none: each has its own. What a stone needs of
+  /// room depends on it, so it is not to be changed in a plan.
+  std::optional<double> angularity{};
   std::vector<OwnStones> own{};  ///< beside the `count` drawn ones
   /// How dense drawn places are there (site frame, metres), 0 to 1; none: the same everywhere.
   std::function<double(double east_m, double north_m)> density{};
@@ -85,8 +88,8 @@ struct SitePlanRequest {
 /// MESHING_STONE_LARGER_THAN_SITE: a stone cannot keep its distance from the border of
 /// its square; MESHING_STONES_DO_NOT_FIT: says how many did, or which two of those with a place
 /// overlap.
-/// @pre counts, shapes, sizes >= 0, inner_share within 0 .. 1, widths >= 0, k and diameters as
-///      assets::draw_rock_diameters asks; own stones have a body and a diameter
+/// @pre counts, shapes, sizes >= 0, inner_share and angularity within 0 .. 1, widths >= 0, k and
+///      diameters as assets::draw_rock_diameters asks; own stones have a body and a diameter
 [[nodiscard]] Result<std::vector<SiteStone>> plan_stones(const SitePlanRequest& request);
 
 /// Whether the plan would have a stone there: the site's border and the inner square's are kept

@@ -141,6 +141,7 @@ Result<meshing::SitePlanRequest> plan_request(const Site& site, const StoneSurfa
   request.k = site.stone_k;
   request.shapes = static_cast<int>(site.stone_shapes);
   request.sizes = static_cast<int>(site.stone_sizes);
+  request.angularity = site.stone_angularity;
   request.seed = static_cast<std::uint64_t>(site.seed);
   MAQUETTE_TRY(request.own, own_stones(site, run));
   if (site.stone_density != "craters") return request;
@@ -234,8 +235,7 @@ Result<JobResult> stones_job(const Site& site, double scale, const StoneSurfaces
                     "own there; --other DESIGN gives them one pose",
                     site.scales[index + 1]));
   MAQUETTE_TRY(const auto request, plan_request(site, surfaces, run));
-  MAQUETTE_TRY(auto plan, meshing::plan_stones(request));
-  for (auto& stone : plan) stone.shape.angularity = site.stone_angularity;
+  MAQUETTE_TRY(const auto plan, meshing::plan_stones(request));
   heightmap::ModelField design;
   MAQUETTE_TRY(const auto placed, lay_at_scale(site, plan, request, surfaces, index, design, run));
   std::error_code ec;

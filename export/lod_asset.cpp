@@ -11,6 +11,7 @@
 
 #include "export/cad.hpp"
 #include "export/detail/gltf_asset.hpp"
+#include "export/draco_normals.hpp"
 #include "export/draco_piece.hpp"
 #include "export/glb_file.hpp"
 
@@ -106,16 +107,57 @@ void append(std::vector<char>& binary, const std::vector<T>& values) {
   std::memcpy(binary.data() + at, values.data(), values.size() * sizeof(T));
 }
 
-Result<GlbContent> encode_draco(const LodTileMesh& tile, const Local& local,
+/// glTF's axes turned so that up is x (draco_normals.hpp), and the quaternion that turns them back:
+/// all its products are halves, so that no engine rounds.
+Local with_up_as_x(Local local) {
+  const auto turn = [](Float3& v) { v = {v[1], v[2], v[0]}; };
+  for (Float3& p : local.positions) turn(p);
+  for (Float3& n : local.normals) turn(n);
+  turn(local.min);
+  turn(local.max);
+  return local;
+}
+const Json kUpFromX{0.5, 0.5, 0.5, 0.5};
+
+/// Draco walks over the triangles outwards from the first and stores vertices in the opposite
+/// order. Begun in the middle it ends at a corner: the first vertex, which has no prediction, is
+/// then close to the ends of the coordinates' range, which wraps. From elsewhere it can be more
+/// than 2^18 away from them, where Draco leaves entropy coding: twice the bytes.
+std::vector<std::array<std::uint32_t, 3>> from_the_middle(const LodTileMesh& tile) {
+  const std::size_t across = tile.cols.size() - 1, up = tile.rows.size() - 1;
+  auto triangles = tile.triangles;
+  std::rotate(triangles.begin(),
+              triangles.begin() + tile.first_of_cell[up / 2 * across + across / 2],
+              triangles.end());
+  return triangles;
+}
+
+/// Vertices on the tile's outline, which neighbours have, too.
+std::vector<bool> outline(const LodTileMesh& tile) {
+  std::vector<bool> on;
+  for (const LodVertex& v : tile.vertices)
+    on.push_back(v.col == tile.cols.front() || v.col == tile.cols.back() ||
+                 v.row == tile.rows.front() || v.row == tile.rows.back());
+  return on;
+}
+
+Result<GlbContent> encode_draco(const LodTileMesh& tile, const Local& in_gltf_axes,
                                 const LodAssetOptions& options, Json json) {
+  const Local local = with_up_as_x(in_gltf_axes);
+  json["nodes"][0]["rotation"] = kUpFromX;
   PositionGrid grid;  // a step of 1 from 0
   grid.bits = 1;
   const float widest = *std::max_element(local.max.begin(), local.max.end());
   while (static_cast<float>((std::uint32_t{1} << grid.bits) - 1) < widest) ++grid.bits;
   grid.range = static_cast<float>((std::uint32_t{1} << grid.bits) - 1);
+  const auto triangles = from_the_middle(tile);
+  DracoNormals normals;
+  if (!local.normals.empty())
+    normals = draco_normals(local.positions, local.normals, triangles, outline(tile),
+                            options.normal_bits);
   MAQUETTE_TRY(const DracoPiece piece,
-               draco_piece(local.positions, local.normals, tile.triangles, grid,
-                           {.speed = kDracoSpeed, .normal_bits = options.normal_bits}));
+               draco_piece(local.positions, normals.values, triangles, grid,
+                           {.speed = kDracoSpeed, .normal_bits = normals.bits}));
   add_accessors(json, local, piece.points, piece.faces, kFloat, kUnsignedInt, kFloat);
   json["extensionsUsed"] = {"KHR_draco_mesh_compression"};
   json["extensionsRequired"] = {"KHR_draco_mesh_compression"};

@@ -10,7 +10,9 @@
 /// hold all coordinates exactly (below 2^24). y is up, x east, z south.
 ///
 ///   draco    KHR_draco_mesh_compression, quantised on the lattice itself: decoding gives back the
-///            whole numbers, nothing is rounded once more
+///            whole numbers, nothing is rounded once more. Inside, x is up, and the node turns
+///            that; normals are rounded from what Draco predicts (draco_normals.hpp), on the
+///            outline from zero, so that neighbours of one level have the same there
 ///   meshopt  EXT_meshopt_compression with KHR_mesh_quantization: positions in 16 bits (in floats
 ///            where the tile is wider), normals octahedral in 8 bits; triangles in an order that
 ///            vertex caches like
@@ -36,7 +38,7 @@ struct LodAssetOptions {
   LodCompression compression = LodCompression::draco;
   LodMaterial material = LodMaterial::paint;
   bool normals = true;
-  int normal_bits = 8;                ///< of draco, octahedral
+  int normal_bits = 7;                ///< of draco, octahedral (draco_normals.hpp)
   double scale_denominator = 1000.0;  ///< recorded
 };
 

@@ -41,17 +41,33 @@ Taps slope_taps(std::ptrdiff_t nodes, int level, std::ptrdiff_t index) {
           .count = 3};
 }
 
+/// Mean of the triangles about a node. All have the same area seen from above, so this is the
+/// slope of the sum of their normals weighted by area.
 Slope slope_of_field(const heightmap::ModelField& field, std::ptrdiff_t row, std::ptrdiff_t col) {
   const Grid<float>& z = field.z_mm;
-  const auto difference = [&](std::ptrdiff_t r0, std::ptrdiff_t c0, std::ptrdiff_t r1,
-                              std::ptrdiff_t c1) {
-    const auto run = field.spacing.value() * static_cast<double>((r1 - r0) + (c1 - c0));
-    return static_cast<float>((static_cast<double>(z(r1, c1)) - static_cast<double>(z(r0, c0))) /
-                              run);
+  const bool west = col > 0, south = row > 0, east = col + 1 < z.cols(), north = row + 1 < z.rows();
+  const auto rise = [&](std::ptrdiff_t r0, std::ptrdiff_t c0, std::ptrdiff_t r1,
+                        std::ptrdiff_t c1) {
+    return static_cast<double>(z(row + r1, col + c1)) - static_cast<double>(z(row + r0, col + c0));
   };
-  return {
-      difference(row, std::max<std::ptrdiff_t>(col - 1, 0), row, std::min(col + 1, z.cols() - 1)),
-      difference(std::max<std::ptrdiff_t>(row - 1, 0), col, std::min(row + 1, z.rows() - 1), col)};
+  double dx = 0.0, dy = 0.0, count = 0.0;
+  const auto add = [&](double x, double y) {
+    dx += x;
+    dy += y;
+    count += 1.0;
+  };
+  if (north && east) {
+    add(rise(0, 0, 0, 1), rise(0, 1, 1, 1));
+    add(rise(1, 0, 1, 1), rise(0, 0, 1, 0));
+  }
+  if (south && west) {
+    add(rise(-1, -1, -1, 0), rise(-1, 0, 0, 0));
+    add(rise(0, -1, 0, 0), rise(-1, -1, 0, -1));
+  }
+  if (north && west) add(rise(0, -1, 0, 0), rise(0, 0, 1, 0));
+  if (south && east) add(rise(0, 0, 0, 1), rise(-1, 0, 0, 0));
+  const double run = field.spacing.value() * count;
+  return {static_cast<float>(dx / run), static_cast<float>(dy / run)};
 }
 
 }  // namespace

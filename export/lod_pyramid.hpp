@@ -12,9 +12,9 @@
 ///           and columns: the low pass that belongs to linear interpolation (Le Gall and Tabatabai
 ///           1988, doi:10.1109/ICASSP.1988.196696), which leaves no more of the finer waves than a
 ///           triangulated level can show. Within two nodes of the outline: the height itself.
-/// Slopes    of a level are those of the full resolution (central differences; one-sided on the
-///           outline), averaged with (1 2 1) / 4 from level to level: normals show the mean slope
-///           of the ground that a node stands for, not that of the coarse triangles.
+/// Slopes    of a level are those of the full resolution (the mean of the triangles about a node),
+///           averaged with (1 2 1) / 4 from level to level: normals show the mean slope of the
+///           ground that a node stands for, not that of the coarse triangles.
 /// Memory    a third of the heights more, and 8 bytes a node of the levels above 0
 /// Same heights, same bits for any number of threads.
 

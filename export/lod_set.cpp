@@ -24,7 +24,7 @@ using Json = nlohmann::ordered_json;
 /// A step above this share of the spacing turns slopes into stairs; as in gltf.cpp.
 constexpr double kCoarsestStep = 0.25;
 /// Goes up when tiles of the same heights and options get other bytes.
-constexpr int kTileVersion = 2;
+constexpr int kTileVersion = 3;
 
 Result<void> check_options(const heightmap::ModelField& field, const LodSetOptions& o) {
   const auto bad = [](const std::string& what) { return fail(kOptionOutOfRange, what); };

@@ -104,6 +104,20 @@ export async function unpack({ json, binary }) {
   return unpackPlain(json, binary);
 }
 
+/** Vectors in the axes of the node's parent, turned by its rotation if it has one. */
+export function turned({ rotation }, vectors) {
+  const [x, y, z, w] = rotation ?? [0, 0, 0, 1];
+  const out = new Float64Array(vectors.length);
+  for (let i = 0; i < vectors.length; i += 3) {
+    const [a, b, c] = vectors.subarray(i, i + 3);
+    const [p, q, r] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+    out[i] = a + w * p + (y * r - z * q);
+    out[i + 1] = b + w * q + (z * p - x * r);
+    out[i + 2] = c + w * r + (x * q - y * p);
+  }
+  return out;
+}
+
 /** The same tile without compression, for a validator that does not look inside. */
 export function plainAgain({ json }, { attributes, indices }) {
   const data = [attributes.POSITION, indices, ...(attributes.NORMAL ? [attributes.NORMAL] : [])];

@@ -13,7 +13,7 @@
 import { readFileSync, readdirSync, statSync } from 'node:fs';
 import { join, relative } from 'node:path';
 
-import { plainAgain, readGlb, unpack } from './glb.mjs';
+import { plainAgain, readGlb, turned, unpack } from './glb.mjs';
 import { expect, finish, load } from './packages.mjs';
 
 const validator = load('gltf-validator');
@@ -75,14 +75,14 @@ for (const folder of process.argv.slice(2)) {
     const glb = readGlb(new Uint8Array(bytes));
     const inside = await unpack(glb);
     await valid(plainAgain(glb, inside), `${path}, unpacked`, lod.compression === 'meshopt');
-    const p = inside.attributes.POSITION;
+    const p = turned(glb.json.nodes[0], inside.attributes.POSITION);
     const origin = glb.json.nodes[0].translation.map((t) => Math.round(t / step));
     const uri = relative(folder, path);
     const box = boxes.get(uri);
     expect(box !== undefined, `${uri} is not in tileset.json`);
-    const n = inside.attributes.NORMAL ?? [];
+    const n = turned(glb.json.nodes[0], inside.attributes.NORMAL ?? new Float32Array());
     for (let i = 0; i < n.length; i += 3)
-      expect(Math.abs(Math.hypot(n[i], n[i + 1], n[i + 2]) - 1) < 0.01, `${uri}: normal ${i / 3}`);
+      expect(Math.abs(Math.hypot(n[i], n[i + 1], n[i + 2]) - 1) < 0.01 && n[i + 1] > 0, `${uri}: normal ${i / 3}`);
     const corners = [];
     let whole = true, inBox = true;
     for (let i = 0; i < p.length; i += 3) {

@@ -39,7 +39,7 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
   app->add_option("--max-error-mm", o->max_error_mm,
                   "that the finest level must keep; refused where --bits do not do");
   app->add_option("--normal-bits", o->set.asset.normal_bits, "of draco")->capture_default_str();
-  app->add_flag("--no-normals", o->no_normals, "half the bytes; engines shade by triangles");
+  app->add_flag("--no-normals", o->no_normals, "fewer bytes; engines shade by triangles");
   app->add_option("--tile-quads", o->set.tile_quads, "edge of a tile")->capture_default_str();
   app->add_option("--material", o->material, "paint, regolith or foil")
       ->capture_default_str()

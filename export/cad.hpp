@@ -49,7 +49,8 @@ struct NamedMesh {
   const TriMesh* mesh = nullptr;
 };
 /// 3MF core specification by lib3mf: unit millimetre, one object and build item per
-/// mesh, coordinates to 1e-6 mm; times and UUIDs are fixed, not drawn.
+/// mesh, coordinates as lib3mf keeps them (float32, then cut to 1e-6 mm: 1.25e-4 mm off at 2 m;
+/// meshing::CoordinateRounding::lib3mf); times and UUIDs are fixed, not drawn.
 /// EXPORT_TOO_MANY_TRIANGLES: more than 40 M in all; EXPORT_LIBRARY_FAILED: lib3mf
 /// refuses the mesh (a triangle that has a corner twice) or a coordinate over 1e9.
 [[nodiscard]] Result<void> write_3mf(const std::vector<NamedMesh>& meshes,

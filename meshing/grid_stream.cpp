@@ -120,6 +120,10 @@ double rounded(double coordinate_mm, CoordinateRounding rounding) {
       return static_cast<double>(static_cast<float>(coordinate_mm));
     case CoordinateRounding::micro:
       return std::round(coordinate_mm * 1e6) / 1e6;
+    case CoordinateRounding::lib3mf: {
+      const float millionths = static_cast<float>(coordinate_mm) * 1e6F;
+      return std::trunc(static_cast<double>(millionths)) / 1e6;
+    }
     case CoordinateRounding::none:
       break;
   }

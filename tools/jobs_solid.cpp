@@ -149,7 +149,8 @@ std::optional<meshing::CoordinateRounding> rounding_of(const std::string& format
   using meshing::CoordinateRounding;
   if (format == "ply") return CoordinateRounding::none;
   if (format == "stl") return CoordinateRounding::float32;
-  if (format == "obj" || format == "3mf") return CoordinateRounding::micro;
+  if (format == "obj") return CoordinateRounding::micro;
+  if (format == "3mf") return CoordinateRounding::lib3mf;
   return {};
 }
 

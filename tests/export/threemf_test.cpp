@@ -3,6 +3,8 @@
 // export/cad.hpp, write_3mf; export/zip_times.hpp:
 //   another reader finds the parts ... lib3mf's reader, strict: unit, names, numbers,
 //                                      vertices to 1e-6, triangles, manifold
+//   rounding far from the origin ..... every number of the archive's text against what
+//                                      meshing::rounded says, at 10 um, 2 m and 50 m
 //   one mesh built several times ..... read back, and the archive's text as GDAL unpacks it: each
 //                                      mesh once, a transform an item
 //   same bytes ....................... no clock, no random UUID: two files, and the
@@ -10,14 +12,21 @@
 //   each error code .................. too many (a mesh named many times), none, a
 //                                      mesh that lib3mf refuses, folder, stopped
 
+#include <cmath>
+#include <cstdlib>
+#include <tuple>
+
 #include <Model/COM/NMR_DLLInterfaces.h>
 #include <cpl_vsi.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/mesh_stream.hpp"
+#include "core/random.hpp"
 #include "export/cad.hpp"
 #include "export/limits.hpp"
 #include "export/zip_times.hpp"
+#include "meshing/grid_stream.hpp"
 #include "support/matchers.hpp"
 #include "support/simple_solids.hpp"
 
@@ -122,6 +131,56 @@ TEST(Write3mf, IsReadBackPartByPart) {
   }
 }
 
+/// The model part of the archive, as GDAL unpacks it.
+std::string model_text(const std::filesystem::path& path) {
+  VSILFILE* in = VSIFOpenL(("/vsizip/{" + path.string() + "}/3D/3dmodel.model").c_str(), "rb");
+  if (in == nullptr) return {};
+  std::string text(1 << 22, '\0');
+  text.resize(VSIFReadL(text.data(), 1, text.size(), in));
+  VSIFCloseL(in);
+  return text;
+}
+
+TEST(Write3mf, RoundsAsIsSaid) {
+  const ScratchFolder folder;
+  using meshing::CoordinateRounding;
+  for (const double size_mm : {0.01, 8.0, 2000.0, 50000.0}) {
+    SCOPED_TRACE(size_mm);
+    TriMesh mesh;
+    for (std::uint32_t i = 0; i < 3000; ++i) {
+      const auto draw = [&](std::uint64_t k) {
+        return size_mm * (2.0 * random_uniform(9, 3 * i + k) - 1.0);
+      };
+      mesh.vertices_mm.push_back({draw(0), draw(1), draw(2)});
+    }
+    for (std::uint32_t i = 0; i < 3000; i += 3) mesh.triangles.push_back({i, i + 1, i + 2});
+    ASSERT_THAT(write_3mf({{"a", "1", &mesh}}, folder / "a.3mf"), Succeeds());
+    const std::string text = model_text(folder / "a.3mf");
+    double moved = 0.0;
+    std::size_t at = 0;
+    for (const Vec3& v : mesh.vertices_mm) {
+      at = text.find("<vertex ", at);
+      ASSERT_NE(at, std::string::npos);
+      Vec3 p;
+      for (const auto& [name, value, written] :
+           {std::tuple("x=\"", &p.x, v.x), std::tuple("y=\"", &p.y, v.y),
+            std::tuple("z=\"", &p.z, v.z)}) {
+        at = text.find(name, at) + 3;
+        *value = std::strtod(text.c_str() + at, nullptr);
+        ASSERT_EQ(*value, meshing::rounded(written, CoordinateRounding::lib3mf)) << written;
+      }
+      moved = std::fmax(moved, norm(p - v));
+    }
+    EXPECT_EQ(meshing::rounding_displacement_mm(TriMeshStream(mesh), CoordinateRounding::lib3mf),
+              moved);
+    // Half a step of float32 twice (below 1 ulp of the coordinate, three axes) and the cut.
+    EXPECT_LT(moved, std::sqrt(3.0) * (std::ldexp(size_mm, -23) + 1e-6));
+    if (size_mm >= 2000.0) {
+      EXPECT_GT(moved, std::ldexp(size_mm, -25));  // 6e-5 at 2 m, not 1e-6
+    }
+  }
+}
+
 TEST(Write3mf, HasNeitherClockNorChanceInIt) {
   const ScratchFolder folder;
   const TriMesh stone = sphere_solid({10, 12, 5}, 1.25, 12);
@@ -155,11 +214,7 @@ TEST(Write3mf, BuildsOneMeshSeveralTimes) {
   EXPECT_EQ(model.parts[2].mesh.triangles.size(), ball.triangles.size());
   EXPECT_EQ(model.parts[1].mesh.triangles.size(), box.triangles.size());
 
-  VSILFILE* in = VSIFOpenL(("/vsizip/{" + path.string() + "}/3D/3dmodel.model").c_str(), "rb");
-  ASSERT_NE(in, nullptr);
-  std::string text(1 << 20, '\0');
-  text.resize(VSIFReadL(text.data(), 1, text.size(), in));
-  VSIFCloseL(in);
+  const std::string text = model_text(path);
   std::vector<std::string> transforms;
   for (std::size_t at = 0; (at = text.find("transform=\"", at)) != std::string::npos; ++at)
     transforms.push_back(text.substr(at + 11, text.find('"', at + 11) - at - 11));

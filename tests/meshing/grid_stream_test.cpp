@@ -28,7 +28,7 @@ using testing_support::ScratchFolder;
 using testing_support::Succeeds;
 
 constexpr std::array kRoundings{CoordinateRounding::none, CoordinateRounding::float32,
-                                CoordinateRounding::micro};
+                                CoordinateRounding::micro, CoordinateRounding::lib3mf};
 
 class GridStreamOnTerrain : public testing::TestWithParam<std::uint64_t> {
  protected:

@@ -43,6 +43,18 @@ Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
   return bands;
 }
 
+NodeWindow band_window(const heightmap::ModelField& surface, const Band& band) {
+  NodeWindow window = all_nodes(surface);
+  const bool along_x = band.axis == BandAxis::x;
+  MAQUETTE_CHECK(band.first >= 0 && band.first < band.last &&
+                     band.last <= (along_x ? window.col1 : window.row1),
+                 "band {} .. {} of {} x {} nodes", band.first, band.last, window.rows(),
+                 window.cols());
+  (along_x ? window.col0 : window.row0) = band.first;
+  (along_x ? window.col1 : window.row1) = band.last;
+  return window;
+}
+
 heightmap::ModelField band_field(const heightmap::ModelField& surface, const Band& band,
                                  Millimetres margin) {
   const bool along_x = band.axis == BandAxis::x;

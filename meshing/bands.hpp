@@ -9,6 +9,7 @@
 
 #include "core/result.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/grid_stream.hpp"
 
 namespace maquette::meshing {
 
@@ -31,9 +32,15 @@ struct Band {
 [[nodiscard]] Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
                                                          BandAxis axis, Millimetres max_width);
 
-/// The part of the field that the band covers, heights and coordinates unchanged (x0
-/// and y0 are those of the band's first node), widened on both sides by `margin`,
-/// rounded up to whole cells, where the field goes on (for the cutter's reach).
+/// The band's nodes in the whole: GridSolidStream of this window is the band in the frame of the
+/// whole, and neighbours have the same wall between them to the bit, whatever the spacing.
+/// @pre the band belongs to this field
+[[nodiscard]] NodeWindow band_window(const heightmap::ModelField& surface, const Band& band);
+
+/// The part of the field that the band covers, heights unchanged (x0 and y0 are
+/// those of the band's first node, from which the others are counted: where the spacing is no
+/// power of two, coordinates may be the whole's but for their last bit), widened on both sides by
+/// `margin`, rounded up to whole cells, where the field goes on (for the cutter's reach).
 /// @pre the band belongs to this field; margin >= 0 and finite
 [[nodiscard]] heightmap::ModelField band_field(const heightmap::ModelField& surface,
                                                const Band& band,

@@ -66,11 +66,12 @@ Result<JobResult> check_and_write(const TriMesh& mesh, const heightmap::ModelFie
   return solid_result(certificate, text, out);
 }
 
-/// Terrain alone is proven and written without a mesh in memory.
+/// Terrain alone, over the window, is proven and written without a mesh in memory.
 Result<JobResult> stream_terrain(const heightmap::ModelField& design,
+                                 const meshing::NodeWindow& window,
                                  const meshing::SolidOptions& options, const fs::path& out,
                                  const RunContext& run) {
-  MAQUETTE_TRY(const auto solid, meshing::GridSolidStream::create(design, options));
+  MAQUETTE_TRY(const auto solid, meshing::GridSolidStream::create(design, window, options));
   MAQUETTE_TRY(const auto certificate,
                solid.certify(meshing::CoordinateRounding::none, part(run, 0.0, 0.3)));
   MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.3, 1.0)));
@@ -91,7 +92,7 @@ Result<JobResult> mesh_job(const fs::path& design_path, const std::optional<fs::
   }
   const auto options = solid_options(design, base_thickness);
   if (stones.empty()) {
-    auto result = stream_terrain(design, options, out, run);
+    auto result = stream_terrain(design, meshing::all_nodes(design), options, out, run);
     if (!result) return tl::unexpected(std::move(result.error()).within(design_path.string()));
     return result;
   }
@@ -108,9 +109,10 @@ Result<JobResult> band_job(const fs::path& design_path, Millimetres max_width, s
   MAQUETTE_TRY(const auto bands,
                meshing::split_into_bands(design, meshing::BandAxis::y, max_width));
   MAQUETTE_CHECK(band < bands.size(), "band {} of {}", band, bands.size());
-  const auto strip = meshing::band_field(design, bands[band]);
-  MAQUETTE_TRY(const auto mesh, meshing::grid_solid(strip, options, part(run, 0.0, 0.5)));
-  return check_and_write(mesh, strip, {}, out, run);
+  auto result =
+      stream_terrain(design, meshing::band_window(design, bands[band]), options, out, run);
+  if (!result) return tl::unexpected(std::move(result.error()).within(design_path.string()));
+  return result;
 }
 
 bool is_field(const fs::path& surface) {

@@ -8,6 +8,7 @@
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
+#include "camera/detail/metadata_text.hpp"
 #include "camera/srgb.hpp"
 #include "core/check.hpp"
 #include "core/files.hpp"
@@ -19,10 +20,29 @@ namespace {
 /// 1 Gpixel is 4 GB a channel; what is larger is a damaged header.
 constexpr std::int64_t kMaxPixels = std::int64_t{1} << 30;
 constexpr int kRowsAtOnce = 64;
+constexpr std::string_view kOurs = "maquette:";
+
+std::string lower_extension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
+}
+bool is_jpeg(const std::string& extension) {
+  return extension == ".jpg" || extension == ".jpeg";
+}
+bool is_tiff(const std::string& extension) {
+  return extension == ".tif" || extension == ".tiff";
+}
 
 Result<void> write_file(OIIO::ImageSpec spec, const void* pixels, OIIO::TypeDesc type,
                         const fs::path& path, const Metadata& metadata) {
-  for (const auto& [key, value] : metadata) spec.attribute(key, value);
+  const bool jpeg = is_jpeg(lower_extension(path));
+  if (jpeg || is_tiff(lower_extension(path))) {
+    // OpenImageIO leaves out keys that these formats do not know.
+    if (!jpeg && !metadata.empty()) spec.attribute("ImageDescription", detail::text_of(metadata));
+  } else {
+    for (const auto& [key, value] : metadata) spec.attribute(key, value);
+  }
   // OpenImageIO would write the present time: the same job must give the same bytes.
   if (spec.find_attribute("DateTime") == nullptr) spec.attribute("DateTime", "1970:01:01 00:00:00");
   AtomicPath partial(path);
@@ -40,8 +60,11 @@ Result<void> write_file(OIIO::ImageSpec spec, const void* pixels, OIIO::TypeDesc
     const bool made = out->open(partial.path().string(), spec) && out->write_image(type, pixels);
     if (!out->close() || !made) return because(out->geterror());
     const auto& bytes = memory.buffer();
-    return ::maquette::write_file(
-        path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+    const std::string_view file(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    if (jpeg && !metadata.empty())
+      return ::maquette::write_file(path,
+                                    detail::with_jpeg_comment(file, detail::text_of(metadata)));
+    return ::maquette::write_file(path, file);
   }
   if (!out->open(partial.path().string(), spec)) return because(out->geterror());
   const bool written = out->write_image(type, pixels);
@@ -57,9 +80,7 @@ Result<void> check_size(std::ptrdiff_t rows, std::ptrdiff_t cols, const fs::path
 }
 
 Result<void> check_extension(const fs::path& path, std::string_view expected) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  if (extension != expected)
+  if (lower_extension(path) != expected)
     return fail(kImageFormat, fmt::format("{}: the name must end in {}", path.string(), expected));
   return {};
 }
@@ -72,6 +93,19 @@ Result<void> write_png_grid(const Grid<Pixel>& image, const fs::path& path,
   const OIIO::ImageSpec spec(static_cast<int>(image.cols()), static_cast<int>(image.rows()),
                              static_cast<int>(sizeof(Pixel)), OIIO::TypeDesc::UINT8);
   return write_file(spec, image.cells().data(), OIIO::TypeDesc::UINT8, path, metadata);
+}
+
+/// What our own writers have put into it.
+Metadata metadata_in(const OIIO::ImageSpec& spec, std::string_view format, const fs::path& path) {
+  if (format == "jpeg") return detail::metadata_of_text(detail::jpeg_comment(path));
+  if (format == "tiff") return detail::metadata_of_text(detail::tiff_description(path));
+  Metadata metadata;
+  for (const auto& attribute : spec.extra_attribs) {
+    const std::string& name = attribute.name().string();
+    if (name.starts_with(kOurs) && attribute.type() == OIIO::TypeDesc::STRING)
+      metadata.emplace_back(name, attribute.get_string());
+  }
+  return metadata;
 }
 
 /// Has OpenImageIO its reader of cameras' raw files?
@@ -119,10 +153,9 @@ Result<void> write_exr(const std::vector<std::pair<std::string, const Grid<float
 Result<void> write_whole_numbers(
     const std::vector<std::pair<std::string, const Grid<float>*>>& channels, double white, int bits,
     const fs::path& path, const Metadata& metadata) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  const bool jpeg = extension == ".jpg" || extension == ".jpeg";
-  if (!jpeg && extension != ".png" && extension != ".tif" && extension != ".tiff")
+  const std::string extension = lower_extension(path);
+  const bool jpeg = is_jpeg(extension);
+  if (!jpeg && extension != ".png" && !is_tiff(extension))
     return fail(kImageFormat,
                 fmt::format("{}: the name must end in .png, .tif, .jpg or .exr", path.string()));
   if (jpeg && bits != 8)
@@ -189,6 +222,12 @@ std::uint8_t srgb8(double linear) {
   return static_cast<std::uint8_t>(std::lround(255.0 * srgb_of_linear(linear)));
 }
 
+std::string_view text_in(const Metadata& metadata, std::string_view key) {
+  for (const auto& [name, value] : metadata)
+    if (name == key) return value;
+  return {};
+}
+
 Result<LoadedImage> read_image(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored))
@@ -223,6 +262,7 @@ Result<LoadedImage> read_image(const fs::path& path) {
   const auto count = static_cast<std::size_t>(spec.nchannels);
   LoadedImage image;
   image.eight_bit = spec.format == OIIO::TypeDesc::UINT8;
+  image.metadata = metadata_in(spec, in->format_name(), path);
   if (!spec.format.is_floating_point())
     image.highest = std::ldexp(1.0, 8 * static_cast<int>(spec.format.size())) - 1.0;
   for (std::size_t k = 0; k < count; ++k) {

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -23,7 +24,11 @@ inline constexpr ErrorCode kImageNotReadable{"CAMERA_IMAGE_NOT_READABLE"};
 inline constexpr ErrorCode kImageFormat{"CAMERA_IMAGE_FORMAT"};
 
 using Rgb8 = std::array<std::uint8_t, 3>;
+/// Keys ("maquette:...") and texts. PNG and EXR hold them under their keys, TIFF as one JSON object
+/// in ImageDescription, JPEG as one in its comments.
 using Metadata = std::vector<std::pair<std::string, std::string>>;
+/// Empty if there is none.
+[[nodiscard]] std::string_view text_in(const Metadata& metadata, std::string_view key);
 
 /// Linear float image with named channels (EXR), e.g. {"Y", radiance}, {"Z", depth}.
 [[nodiscard]] Result<void> write_exr(
@@ -55,6 +60,7 @@ struct LoadedImage {
   std::vector<Grid<float>> channels;
   bool eight_bit = false;
   double highest = 0.0;  ///< whole number that 1 stands for in the file; 0: floating point
+  Metadata metadata{};   ///< those of our keys that the file has
 };
 /// CORE_FILE_NOT_FOUND; CAMERA_IMAGE_NOT_READABLE: no image, or a damaged one;
 /// CAMERA_IMAGE_FORMAT: a deep, volume or too large image. Alpha is a channel like any

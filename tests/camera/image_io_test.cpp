@@ -3,6 +3,8 @@
 // camera/image_io.hpp:
 //   EXR keeps floats, names, text .... read back by OpenImageIO itself, inf and tiny
 //   PNG keeps bytes and text ......... the same, grey and colour, row 0 on top
+//   TIFF and JPEG keep text too ...... by our reader and OpenImageIO's; longer than a segment; the
+//                                      pixels as without
 //   read_image scales, keeps coding .. 8 and 16 bit files written by OpenImageIO
 //   alpha does not multiply .......... values under transparent pixels
 //   sRGB ............................. values of IEC 61966-2-1, order, clamping
@@ -88,6 +90,62 @@ TEST(WritePng, KeepsBytesAndText) {
   const auto in = OIIO::ImageInput::open((folder / "c.png").string());
   ASSERT_TRUE(in);
   EXPECT_EQ(in->spec().get_string_attribute("Seed"), "43");
+}
+
+class KeepsMetadata : public testing::TestWithParam<const char*> {};
+
+// Texts of a scene: quotes, ends of lines, letters beyond ASCII, and more than the 65533 bytes of a
+// JPEG's segment or the 65536 up to which OpenImageIO reads a TIFF's description.
+TEST_P(KeepsMetadata, OfAnyLength) {
+  const ScratchFolder folder;
+  const Grid<float> grey = ramp(30, 40, 1.0F / 1200.0F);
+  for (const std::size_t length : {std::size_t{10}, std::size_t{65000}, std::size_t{300000}}) {
+    std::string scene = "name = \"Hügel\"\n\t# \\ {}\n";
+    while (scene.size() < length) scene += "[[object]]\nmesh = \"part.obj\"\n";
+    const Metadata metadata{{"maquette:scene", scene}, {"maquette:seed", "7"}};
+    const auto path = folder / (std::string("a") + GetParam());
+    ASSERT_THAT(write_whole_numbers({{"Y", &grey}}, 1.0, 8, path, metadata), Succeeds());
+    const auto with = read_image(path);
+    ASSERT_THAT(with, Succeeds());
+    EXPECT_THAT(with->metadata, testing::UnorderedElementsAreArray(metadata)) << length;
+    ASSERT_THAT(write_whole_numbers({{"Y", &grey}}, 1.0, 8, path), Succeeds());
+    const auto without = read_image(path);
+    ASSERT_THAT(without, Succeeds());
+    EXPECT_TRUE(without->metadata.empty());
+    EXPECT_EQ(with->channels, without->channels);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Formats, KeepsMetadata, testing::Values(".png", ".tif", ".jpg"));
+
+TEST(WriteImages, SaysItWhereOtherProgramsLook) {
+  const ScratchFolder folder;
+  const Grid<float> grey = ramp(30, 40, 1.0F / 1200.0F);
+  for (const char* name : {"a.tif", "a.jpg"}) {
+    ASSERT_THAT(
+        write_whole_numbers({{"Y", &grey}}, 1.0, 8, folder / name, {{"maquette:seed", "7"}}),
+        Succeeds());
+    const auto in = OIIO::ImageInput::open((folder / name).string());
+    ASSERT_TRUE(in);
+    EXPECT_EQ(in->spec().get_string_attribute("ImageDescription"), R"({"maquette:seed":"7"})")
+        << name;
+  }
+}
+
+TEST(ReadImage, TakesForeignCommentsForNoMetadata) {
+  const ScratchFolder folder;
+  const Grid<float> grey = ramp(30, 40, 1.0F / 1200.0F);
+  ASSERT_THAT(write_whole_numbers({{"Y", &grey}}, 1.0, 8, folder / "a.jpg"), Succeeds());
+  const std::string plain = read_file(folder / "a.jpg").value();
+  // Behind the start of the image a comment that is no JSON; one without a key of ours.
+  for (const char* said : {"by a camera", "{\"a\":\"bc\"}"}) {
+    const std::string text(said);
+    ASSERT_TRUE(write_file(folder / "said.jpg", plain.substr(0, 2) + std::string("\xFF\xFE\0", 3) +
+                                                    static_cast<char>(text.size() + 2) + text +
+                                                    plain.substr(2)));
+    const auto image = read_image(folder / "said.jpg");
+    ASSERT_THAT(image, Succeeds());
+    EXPECT_TRUE(image->metadata.empty());
+  }
 }
 
 TEST(WriteImages, GivesTheSameBytesTwice) {

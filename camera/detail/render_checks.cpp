@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "camera/effects/frame.hpp"
+
 namespace maquette::camera::detail {
 namespace {
 
@@ -50,6 +52,13 @@ Result<void> check_camera(const CameraModel& camera, const RigidTransform& pose)
         fmt::format("aspect {}, skew {} or principal point ({}, {}) of the camera makes no "
                     "sense",
                     camera.aspect, camera.skew_px, camera.principal_x_px, camera.principal_y_px));
+  Intrinsics k = intrinsics_of(camera.width_px, camera.height_px, camera.pixel_pitch_um,
+                               camera.focal_length_mm);
+  k.fy_px *= camera.aspect;
+  k.skew_px = camera.skew_px;
+  if (!std::isnan(camera.principal_x_px)) k.cx_px = camera.principal_x_px;
+  if (!std::isnan(camera.principal_y_px)) k.cy_px = camera.principal_y_px;
+  MAQUETTE_TRY_VOID(check(k));
   const Quaternion& q = pose.rotation;
   const double length = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
   if (!finite(pose.translation_mm) || !std::isfinite(length))

@@ -14,6 +14,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "camera/effects/frame.hpp"
 #include "camera/render.hpp"
 #include "support/matchers.hpp"
 #include "support/simple_solids.hpp"
@@ -89,6 +90,25 @@ TEST_F(RenderRefuses, OptionsOutOfRange) {
   EXPECT_TRUE(refused([](auto& t) { t.options.samples_per_pixel = 5; }));
   EXPECT_TRUE(refused([](auto& t) { t.options.lamp_samples = 0; }));
   EXPECT_TRUE(refused([](auto& t) { t.options.exposure_scale = -1; }));
+}
+
+// What camera files are refused for is no camera of a scene either.
+TEST_F(RenderRefuses, AnAbsurdCameraMatrix) {
+  const auto says = [](auto&& change, const char* what) {
+    Table fresh;
+    change(fresh.camera);
+    const auto result = fresh.picture();
+    ASSERT_THAT(result, FailsWith(kIntrinsics)) << what;
+    EXPECT_NE(result.error().message.find(what), std::string::npos) << result.error().message;
+  };
+  // 16 pixels of 0.01 um behind 100 m: 9e-8 degrees.
+  says([](auto& c) { c.pixel_pitch_um = 0.01, c.focal_length_mm = 1e5; }, "field of view");
+  says([](auto& c) { c.pixel_pitch_um = 1000, c.focal_length_mm = 0.1; }, "field of view");
+  says([](auto& c) { c.aspect = 11; }, "oblong");
+  says([](auto& c) { c.aspect = 0.05; }, "oblong");
+  says([](auto& c) { c.skew_px = 101; }, "skew");
+  says([](auto& c) { c.principal_x_px = 40; }, "principal point");
+  says([](auto& c) { c.principal_y_px = -20; }, "principal point");
 }
 
 TEST_F(RenderRefuses, AMaterialItsLawDoesNotKnow) {

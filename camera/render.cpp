@@ -23,6 +23,7 @@ namespace {
 constexpr int kTile = 16;             ///< pixels; 16 x 16 rays stay in one part of the tree
 constexpr std::ptrdiff_t kBlock = 4;  ///< pixels; 4 x 4 rays go together
 constexpr std::size_t kLanes = 16;
+constexpr std::size_t kLitLamps = 8;  ///< as many as Image::lit has bits
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr int kFirstLook = 16;  ///< samples before noise is judged
 constexpr double kDark = 0.02;  ///< of white: below, noise is measured against this
@@ -105,6 +106,10 @@ Image empty_image(const CameraModel& camera, bool grey, bool geometry) {
           Grid<float>(nothing.rows(), nothing.cols(), 0.0F)};
 }
 
+std::uint8_t lit_bit(std::size_t lamp) {
+  return static_cast<std::uint8_t>(1U << lamp);
+}
+
 /// Up to 4 x 4 pixels that are worked on together.
 struct Block {
   std::size_t lanes = 0;
@@ -115,8 +120,8 @@ struct Block {
   std::array<Bands, kLanes> sum;
   std::array<double, kLanes> square;  ///< sum of squares of the middle band, per sample
   std::array<int, kLanes> samples;
-  std::array<bool, kLanes> lit;     ///< by the first lamp, in the last sample
-  std::array<Bands, kLanes> light;  ///< in the last sample
+  std::array<std::uint8_t, kLanes> lit;  ///< by which lamps
+  std::array<Bands, kLanes> light;       ///< in the last sample
   // Lanes that meet something, one after the other.
   std::array<std::size_t, kLanes> of;
   std::array<detail::Seen, kLanes> seen;
@@ -147,7 +152,7 @@ class Renderer {
     std::int64_t taken = 0;
     for (std::size_t i = 0; i < b.lanes; ++i) {
       taken += b.samples[i];
-      if (lit_by_sample()) image.lit(b.row[i], b.col[i]) = b.lit[i] ? 1 : 0;
+      if (lit_by_sample()) image.lit(b.row[i], b.col[i]) = b.lit[i];
       const double scale = options_.exposure_scale / b.samples[i];
       if (image.bands.size() == 1) {
         image.bands[0](b.row[i], b.col[i]) =
@@ -177,7 +182,7 @@ class Renderer {
         x[i] = static_cast<double>(c) + 0.5, y[i] = static_cast<double>(r) + 0.5;
         b.sum[i] = {};
         b.square[i] = 0.0;
-        b.lit[i] = false;
+        b.lit[i] = 0;
         b.samples[i] = 0;
       }
     view_.directions(x, y, z);
@@ -188,13 +193,15 @@ class Renderer {
       if (b.hits[i]) record(image, b.row[i], b.col[i], b.rays[i].direction, *b.hits[i]);
   }
 
-  /// Where light of the first lamp's centre arrives, unless the samples will say so.
+  /// Where light of the lamps' centres arrives, unless the samples will say so.
   void mark_lit(Image& image, Block& b) const {
     if (shader_.lights().empty() || lit_by_sample()) return;
     const std::size_t n = seen(b, [](std::size_t) { return DiscPoint{}; });
-    shader_.direct({b.seen.data(), n}, shader_.lights().front(), {b.arrived.data(), n});
-    for (std::size_t k = 0; k < n; ++k)
-      image.lit(b.row[b.of[k]], b.col[b.of[k]]) = b.arrived[k].arrives ? 1 : 0;
+    for (std::size_t l = 0; l < std::min(kLitLamps, shader_.lights().size()); ++l) {
+      shader_.direct({b.seen.data(), n}, shader_.lights()[l], {b.arrived.data(), n});
+      for (std::size_t k = 0; k < n; ++k)
+        if (b.arrived[k].arrives) image.lit(b.row[b.of[k]], b.col[b.of[k]]) |= lit_bit(l);
+    }
   }
 
   /// Lanes that meet something, each with a place of a lens. @return how many
@@ -209,10 +216,13 @@ class Renderer {
     return n;
   }
 
-  /// The one sample is the pixel's centre and the lamp is a point: its light is the mask.
+  /// The one sample is the pixel's centre and the lamps are points: their light is the mask.
   [[nodiscard]] bool lit_by_sample() const {
-    return side_ == 1 && options_.noise_target <= 0.0 && !shader_.lights().empty() &&
-           !shader_.lights().front().extended();
+    const auto& lights = shader_.lights();
+    const auto marked = static_cast<std::ptrdiff_t>(std::min(kLitLamps, lights.size()));
+    return side_ == 1 && options_.noise_target <= 0.0 && !lights.empty() &&
+           std::none_of(lights.begin(), lights.begin() + marked,
+                        [](const Light& light) { return light.extended(); });
   }
 
   void trace(Block& b) const {
@@ -297,7 +307,7 @@ class Renderer {
         });
         shader_.direct({b.seen.data(), n}, light, {b.arrived.data(), n});
         for (std::size_t m = 0; m < n; ++m) {
-          if (l == 0) b.lit[b.of[m]] = b.arrived[m].arrives;
+          if (l < kLitLamps && b.arrived[m].arrives) b.lit[b.of[m]] |= lit_bit(l);
           for (std::size_t j = 0; j < 3; ++j)
             b.light[b.of[m]][j] += b.arrived[m].radiance[j] / count;
         }

@@ -101,8 +101,10 @@ struct RenderOptions {
 struct Image {
   std::vector<Grid<float>> bands;  ///< radiance; 1: grey, 3: R, G, B; row 0 is the UPPER row
   Grid<float> depth_mm;            ///< along the ray through the pixel's centre; inf: background
-  Grid<std::uint8_t> lit;          ///< 1 where light of the first lamp's centre arrives at what the
-                                   ///< pixel's centre sees: facing it, in the beam, not in shadow
+  /// Bit k (1, 2, 4, ...) where light of lamp k's centre, of the first eight, arrives at what the
+  /// pixel's centre sees: facing it, in the beam, not in shadow. Edges of shadows are where it
+  /// changes.
+  Grid<std::uint8_t> lit;
   // Of what the pixel's centre sees, if RenderOptions::geometry; NaN: background.
   std::array<Grid<float>, 3> normal, position_mm;      ///< model frame
   Grid<float> phase_deg, incidence_deg, emission_deg;  ///< at the first lamp's centre
@@ -123,7 +125,8 @@ class PreparedScene {
 
   /// @return the image or one of the codes above (CAMERA_UNDER_GROUND: camera inside the
   ///         solid, on its surface, or below its underside; CAMERA_LAMP_IN_SURFACE: the
-  ///         lens' centre or rim is inside); CORE_CANCELLED
+  ///         lens' centre or rim is inside; CAMERA_INTRINSICS: a field of view, skew or principal
+  ///         point that no camera has: effects/frame.hpp); CORE_CANCELLED
   [[nodiscard]] Result<Image> render(const CameraModel& camera,
                                      const RigidTransform& model_from_camera,
                                      const Lighting& lighting, const RenderOptions& options = {},

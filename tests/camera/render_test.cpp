@@ -7,6 +7,9 @@
 //   no acne .......................... tilted fine mesh far from the origin, low lamp
 //   terminator of a sphere ........... sign of n . l within a facet's angle
 //   penumbra ......................... visible share of a disc behind a straight edge
+//   lit ............................... each lamp's own bit: two lamps together as each alone,
+//   points
+//                                      and lenses
 //   where pixels look ................ look_at laws, a marker's place in the picture
 //   depth and shadow of terrain ...... brute force over all triangles, random hills
 //   moving everything changes nothing  the same scene 200 m away
@@ -352,6 +355,27 @@ TEST_P(RenderHills, IsTheSameFarFromTheOrigin) {
     }
   }
   EXPECT_LE(different, 1);  // a ray along a shadow's border
+}
+
+TEST_P(RenderHills, SaysOfEachLampWhereItsLightArrives) {
+  Lamp first = lamp, second = lamp;
+  second.position_mm = {lamp.target_mm.x + 150.0, lamp.target_mm.y - 200.0, 120.0};
+  const auto scene = PreparedScene::build({{&ground, white()}});
+  ASSERT_THAT(scene, Succeeds());
+  for (const double lens : {0.0, 5.0}) {
+    first.lens_diameter_mm = second.lens_diameter_mm = lens;
+    const auto lit = [&](const std::vector<Lamp>& lamps) {
+      return scene->render(camera, pose, {lamps, {}, {}}, {1})->lit;
+    };
+    const auto a = lit({first}), b = lit({second}), both = lit({first, second});
+    std::array<int, 4> seen{};
+    for (std::size_t i = 0; i < both.cells().size(); ++i) {
+      EXPECT_EQ(both.cells()[i], a.cells()[i] + 2 * b.cells()[i]);
+      ++seen.at(both.cells()[i]);
+    }
+    EXPECT_GT(seen[1] + seen[2], 20) << "nothing is lit by one alone";
+    EXPECT_GT(seen[3], 20);
+  }
 }
 
 TEST_P(RenderHills, GivesTheSameBitsForAnyNumberOfThreads) {

@@ -15,6 +15,7 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <nlohmann/json.hpp>
 
+#include "meshing/detail/intersection_pieces.hpp"
 #include "meshing/detail/union_error.hpp"
 
 namespace maquette::meshing {
@@ -95,6 +96,25 @@ bool every_shell_outward(const Mesh& mesh,
     if (!pmp::is_outward_oriented(shell)) return false;
   }
   return true;
+}
+
+/// Faces have their triangles' numbers. Ends early, and says nothing, where it is stopped.
+bool cuts_itself(const TriMesh& source, const Mesh& mesh, const heightmap::ModelField* surface,
+                 const RunContext& run) {
+  const detail::IntersectionPieces pieces = detail::intersection_pieces(source, surface);
+  std::atomic<bool> found{false};
+  std::atomic<std::size_t> done{0};
+  tbb::parallel_for(std::size_t{0}, pieces.count(), [&](std::size_t p) {
+    if (found || run.stopped()) return;
+    std::vector<Mesh::Face_index> faces;
+    faces.reserve(pieces.first[p + 1] - pieces.first[p]);
+    for (std::size_t i = pieces.first[p]; i < pieces.first[p + 1]; ++i)
+      faces.emplace_back(pieces.faces[i]);
+    if (faces.size() > 1 && pmp::does_self_intersect<CGAL::Sequential_tag>(faces, mesh))
+      found = true;
+    run.progress(0.9 + 0.1 * static_cast<double>(++done) / static_cast<double>(pieces.count()));
+  });
+  return found;
 }
 
 void measure_height_error(const TriMesh& mesh, const heightmap::ModelField& field,
@@ -184,9 +204,9 @@ Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelFi
     if (options.self_intersections && all_added && certificate.degenerate_triangles == 0 &&
         certificate.triangles <= options.self_intersection_limit) {
       if (run.stopped()) return fail(kCancelled, std::string(kStopped));
+      certificate.self_intersecting = cuts_itself(mesh, cgal, surface, run);
+      if (run.stopped()) return fail(kCancelled, std::string(kStopped));
       certificate.self_intersection_checked = true;
-      certificate.self_intersecting =
-          pmp::does_self_intersect<CGAL::Parallel_if_available_tag>(cgal);
     }
   } catch (const std::exception& e) {
     // CGAL's own preconditions: the mesh is not what they ask for.
@@ -195,6 +215,21 @@ Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelFi
   }
   run.progress(1.0);
   return certificate;
+}
+
+std::string shortcomings(const MeshCertificate& c) {
+  std::vector<std::string> all;
+  if (!c.manifold) all.emplace_back("it is no 2-manifold");
+  if (!c.closed) all.emplace_back("it is open");
+  if (!c.oriented_outward) all.emplace_back("a shell is not turned outwards");
+  if (c.degenerate_triangles > 0)
+    all.push_back(fmt::format("{} triangles have no area", c.degenerate_triangles));
+  if (c.self_intersecting) all.emplace_back("it cuts itself");
+  if (!c.self_intersection_checked) all.emplace_back("whether it cuts itself was not found out");
+  if (c.max_union_error_mm > kMostUnionError_mm)
+    all.push_back(fmt::format("it is up to {:.3g} mm from terrain and stones, {} mm are allowed",
+                              c.max_union_error_mm, kMostUnionError_mm));
+  return fmt::format("{}", fmt::join(all, "; "));
 }
 
 std::string to_json(const MeshCertificate& c) {

@@ -16,6 +16,9 @@
 
 namespace maquette::meshing {
 
+/// The farthest that a solid of terrain and stones may be from both of them.
+inline constexpr double kMostUnionError_mm = 0.02;
+
 struct MeshCertificate {
   /// How the properties below were shown: "CGAL", or "graph of a height" (grid_stream.hpp).
   std::string proof = "CGAL";
@@ -41,15 +44,25 @@ struct MeshCertificate {
   /// The field's surface and the file's top are nowhere farther apart, both ways; NaN where
   /// that is not proven (stones).
   double hausdorff_bound_mm = NAN;
-  [[nodiscard]] bool passed() const {
+  /// A solid; what was not looked for is not taken for granted.
+  [[nodiscard]] bool sound() const {
     return manifold && closed && oriented_outward && degenerate_triangles == 0 &&
-           !self_intersecting;
+           self_intersection_checked && !self_intersecting;
+  }
+  /// With stones the union's error counts, too: a fillet round them, where there was no exact
+  /// union, does not pass.
+  [[nodiscard]] bool passed() const {
+    return sound() && !(max_union_error_mm > kMostUnionError_mm);
   }
 };
+/// Why a certificate has not passed, in words; empty if it has.
+[[nodiscard]] std::string shortcomings(const MeshCertificate& certificate);
 
 struct MeshCheckOptions {
-  bool self_intersections = true;  ///< costs most; off above this many triangles:
-  std::uint64_t self_intersection_limit = 4'000'000;
+  /// Costs most. Piece by piece (detail/intersection_pieces.hpp), so that nothing but time limits
+  /// it; where `surface` is given, most of the terrain's own triangles need not be looked at.
+  bool self_intersections = true;
+  std::uint64_t self_intersection_limit = UINT64_MAX;  ///< off above this many triangles
   /// What was united with the surface: vertices on them are then told from terrain by distance, and
   /// all are compared.
   std::span<const TriMesh> stones{};

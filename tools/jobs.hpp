@@ -29,6 +29,7 @@ namespace maquette::tools {
 inline constexpr ErrorCode kUnknownFormat{"TOOLS_UNKNOWN_FORMAT"};
 inline constexpr ErrorCode kUnknownName{"TOOLS_UNKNOWN_NAME"};
 inline constexpr ErrorCode kMeshFailed{"TOOLS_MESH_CHECK_FAILED", ErrorKind::internal};
+inline constexpr ErrorCode kSolidInexact{"TOOLS_SOLID_INEXACT"};
 
 namespace fs = std::filesystem;
 
@@ -79,7 +80,8 @@ struct StoneSurfaces {
                                            const RunContext& run);
 
 /// The solid with stones and its certificate beside it (surface.ply,
-/// surface.certificate.json). A mesh that fails its checks is not written.
+/// surface.certificate.json). A mesh that fails its checks is not written; surface.refused.json
+/// says why. TOOLS_SOLID_INEXACT: a sound one, but stones have no exact union with the terrain.
 [[nodiscard]] Result<JobResult> mesh_job(const fs::path& design,
                                          const std::optional<fs::path>& stones,
                                          Millimetres base_thickness, const fs::path& out,

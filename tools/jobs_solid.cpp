@@ -57,9 +57,10 @@ Result<JobResult> check_and_write(const TriMesh& mesh, const heightmap::ModelFie
   if (!certificate.passed()) {
     const fs::path refused = out.parent_path() / (out.stem().string() + ".refused.json");
     MAQUETTE_TRY_VOID(write_file(refused, text));
-    return fail(kMeshFailed, fmt::format("{}: the mesh is not a valid solid and was not written; "
-                                         "see {} for what is wrong with it",
-                                         out.string(), refused.string()));
+    return fail(certificate.sound() ? kSolidInexact : kMeshFailed,
+                fmt::format("{}: the mesh did not pass its checks and was not written "
+                            "({}); see {}",
+                            out.string(), meshing::shortcomings(certificate), refused.string()));
   }
   MAQUETTE_TRY_VOID(meshing::write_ply(mesh, out, part(run, 0.9, 1.0)));
   MAQUETTE_TRY_VOID(write_file(certificate_path(out), text));

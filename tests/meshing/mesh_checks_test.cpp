@@ -5,7 +5,9 @@
 //   every defect is seen .... one planted defect per property, on a mesh sound before
 //   vertical error .......... vertices moved by known amounts
 //   never fails on a mesh ... indices out of range, coordinates that are not finite, empty
-//   self-intersections ...... two bodies that cut; limit of triangles
+//   self-intersections ...... two bodies that cut; limit of triangles; found in pieces as in the
+//                             whole: spikes and bent nodes at random places of terrain, through
+//                             top, wall and base, and on a sphere of several pieces
 //   to_json ................. parsed again, key by key
 
 #include "meshing/mesh_checks.hpp"
@@ -175,6 +177,103 @@ TEST(CheckMesh, SeesSelfIntersectionsUpToTheLimit) {
   EXPECT_FALSE(c.self_intersection_checked);
   c = certify(mesh, {.self_intersections = false});
   EXPECT_FALSE(c.self_intersection_checked);
+}
+
+TEST(CheckMesh, WhatWasNotLookedForHasNotPassed) {
+  const TriMesh mesh = unit_sphere(2);
+  EXPECT_TRUE(certify(mesh).passed());
+  EXPECT_EQ(shortcomings(certify(mesh)), "");
+  for (const MeshCheckOptions& options :
+       {MeshCheckOptions{.self_intersections = false},
+        MeshCheckOptions{.self_intersection_limit = mesh.triangles.size() - 1}}) {
+    const MeshCertificate c = certify(mesh, options);
+    EXPECT_TRUE(c.manifold && c.closed && c.oriented_outward && !c.self_intersecting);
+    EXPECT_FALSE(c.passed());
+    EXPECT_EQ(nlohmann::json::parse(to_json(c))["passed"], false);
+    EXPECT_EQ(shortcomings(c), "whether it cuts itself was not found out");
+  }
+}
+
+/// A body of half a millimetre, corners in odd places.
+TriMesh splinter(Vec3 at) {
+  TriMesh t = tetrahedron();
+  for (Vec3& v : t.vertices_mm) v = at + 0.083 * (v + Vec3{0.0013, 0.0021, 0.0017});
+  return t;
+}
+
+// With the field as without it: then the terrain's own triangles are no longer left out, and all of
+// the 20 000 are one piece.
+TEST(CheckMesh, SeesSelfIntersectionsInPiecesAsInTheWhole) {
+  const heightmap::ModelField field = random_terrain(6, 91, 111, 0.3, 0.3, 0.02);
+  const TriMesh solid = grid_solid(field, {.base_z = Millimetres{-20}}).value();
+  ASSERT_FALSE(check_mesh(solid, &field)->self_intersecting);
+  ASSERT_TRUE(check_mesh(solid, &field)->passed());
+  const double x1 = field.x_mm(110), y1 = field.y_mm(90);
+  int cutting = 0, clear = 0;
+  for (std::uint64_t i = 0; i < 60; ++i) {
+    const auto draw = [&](std::uint64_t k) { return random_uniform(17, 8 * i + k); };
+    const double x = x1 * draw(0), y = y1 * draw(1), z = heightmap::height_at(field, x, y);
+    TriMesh mesh = solid;
+    switch (i % 6) {
+      case 0:  // through the top, or near it
+        append(mesh, splinter({x, y, z + 2.0 * (draw(2) - 0.5)}));
+        break;
+      case 1:  // through the base
+        append(mesh, splinter({x, y, -20.0 + 2.0 * (draw(2) - 0.5)}));
+        break;
+      case 2:  // through a wall
+        append(mesh, splinter({draw(3) < 0.5 ? -0.2 : x1 - 0.2, y, -20.0 + (z + 20.0) * draw(2)}));
+        break;
+      case 3:  // through another one, inside
+        append(mesh, splinter({x, y, -10.0}));
+        append(mesh, splinter({x + 0.4 * draw(2), y, -10.0}));
+        break;
+      case 4: {  // a node goes over its neighbours
+        const auto r = static_cast<std::size_t>(1 + 88 * draw(2));
+        const auto c = static_cast<std::size_t>(1 + 108 * draw(3));
+        mesh.vertices_mm[r * 111 + c].x += 0.9 * (draw(4) - 0.5);
+        break;
+      }
+      default: {  // a node goes through the base
+        const auto r = static_cast<std::size_t>(1 + 88 * draw(2));
+        const auto c = static_cast<std::size_t>(1 + 108 * draw(3));
+        mesh.vertices_mm[r * 111 + c].z = -20.5 + 1.2 * draw(4);
+      }
+    }
+    const auto pieces = check_mesh(mesh, &field), whole = check_mesh(mesh);
+    ASSERT_TRUE(pieces && whole);
+    ASSERT_TRUE(pieces->self_intersection_checked && whole->self_intersection_checked) << i;
+    EXPECT_EQ(pieces->self_intersecting, whole->self_intersecting) << i;
+    (whole->self_intersecting ? cutting : clear) += 1;
+  }
+  EXPECT_GE(cutting, 15);
+  EXPECT_GE(clear, 10);
+}
+
+TEST(CheckMesh, SeesSelfIntersectionsOfAMeshOfSeveralPieces) {
+  TriMesh ball = unit_sphere(7);  // 327 680 triangles
+  for (Vec3& v : ball.vertices_mm) v = 10.0 * v;
+  EXPECT_FALSE(certify(ball).self_intersecting);
+  for (std::uint64_t i = 0; i < 4; ++i) {
+    const Vec3 to = normalized(
+        Vec3{random_normal(3, 3 * i), random_normal(3, 3 * i + 1), random_normal(3, 3 * i + 2)});
+    TriMesh mesh = ball;
+    append(mesh, splinter(10.0 * to - Vec3{0.1, 0.1, 0.1}));  // (0.1, 0.1, 0.1) is inside it
+    EXPECT_TRUE(certify(mesh).self_intersecting) << i;
+    mesh = ball;
+    append(mesh, splinter(8.0 * to));
+    EXPECT_FALSE(certify(mesh).self_intersecting) << i;
+  }
+}
+
+// Its triangles are the field's own, but two sheets lie in one place.
+TEST(CheckMesh, SeesTerrainThatIsThereTwice) {
+  const heightmap::ModelField field = random_terrain(6, 21, 31, 0.5, 0.2);
+  TriMesh mesh = grid_solid(field, {.base_z = Millimetres{-20}}).value();
+  append(mesh, TriMesh(mesh));
+  const auto c = check_mesh(mesh, &field);
+  ASSERT_THAT(c, Succeeds());
+  EXPECT_TRUE(c->self_intersecting);
 }
 
 TEST(CheckMesh, NeverFailsOnRubbish) {

@@ -4,6 +4,7 @@
 //   bands joined are the whole ............... walls of the files compared to the bit, volumes
 //   added
 //                                              up; spacings that binary numbers do not hold
+//   a union that is not exact ............... not written: a stone that cuts itself
 
 #include <cmath>
 
@@ -16,6 +17,8 @@
 #include "meshing/bands.hpp"
 #include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
+#include "meshing/stone_body.hpp"
+#include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "support/mesh_properties.hpp"
 #include "support/shapes.hpp"
@@ -25,6 +28,7 @@ namespace maquette::tools {
 namespace {
 
 using nlohmann::json;
+using testing_support::FailsWith;
 using testing_support::in_plane;
 using testing_support::random_terrain;
 using testing_support::ScratchFolder;
@@ -80,6 +84,41 @@ TEST_P(BandsJoined, AreTheWhole) {
   const double all = whole["volume_mm3"].get<double>();
   EXPECT_NEAR(volume, all, 1e-9 * all);
   EXPECT_NEAR(measured, all, 1e-9 * all);
+}
+
+/// Two balls in one, so that only a level set with a fillet unites it with terrain.
+meshing::PlacedStone that_cuts_itself(Vec3 at) {
+  auto body = std::make_shared<meshing::StoneBody>();
+  body->name = body->source = "two";
+  body->mesh = testing_support::unit_sphere(3);
+  for (Vec3& v : body->mesh.vertices_mm) v = 0.5 * v;
+  TriMesh second = testing_support::unit_sphere(3);
+  for (Vec3& v : second.vertices_mm) v = 0.2 * v + Vec3{0.4, 0.05, 0.1};
+  append(body->mesh, second);
+  meshing::PlacedStone stone;
+  stone.number = 1;
+  stone.body = body;
+  stone.scale_mm = 12.0;
+  stone.model_from_stone.translation_mm = at;
+  return stone;
+}
+
+TEST(MeshJob, DoesNotWriteAUnionThatIsNotExact) {
+  const ScratchFolder scratch;
+  const heightmap::ModelField field = random_terrain(8, 101, 101, 0.5, 0.1);
+  ASSERT_THAT(heightmap::write_model_field(field, scratch / "design.tif"), Succeeds());
+  const std::vector stones{that_cuts_itself({25, 25, heightmap::height_at(field, 25, 25)})};
+  ASSERT_THAT(meshing::write_stone_plan(stones, scratch / "stones.json"), Succeeds());
+  const auto refused = mesh_job(scratch / "design.tif", scratch / "stones.json", Millimetres{10},
+                                scratch / "surface.ply", {});
+  ASSERT_THAT(refused, FailsWith(kSolidInexact));
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("from terrain and stones"));
+  EXPECT_FALSE(fs::exists(scratch / "surface.ply"));
+  EXPECT_FALSE(fs::exists(scratch / "surface.certificate.json"));
+  const json said = json::parse(read_file(scratch / "surface.refused.json").value());
+  EXPECT_EQ(said["passed"], false);
+  EXPECT_EQ(said["self_intersecting"], false);
+  EXPECT_GT(said["max_union_error_mm"], 0.02);
 }
 
 }  // namespace

@@ -10,11 +10,13 @@
 #include "meshing/detail/height_fit.hpp"
 #include "meshing/detail/shell.hpp"
 #include "meshing/detail/surface_triangulation.hpp"
+#include "meshing/detail/terrain_fit.hpp"
 
 namespace maquette::meshing {
 namespace {
 
 using detail::SurfaceTriangulation;
+using detail::TerrainMesh;
 using heightmap::ModelField;
 
 /// First vertices stand this far apart, in nodes: scanning what is larger costs much, and one in
@@ -85,21 +87,16 @@ void insert_border(SurfaceTriangulation& surface, double error_mm) {
 }
 
 /// The mesh, and its vertical errors at all nodes. Triangles are given back as they are copied.
-DecimatedMesh take_mesh(SurfaceTriangulation& surface) {
+template <class Triangulation>
+DecimatedMesh take_mesh(Triangulation& surface) {
   const ModelField& field = surface.field();
   DecimatedMesh result;
-  result.mesh.vertices_mm.reserve(surface.vertices().size());
-  for (std::uint32_t v = 0; v < surface.vertices().size(); ++v) {
-    const SurfaceTriangulation::Vertex& at = surface.vertices()[v];
-    result.mesh.vertices_mm.push_back(
-        {field.x_mm(at.col), field.y_mm(at.row), static_cast<double>(at.z_mm)});
-  }
   result.mesh.triangles.reserve(surface.triangles().size());
   const auto last_row = static_cast<std::int32_t>(field.z_mm.rows() - 1);
   const auto last_col = static_cast<std::int32_t>(field.z_mm.cols() - 1);
   double sum = 0.0;
   for (std::uint32_t t = 0; t < surface.triangles().size(); ++t) {
-    const SurfaceTriangulation::Triangle& triangle = surface.triangles()[t];
+    const auto& triangle = surface.triangles()[t];
     MAQUETTE_CHECK(surface.doubled_area(triangle) > 0, "triangle {} was turned over", t);
     const auto off_at = [&](std::int32_t r, std::int32_t k, double z, double per_col) {
       return std::abs(z + per_col * k - static_cast<double>(field.z_mm(r, k)));
@@ -126,6 +123,16 @@ DecimatedMesh take_mesh(SurfaceTriangulation& surface) {
     result.mesh.triangles.push_back(triangle.v);
     surface.triangles().free_before(t);
   }
+  // Only now, when the triangles' memory is free.
+  result.mesh.vertices_mm.reserve(surface.vertices().size());
+  const auto place = [&](Millimetres start, std::int32_t parts) {
+    return start.value() + field.spacing.value() * parts / Triangulation::kParts;
+  };
+  for (std::uint32_t v = 0; v < surface.vertices().size(); ++v) {
+    const auto& at = surface.vertices()[v];
+    result.mesh.vertices_mm.push_back(
+        {place(field.x0, at.col), place(field.y0, at.row), static_cast<double>(at.z_mm)});
+  }
   const auto nodes = static_cast<double>(field.z_mm.rows() * field.z_mm.cols());
   result.rms_vertical_error_mm = std::sqrt(sum / nodes);
   return result;
@@ -139,6 +146,38 @@ Result<void> check_heights(const Grid<float>& z) {
   return detail::check_no_voids(z, "decimating");
 }
 
+tl::unexpected<Error> stopped() {
+  return fail(kCancelled, "decimation was stopped");
+}
+
+/// Whether squares are to be small for a count, rather than the worst node near.
+bool wants_squares(const Grid<float>& z, const DecimateOptions& options) {
+  // Nodes a triangle: of fewer there is nothing left to fit.
+  constexpr std::uint64_t kLeastNodes = 4;
+  return options.max_error.value() == 0.0 && !options.lock_border &&
+         z.cols() >= TerrainMesh::kLeastColumns &&
+         options.most_triangles <= z.cells().size() / kLeastNodes;
+}
+
+/// To a count, by least squares.
+Result<DecimatedMesh> fit_to_count(const ModelField& surface, std::uint64_t triangles,
+                                   const RunContext& run) {
+  // For the worst nodes: without them single ones are farther off than ten times the rms.
+  constexpr std::uint64_t kKeptForWorst = 33;
+  TerrainMesh mesh(surface);
+  detail::bisect_terrain(mesh, triangles - triangles / kKeptForWorst, run);
+  run.progress(0.2);
+  if (run.stopped()) return stopped();
+  detail::fit_vertices(mesh, run);
+  run.progress(0.8);
+  if (run.stopped()) return stopped();
+  detail::insert_worst(mesh, triangles, run);
+  if (run.stopped()) return stopped();
+  DecimatedMesh result = take_mesh(mesh);
+  run.progress(1.0);
+  return result;
+}
+
 }  // namespace
 
 Result<DecimatedMesh> decimate_surface(const ModelField& surface, const DecimateOptions& options,
@@ -148,8 +187,8 @@ Result<DecimatedMesh> decimate_surface(const ModelField& surface, const Decimate
   MAQUETTE_CHECK(bound >= 0.0 && border >= 0.0, "errors of {} and {} mm", bound, border);
   MAQUETTE_CHECK(!options.lock_border || bound == 0.0 || border <= bound,
                  "a border to {} mm cannot keep {} mm", border, bound);
-  const auto stopped = [] { return fail(kCancelled, "decimation was stopped"); };
-
+  if (wants_squares(surface.z_mm, options))
+    return fit_to_count(surface, options.most_triangles, run);
   SurfaceTriangulation triangulation(surface, options.lock_border);
   if (options.lock_border) insert_border(triangulation, border);
   insert_grid(triangulation, first_cell(surface, options));

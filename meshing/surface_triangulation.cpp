@@ -133,7 +133,8 @@ std::uint32_t SurfaceTriangulation::insert_into(std::uint32_t t, std::int32_t ro
   const Triangle& in = triangles_[t];
   std::size_t edge = 3;
   for (std::size_t i = 0; i < 3; ++i)
-    if (doubled_area(vertices_[in.v[(i + 1) % 3]], vertices_[in.v[(i + 2) % 3]], at) == 0) edge = i;
+    if (detail::doubled_area(vertices_[in.v[(i + 1) % 3]], vertices_[in.v[(i + 2) % 3]], at) == 0)
+      edge = i;
   unlink(t);
   if (edge == 3) {
     split_inside(t, p);
@@ -150,7 +151,8 @@ std::uint32_t SurfaceTriangulation::insert(std::int32_t row, std::int32_t col, s
   for (;;) {  // Delaunay: a walk that crosses edges towards the place does not turn in circles
     const Triangle& t = triangles_[hint];
     std::size_t i = 0;
-    while (i < 3 && doubled_area(vertices_[t.v[(i + 1) % 3]], vertices_[t.v[(i + 2) % 3]], at) >= 0)
+    while (i < 3 &&
+           detail::doubled_area(vertices_[t.v[(i + 1) % 3]], vertices_[t.v[(i + 2) % 3]], at) >= 0)
       ++i;
     if (i == 3) break;
     hint = t.n[i];

@@ -16,39 +16,18 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <memory>
 #include <vector>
 
 #include "core/run_context.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/detail/chunked.hpp"
+#include "meshing/detail/triangle_rows.hpp"
 
 namespace maquette::meshing::detail {
 
-/// Grows without moving what it has, and can be taken apart from the front.
-template <class T>
-class Chunked {
- public:
-  static constexpr std::size_t kShift = 14, kChunk = std::size_t{1} << kShift;
-  [[nodiscard]] std::uint32_t size() const { return size_; }
-  T& operator[](std::uint32_t i) { return chunks_[i >> kShift][i & (kChunk - 1)]; }
-  const T& operator[](std::uint32_t i) const { return chunks_[i >> kShift][i & (kChunk - 1)]; }
-  std::uint32_t push(const T& value) {
-    if ((size_ >> kShift) == chunks_.size()) chunks_.emplace_back(new T[kChunk]);
-    (*this)[size_] = value;
-    return size_++;
-  }
-  /// Frees all whole chunks before i; they must not be asked for again.
-  void free_before(std::uint32_t i) {
-    if ((i & (kChunk - 1)) == 0 && i > 0) chunks_[(i >> kShift) - 1].reset();
-  }
-
- private:
-  std::vector<std::unique_ptr<T[]>> chunks_;
-  std::uint32_t size_ = 0;
-};
-
 class SurfaceTriangulation {
  public:
+  static constexpr int kParts = 1;  ///< vertices stand on nodes
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
   struct Vertex {
     std::int32_t row = 0, col = 0;
@@ -95,23 +74,20 @@ class SurfaceTriangulation {
 
   /// In cells; positive if the corners are counter-clockwise.
   [[nodiscard]] std::int64_t doubled_area(const Triangle& t) const {
-    return doubled_area(vertices_[t.v[0]], vertices_[t.v[1]], vertices_[t.v[2]]);
+    return detail::doubled_area(vertices_[t.v[0]], vertices_[t.v[1]], vertices_[t.v[2]]);
   }
 
-  /// Calls visit(row, first column, last column, height at column 0, height per column) for
-  /// every row of nodes in the triangle. `half_open`: each node in exactly one triangle, those
-  /// of the last row and column in none; else those of the edges too.
+  /// for_rows() of triangle_rows.hpp.
   template <class Visit>
-  void for_rows(const Triangle& t, bool half_open, Visit visit) const;
+  void for_rows(const Triangle& t, bool half_open, Visit visit) const {
+    detail::for_rows<kParts>(std::array{vertices_[t.v[0]], vertices_[t.v[1]], vertices_[t.v[2]]},
+                             half_open, visit);
+  }
 
  private:
   static constexpr std::uint64_t kStopEarly = 2000;
   static constexpr int kMantissaBits = 7;  // 128 lists per doubling
   static std::uint32_t list_of(float error_mm);
-  [[nodiscard]] std::int64_t doubled_area(const Vertex& a, const Vertex& b, const Vertex& c) const {
-    return static_cast<std::int64_t>(b.col - a.col) * (c.row - a.row) -
-           static_cast<std::int64_t>(b.row - a.row) * (c.col - a.col);
-  }
   [[nodiscard]] bool waits(const Triangle& t) const {
     return static_cast<double>(t.wait.error_mm) > least_mm_;
   }
@@ -138,42 +114,5 @@ class SurfaceTriangulation {
   bool locked_;
   double least_mm_ = INFINITY;  ///< nothing waits before scan_all()
 };
-
-template <class Visit>
-void SurfaceTriangulation::for_rows(const Triangle& t, bool half_open, Visit visit) const {
-  std::array<Vertex, 3> at{vertices_[t.v[0]], vertices_[t.v[1]], vertices_[t.v[2]]};
-  const auto area = static_cast<double>(doubled_area(at[0], at[1], at[2]));
-  const auto z =
-      static_cast<double>(at[0].z_mm);  // from here on, so that level triangles have level points
-  const double z1 = static_cast<double>(at[1].z_mm) - z, z2 = static_cast<double>(at[2].z_mm) - z;
-  const double r1 = at[1].row - at[0].row, r2 = at[2].row - at[0].row;
-  const double c1 = at[1].col - at[0].col, c2 = at[2].col - at[0].col;
-  const double per_col = (z1 * r2 - z2 * r1) / area, per_row = (z2 * c1 - z1 * c2) / area;
-  const double row0 = at[0].row, col0 = at[0].col;
-  // Sorted by row; the long edge runs from the first to the last.
-  if (at[1].row < at[0].row) std::swap(at[0], at[1]);
-  if (at[2].row < at[1].row) std::swap(at[1], at[2]);
-  if (at[1].row < at[0].row) std::swap(at[0], at[1]);
-  const bool middle_is_east = doubled_area(at[0], at[1], at[2]) > 0;
-  const auto slope = [](const Vertex& a, const Vertex& b) {
-    return b.row == a.row ? 0.0 : static_cast<double>(b.col - a.col) / (b.row - a.row);
-  };
-  const double long_slope = slope(at[0], at[2]);
-  const double low_slope = slope(at[0], at[1]), high_slope = slope(at[1], at[2]);
-  // Crossings are multiples of 1 / rows: rounding cannot reach the next one.
-  constexpr double kRounding = 1e-7;
-  const std::int32_t end = half_open ? at[2].row : at[2].row + 1;
-  for (std::int32_t r = at[0].row; r < end; ++r) {
-    const double on_long = at[0].col + long_slope * (r - at[0].row);
-    const double on_other = r < at[1].row ? at[0].col + low_slope * (r - at[0].row)
-                                          : at[1].col + high_slope * (r - at[1].row);
-    const double west = middle_is_east ? on_long : on_other;
-    const double east = middle_is_east ? on_other : on_long;
-    const auto from = static_cast<std::int32_t>(std::ceil(west - kRounding));
-    const std::int32_t to = half_open ? static_cast<std::int32_t>(std::ceil(east - kRounding)) - 1
-                                      : static_cast<std::int32_t>(std::floor(east + kRounding));
-    if (from <= to) visit(r, from, to, z + per_row * (r - row0) - per_col * col0, per_col);
-  }
-}
 
 }  // namespace maquette::meshing::detail

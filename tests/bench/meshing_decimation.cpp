@@ -43,14 +43,13 @@ struct Outcome {
   double turned_over = 0.0;  ///< triangles seen from below, or upright
 };
 
-/// Errors of a mesh whose corners stand on nodes: of a node under several triangles the worst.
+/// Errors of a mesh: of a node under several triangles the worst.
 void measure(const ModelField& field, Corners mesh, Outcome& out) {
   Grid<float> off(field.z_mm.rows(), field.z_mm.cols(), 0.0F);
   std::size_t below = 0;
   for (auto& t : mesh) {
     const auto& [a, b, c] = t;
-    const std::int64_t area = std::int64_t{b.col - a.col} * (c.row - a.row) -
-                              std::int64_t{b.row - a.row} * (c.col - a.col);
+    const double area = (b.col - a.col) * (c.row - a.row) - (b.row - a.row) * (c.col - a.col);
     if (area <= 0) ++below;
     if (area == 0) continue;
     if (area < 0) std::swap(t[1], t[2]);
@@ -84,8 +83,9 @@ Outcome ours(const ModelField& field, std::uint64_t triangles) {
     auto& to = corners.emplace_back();
     for (std::size_t k = 0; k < 3; ++k) {
       const Vec3 v = mesh->mesh.vertices_mm[t[k]];
-      to[k] = {static_cast<int>(std::lround((v.y - field.y0.value()) / d)),
-               static_cast<int>(std::lround((v.x - field.x0.value()) / d)), v.z};
+      // Multiples of a sixteenth: what multiplying by the spacing has rounded is undone.
+      const auto place = [&](double at) { return std::round(16.0 * at / d) / 16.0; };
+      to[k] = {place(v.y - field.y0.value()), place(v.x - field.x0.value()), v.z};
     }
   }
   measure(field, std::move(corners), out);
@@ -145,7 +145,8 @@ Outcome quadrics(const ModelField& field, std::uint64_t triangles) {
     for (const auto v : mesh.fv_range(f)) {
       const auto p = mesh.point(v);
       const int r = static_cast<int>(std::lround(p[1])), c = static_cast<int>(std::lround(p[0]));
-      to[k++] = {r, c, static_cast<double>(field.z_mm(r, c))};
+      to[k++] = {static_cast<double>(r), static_cast<double>(c),
+                 static_cast<double>(field.z_mm(r, c))};
     }
   }
   measure(field, std::move(corners), out);
@@ -184,7 +185,8 @@ Outcome hmm_program(const ModelField& field, std::uint64_t triangles, const std:
       // Seen from above its y goes up, rows of the picture down: turned over and back.
       const int r = last - static_cast<int>(std::lround(n[3 * k + 4])),
                 c = static_cast<int>(std::lround(n[3 * k + 3]));
-      to[2 - k] = {r, c, static_cast<double>(field.z_mm(r, c))};
+      to[2 - k] = {static_cast<double>(r), static_cast<double>(c),
+                   static_cast<double>(field.z_mm(r, c))};
     }
   }
   for (const auto& path : {in, stl, said}) fs::remove(path);

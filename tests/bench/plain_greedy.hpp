@@ -17,10 +17,9 @@
 
 namespace maquette::meshing {
 
-/// A corner that stands on a node of a grid.
+/// A corner over a grid, in nodes.
 struct GridCorner {
-  int row = 0, col = 0;
-  double z = 0.0;
+  double row = 0.0, col = 0.0, z = 0.0;
 };
 
 /// visit(row, col, height of the triangle) for each node under it, those on its edges too.
@@ -28,14 +27,14 @@ struct GridCorner {
 template <class Visit>
 void each_node_under(const std::array<GridCorner, 3>& t, Visit visit) {
   const auto& [a, b, c] = t;
-  const auto area = [](const GridCorner& p, const GridCorner& q, int r, int k) {
-    return static_cast<double>(q.col - p.col) * (r - p.row) -
-           static_cast<double>(q.row - p.row) * (k - p.col);
+  const auto area = [](const GridCorner& p, const GridCorner& q, double r, double k) {
+    return (q.col - p.col) * (r - p.row) - (q.row - p.row) * (k - p.col);
   };
   const double whole = area(a, b, c.row, c.col);
-  for (int r = std::min({a.row, b.row, c.row}); r <= std::max({a.row, b.row, c.row}); ++r) {
+  const auto last = static_cast<int>(std::max({a.row, b.row, c.row}));
+  for (int r = static_cast<int>(std::ceil(std::min({a.row, b.row, c.row}))); r <= last; ++r) {
     // Along a row the three weights are linear: where none is negative.
-    double from = std::min({a.col, b.col, c.col}), to = std::max({a.col, b.col, c.col});
+    double from = std::ceil(std::min({a.col, b.col, c.col})), to = std::max({a.col, b.col, c.col});
     for (const auto& [p, q] : {std::pair{a, b}, std::pair{b, c}, std::pair{c, a}}) {
       const double rate = -(q.row - p.row), start = area(p, q, r, 0);
       if (rate > 0) from = std::fmax(from, std::ceil(-start / rate - 1e-7));
@@ -77,7 +76,8 @@ class PlainGreedy {
       auto& corners = all.emplace_back();
       for (std::size_t k = 0; k < 3; ++k) {
         const Node n = at_[static_cast<std::size_t>(t.v[k])];
-        corners[k] = {n.r, n.c, static_cast<double>(z_(n.r, n.c))};
+        corners[k] = {static_cast<double>(n.r), static_cast<double>(n.c),
+                      static_cast<double>(z_(n.r, n.c))};
       }
     }
     return all;
@@ -111,7 +111,8 @@ class PlainGreedy {
     std::array<GridCorner, 3> corners{};
     for (std::size_t k = 0; k < 3; ++k) {
       const Node n = at_[static_cast<std::size_t>(t_[t].v[k])];
-      corners[k] = {n.r, n.c, static_cast<double>(z_(n.r, n.c))};
+      corners[k] = {static_cast<double>(n.r), static_cast<double>(n.c),
+                    static_cast<double>(z_(n.r, n.c))};
     }
     each_node_under(corners, [&](int r, int c, double z) {
       visit(r, c, std::abs(z - static_cast<double>(z_(r, c))));

@@ -3,6 +3,9 @@
 //
 //   a plane costs nothing ........ level and tilted planes to few triangles, error zero
 //   measured error is true ....... brute force: every node against every triangle
+//   any size of field ............ six sizes with cliffs and spikes, three counts
+//   the same twice ............... to the bit
+//   heights far from zero ........ 2 km up: rms to 3 %
 //   any bound is kept ............ four bounds, five terrains, rough enough to need it
 //   nearer than greedy alone ..... plain insertion of as many triangles beside it
 //   no node is overlooked ........ one node off, anywhere
@@ -77,18 +80,14 @@ TEST(DecimateSurface, RefusesVoidsAndStops) {
   EXPECT_THAT(decimate_surface(field, {.most_triangles = 20}), FailsWith(kSurfaceHasVoids));
 }
 
-class DecimateTerrain : public testing::TestWithParam<std::uint64_t> {
- protected:
-  const ModelField field = random_terrain(GetParam(), 41, 57, 0.5, 0.3, 0.02);
+/// Every node against every triangle until one is over or under it.
+struct Errors {
+  double worst_mm = 0.0, rms_mm = 0.0;
 };
-
-TEST_P(DecimateTerrain, MeasuredErrorIsWhatBruteForceFinds) {
-  const auto coarse = decimate_surface(field, {.most_triangles = 500});
-  ASSERT_THAT(coarse, Succeeds());
-  const TriMesh& m = coarse->mesh;
-  double worst = 0.0, sum = 0.0;
-  for (std::ptrdiff_t r = 0; r < 41; ++r)
-    for (std::ptrdiff_t c = 0; c < 57; ++c) {
+Errors brute_force(const ModelField& field, const TriMesh& m) {
+  Errors e;
+  for (std::ptrdiff_t r = 0; r < field.z_mm.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < field.z_mm.cols(); ++c) {
       double height = NAN;
       for (std::size_t t = 0; t < m.triangles.size() && std::isnan(height); ++t) {
         const Vec3 p[] = {m.vertices_mm[m.triangles[t][0]], m.vertices_mm[m.triangles[t][1]],
@@ -102,22 +101,27 @@ TEST_P(DecimateTerrain, MeasuredErrorIsWhatBruteForceFinds) {
         }
         if (least > -1e-9) height = weight[0] * p[0].z + weight[1] * p[1].z + weight[2] * p[2].z;
       }
-      ASSERT_FALSE(std::isnan(height)) << "node " << r << ", " << c << " is not covered";
+      EXPECT_FALSE(std::isnan(height)) << "node " << r << ", " << c << " is not covered";
       const double error = std::abs(height - static_cast<double>(field.z_mm(r, c)));
-      worst = std::max(worst, error);
-      sum += error * error;
+      e.worst_mm = std::max(e.worst_mm, error);
+      e.rms_mm += error * error;
     }
-  EXPECT_GT(worst, 0.0);
-  EXPECT_NEAR(coarse->max_vertical_error_mm, worst, 1e-9);
-  EXPECT_NEAR(coarse->rms_vertical_error_mm, std::sqrt(sum / (41.0 * 57.0)), 1e-9);
+  e.rms_mm = std::sqrt(e.rms_mm / static_cast<double>(field.z_mm.cells().size()));
+  return e;
 }
 
-TEST_P(DecimateTerrain, StaysAGraphWithItsBorderOnTheOutline) {
-  const auto coarse = decimate_surface(field, {.most_triangles = 300});
-  ASSERT_THAT(coarse, Succeeds());
-  const TriMesh& m = coarse->mesh;
-  EXPECT_LE(m.triangles.size(), 300U);
-  EXPECT_GE(m.triangles.size(), 280U);
+/// No triangle turned over, all of the rectangle once, edges of one triangle on the outline, where
+/// vertices are nodes with their heights.
+void expect_graph(const ModelField& field, const TriMesh& m) {
+  const Box3 box = m.bounds();
+  EXPECT_EQ(box.min.x, field.x_mm(0));
+  EXPECT_EQ(box.min.y, field.y_mm(0));
+  EXPECT_EQ(box.max.x, field.x_mm(field.z_mm.cols() - 1));
+  EXPECT_EQ(box.max.y, field.y_mm(field.z_mm.rows() - 1));
+  const auto on_outline = [&](Vec3 a, Vec3 b) {
+    return (a.x == b.x && (a.x == box.min.x || a.x == box.max.x)) ||
+           (a.y == b.y && (a.y == box.min.y || a.y == box.max.y));
+  };
   double area = 0.0;
   std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
   for (std::size_t t = 0; t < m.triangles.size(); ++t) {
@@ -125,13 +129,48 @@ TEST_P(DecimateTerrain, StaysAGraphWithItsBorderOnTheOutline) {
     area += 0.5 * doubled_area(m, t);
     for (std::size_t i = 0; i < 3; ++i) ++edges[{m.triangles[t][i], m.triangles[t][(i + 1) % 3]}];
   }
-  EXPECT_NEAR(area, 28.0 * 20.0, 1e-9);
+  EXPECT_NEAR(area, (box.max.x - box.min.x) * (box.max.y - box.min.y), 1e-9 * area);
   for (const auto& [e, n] : edges) {
     EXPECT_EQ(n, 1);
     if (edges.contains({e.second, e.first})) continue;
-    const Vec3 a = m.vertices_mm[e.first], b = m.vertices_mm[e.second];
-    EXPECT_TRUE((a.x == b.x && (a.x == 0.0 || a.x == 28.0)) ||
-                (a.y == b.y && (a.y == 0.0 || a.y == 20.0)));
+    EXPECT_TRUE(on_outline(m.vertices_mm[e.first], m.vertices_mm[e.second]));
+  }
+  for (const Vec3& v : m.vertices_mm) {
+    if (!on_outline(v, v)) continue;
+    const double d = field.spacing.value();
+    const auto r = std::lround((v.y - box.min.y) / d), c = std::lround((v.x - box.min.x) / d);
+    EXPECT_EQ(v.x, field.x_mm(c));
+    EXPECT_EQ(v.y, field.y_mm(r));
+    EXPECT_EQ(v.z, static_cast<double>(field.z_mm(r, c)));
+  }
+}
+
+class DecimateTerrain : public testing::TestWithParam<std::uint64_t> {
+ protected:
+  const ModelField field = random_terrain(GetParam(), 41, 57, 0.5, 0.3, 0.02);
+};
+
+TEST_P(DecimateTerrain, MeasuredErrorIsWhatBruteForceFinds) {
+  // 2337 nodes: to 500 by least squares, to 700 and to a bound by insertion.
+  for (const DecimateOptions& options :
+       {DecimateOptions{.most_triangles = 500}, DecimateOptions{.most_triangles = 700},
+        DecimateOptions{.most_triangles = 60}, DecimateOptions{.max_error = Millimetres{0.1}}}) {
+    const auto coarse = decimate_surface(field, options);
+    ASSERT_THAT(coarse, Succeeds());
+    const Errors e = brute_force(field, coarse->mesh);
+    EXPECT_GT(e.worst_mm, 0.0);
+    EXPECT_NEAR(coarse->max_vertical_error_mm, e.worst_mm, 1e-9);
+    EXPECT_NEAR(coarse->rms_vertical_error_mm, e.rms_mm, 1e-9);
+  }
+}
+
+TEST_P(DecimateTerrain, StaysAGraphWithItsBorderOnTheOutline) {
+  for (const std::uint64_t target : {300U, 700U}) {
+    const auto coarse = decimate_surface(field, {.most_triangles = target});
+    ASSERT_THAT(coarse, Succeeds());
+    EXPECT_LE(coarse->mesh.triangles.size(), target);
+    EXPECT_GE(coarse->mesh.triangles.size(), target * 14 / 15);
+    expect_graph(field, coarse->mesh);
   }
 }
 
@@ -176,17 +215,61 @@ double greedy_rms(const ModelField& field, std::size_t triangles, double& worst_
   return std::sqrt(sum / static_cast<double>(field.z_mm.cells().size()));
 }
 
+TEST(DecimateSurface, FitsAnySizeOfField) {
+  // Narrow, not a multiple of anything, rough: spikes and cliffs make slivers if anything does.
+  std::uint64_t seed = 20;
+  for (const auto& [rows, cols] : {std::pair{8, 8}, {3, 50}, {61, 8}, {9, 130}, {64, 33}, {75, 71}})
+    for (const std::uint64_t nodes_each : {5U, 12U, 60U}) {
+      ModelField field = random_terrain(++seed, rows, cols, 0.5, 0.3, 0.05);
+      field.x0 = Millimetres{-3.0};
+      for (std::ptrdiff_t r = 0; r < rows; ++r)
+        for (std::ptrdiff_t c = 0; c < cols; ++c) {
+          if (r > 2 * c) field.z_mm(r, c) += 9.0F;
+          if (random_bits(seed, static_cast<std::uint64_t>(r * cols + c)) % 50 == 0)
+            field.z_mm(r, c) -= 4.0F;
+        }
+      const std::uint64_t target =
+          std::max<std::uint64_t>(static_cast<std::uint64_t>(rows * cols) / nodes_each, 2);
+      const auto coarse = decimate_surface(field, {.most_triangles = target});
+      ASSERT_THAT(coarse, Succeeds()) << rows << " x " << cols;
+      EXPECT_LE(coarse->mesh.triangles.size(), target);
+      expect_graph(field, coarse->mesh);
+      const Errors e = brute_force(field, coarse->mesh);
+      EXPECT_NEAR(coarse->max_vertical_error_mm, e.worst_mm, 1e-9);
+      EXPECT_NEAR(coarse->rms_vertical_error_mm, e.rms_mm, 1e-9);
+    }
+}
+
+TEST(DecimateSurface, SaysTheSameTwice) {
+  const ModelField field = random_terrain(4, 120, 100, 0.5, 0.3, 0.02);
+  const auto once = decimate_surface(field, {.most_triangles = 900});
+  const auto again = decimate_surface(field, {.most_triangles = 900});
+  EXPECT_EQ(once->mesh.triangles, again->mesh.triangles);
+  EXPECT_TRUE(once->mesh.vertices_mm == again->mesh.vertices_mm);
+}
+
+TEST(DecimateSurface, FarFromSeaLevelIsAsNear) {
+  // Heights of kilometres leave a float 1e-4 mm here.
+  const ModelField low = random_terrain(4, 120, 100, 0.5, 0.3, 0.02);
+  ModelField high = low;
+  for (float& z : high.z_mm.cells()) z += 2000.0F;
+  const auto near = decimate_surface(low, {.most_triangles = 900});
+  const auto far = decimate_surface(high, {.most_triangles = 900});
+  EXPECT_NEAR(far->rms_vertical_error_mm, near->rms_vertical_error_mm,
+              0.03 * near->rms_vertical_error_mm);
+}
+
 TEST(DecimateSurface, IsNearerThanGreedyInsertionAlone) {
-  // Measured 0.84, 0.76 and 0.76: the first is mostly noise, which no fit can follow.
+  // Measured 0.61, 0.55 and 0.56 of its rms, 0.75, 0.69 and 0.67 of its largest; the first is
+  // mostly noise, which no fit can follow.
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
     const ModelField field = random_terrain(seed, 400, 300, 0.5, 0.2, 0.02);
     double greedy_worst = 0.0;
     const double greedy = greedy_rms(field, 12'000, greedy_worst);
     const auto coarse = decimate_surface(field, {.most_triangles = 12'000});
     ASSERT_THAT(coarse, Succeeds());
-    EXPECT_LT(coarse->rms_vertical_error_mm, 0.86 * greedy) << seed;
-    // Lists take the worst to 0.5 %, and start from another grid.
-    EXPECT_LT(coarse->max_vertical_error_mm, 1.05 * greedy_worst) << seed;
+    EXPECT_LT(coarse->rms_vertical_error_mm, 0.65 * greedy) << seed;
+    EXPECT_LT(coarse->max_vertical_error_mm, 0.9 * greedy_worst) << seed;
   }
 }
 

@@ -67,6 +67,32 @@ class Rounding {
   draco::Dequantizer back_;
 };
 
+using Double3 = std::array<double, 3>;
+
+Double3 area_vector(const std::array<Float3, 3>& t) {
+  Double3 a{}, b{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    a[k] = static_cast<double>(t[1][k]) - static_cast<double>(t[0][k]);
+    b[k] = static_cast<double>(t[2][k]) - static_cast<double>(t[0][k]);
+  }
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+
+void count_spoilt(std::span<const Float3> positions,
+                  std::span<const std::array<std::uint32_t, 3>> piece, const Rounding& rounding,
+                  DracoPiece& result) {
+  for (const auto& corners : piece) {
+    std::array<Float3, 3> before{}, after{};
+    for (std::size_t i = 0; i < 3; ++i) {
+      before[i] = positions[corners[i]];
+      for (std::size_t axis = 0; axis < 3; ++axis) after[i][axis] = rounding(before[i][axis], axis);
+    }
+    const Double3 a = area_vector(before), b = area_vector(after);
+    if (b == Double3{}) ++result.flat;
+    if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] < 0.0) ++result.turned;
+  }
+}
+
 }  // namespace
 
 Result<DracoPiece> draco_piece(std::span<const Float3> positions, std::span<const Float3> normals,
@@ -103,6 +129,7 @@ Result<DracoPiece> draco_piece(std::span<const Float3> positions, std::span<cons
     result.min[axis] = rounding(result.min[axis], axis);
     result.max[axis] = rounding(result.max[axis], axis);
   }
+  count_spoilt(positions, piece, rounding, result);
 
   draco::Encoder encoder;
   encoder.SetSpeedOptions(settings.speed, settings.speed);

@@ -31,6 +31,8 @@ struct DracoPiece {
   std::uint32_t points = 0, faces = 0;  ///< as a decoder will find them
   std::uint32_t position_id = 0, normal_id = 0;
   Float3 min{}, max{};  ///< of the positions, as a decoder will find them
+  /// Triangles that the grid leaves without area, and those that it turns to the other side.
+  std::uint32_t flat = 0, turned = 0;
 };
 
 inline constexpr int kNormalBits = 10;  ///< octahedral

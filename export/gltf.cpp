@@ -162,8 +162,13 @@ Result<std::vector<DracoPiece>> compress(const TriMesh& mesh, const Geometry& g,
 
 Result<std::uint64_t> write_draco(const TriMesh& mesh, const Geometry& g,
                                   const GltfOptions& options, AtomicFile& file,
-                                  const std::filesystem::path& path, const RunContext& run) {
+                                  const std::filesystem::path& path, GltfReport& report,
+                                  const RunContext& run) {
   MAQUETTE_TRY(const auto pieces, compress(mesh, g, run));
+  for (const DracoPiece& piece : pieces) {
+    report.flat_triangles += piece.flat;
+    report.turned_triangles += piece.turned;
+  }
   Json json = json_frame(options, g);
   json["extensionsUsed"] = {"KHR_draco_mesh_compression"};
   json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
@@ -263,7 +268,7 @@ Result<GltfReport> write_glb(const TriMesh& mesh, const GltfOptions& options,
   GltfReport report;
   report.max_quantisation_error_mm = max_error_mm(geometry, options.draco);
   if (options.draco) {
-    MAQUETTE_TRY(report.bytes, write_draco(mesh, geometry, options, file, path, run));
+    MAQUETTE_TRY(report.bytes, write_draco(mesh, geometry, options, file, path, report, run));
   } else {
     MAQUETTE_TRY(report.bytes, write_plain(mesh, geometry, options, file, path));
   }

@@ -29,6 +29,9 @@ struct GltfReport {
   /// Half a step of the position grid on three axes, and rounding to float; without
   /// Draco only the rounding.
   double max_quantisation_error_mm = 0.0;
+  /// What the grid does to triangles that are smaller than its steps: those without area in the
+  /// file, and those that look to the other side. A picture shows neither; no such file is a solid.
+  std::uint64_t flat_triangles = 0, turned_triangles = 0;
 };
 
 /// Writes .glb: metres, y up (model x east -> x, z up -> y, y north -> -z), smooth

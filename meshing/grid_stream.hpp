@@ -19,6 +19,7 @@
 /// Hausdorff distance to the field's surface, both ways.
 
 #include "core/mesh_stream.hpp"
+#include "meshing/coordinate_rounding.hpp"
 #include "meshing/mesh_checks.hpp"
 #include "meshing/solid.hpp"
 
@@ -26,16 +27,6 @@ namespace maquette::meshing {
 
 inline constexpr ErrorCode kRoundingCollapses{"MESHING_ROUNDING_COLLAPSES"};
 
-/// What a file format does to a coordinate.
-enum class CoordinateRounding {
-  none,     ///< float64: PLY as write_ply writes it
-  float32,  ///< STL
-  micro,    ///< decimal, to 1e-6 mm: OBJ
-  /// 3MF as lib3mf 1.8 writes it: float32, times 1e6 in float32 again, cut to a whole number of
-  /// 1e-6 mm. At 2 m that is up to 1.25e-4 mm, near the origin up to 1e-6.
-  lib3mf,
-};
-[[nodiscard]] double rounded(double coordinate_mm, CoordinateRounding rounding);
 /// How far the rounding moves a vertex at most, mm.
 [[nodiscard]] double rounding_displacement_mm(const MeshStream& mesh, CoordinateRounding rounding);
 

@@ -30,22 +30,25 @@ void for_each(std::size_t count, Work work) {
 }
 
 /// The node that a vertex is, to the bit: row * cols + col.
-std::uint32_t node_of(const ModelField& f, Vec3 v) {
+std::uint32_t node_of(const ModelField& f, CoordinateRounding rounding, Vec3 v) {
   const double s = f.spacing.value();
   const double c = std::round((v.x - f.x0.value()) / s), r = std::round((v.y - f.y0.value()) / s);
   if (!(c >= 0.0 && r >= 0.0 && c < static_cast<double>(f.z_mm.cols()) &&
         r < static_cast<double>(f.z_mm.rows())))
     return kNoNode;
   const auto col = static_cast<std::ptrdiff_t>(c), row = static_cast<std::ptrdiff_t>(r);
-  if (f.x_mm(col) != v.x || f.y_mm(row) != v.y || static_cast<double>(f.z_mm(row, col)) != v.z)
+  if (rounded(f.x_mm(col), rounding) != v.x || rounded(f.y_mm(row), rounding) != v.y ||
+      rounded(static_cast<double>(f.z_mm(row, col)), rounding) != v.z)
     return kNoNode;
   return static_cast<std::uint32_t>(row * f.z_mm.cols() + col);
 }
 
 /// Vertex by vertex; of those that are the same node only the first.
-std::vector<std::uint32_t> nodes_of(const ModelField& f, const TriMesh& mesh) {
+std::vector<std::uint32_t> nodes_of(const ModelField& f, CoordinateRounding rounding,
+                                    const TriMesh& mesh) {
   std::vector<std::uint32_t> node(mesh.vertices_mm.size());
-  for_each(node.size(), [&](std::size_t v) { node[v] = node_of(f, mesh.vertices_mm[v]); });
+  for_each(node.size(),
+           [&](std::size_t v) { node[v] = node_of(f, rounding, mesh.vertices_mm[v]); });
   std::vector<bool> taken(static_cast<std::size_t>(f.z_mm.rows() * f.z_mm.cols()), false);
   for (std::uint32_t& n : node) {
     if (n == kNoNode) continue;
@@ -71,10 +74,11 @@ bool is_half_cell(const std::array<std::uint32_t, 3>& node, std::uint32_t cols) 
 
 class Kinds {
  public:
-  Kinds(const TriMesh& mesh, const ModelField* surface) : mesh_(mesh), box_(mesh.bounds()) {
+  Kinds(const TriMesh& mesh, const ModelField* surface, CoordinateRounding rounding)
+      : mesh_(mesh), box_(mesh.bounds()) {
     kind_.assign(mesh.triangles.size(), Kind::other);
     if (surface == nullptr || surface->z_mm.rows() < 2 || surface->z_mm.cols() < 2) return;
-    const std::vector<std::uint32_t> node = nodes_of(*surface, mesh);
+    const std::vector<std::uint32_t> node = nodes_of(*surface, rounding, mesh);
     const auto cols = static_cast<std::uint32_t>(surface->z_mm.cols());
     for_each(kind_.size(), [&](std::size_t i) {
       const Triangle& t = mesh_.triangles[i];
@@ -141,8 +145,9 @@ class Squares {
 
 }  // namespace
 
-IntersectionPieces intersection_pieces(const TriMesh& mesh, const ModelField* surface) {
-  const Kinds kinds(mesh, surface);
+IntersectionPieces intersection_pieces(const TriMesh& mesh, const ModelField* surface,
+                                       CoordinateRounding rounding) {
+  const Kinds kinds(mesh, surface, rounding);
   const Squares squares(kinds.box(), mesh.triangles.size(),
                         surface != nullptr ? kAimWithSurface : kAim);
   std::vector<bool> wanted(squares.count(), false);

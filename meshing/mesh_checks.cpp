@@ -100,8 +100,8 @@ bool every_shell_outward(const Mesh& mesh,
 
 /// Faces have their triangles' numbers. Ends early, and says nothing, where it is stopped.
 bool cuts_itself(const TriMesh& source, const Mesh& mesh, const heightmap::ModelField* surface,
-                 const RunContext& run) {
-  const detail::IntersectionPieces pieces = detail::intersection_pieces(source, surface);
+                 CoordinateRounding rounding, const RunContext& run) {
+  const detail::IntersectionPieces pieces = detail::intersection_pieces(source, surface, rounding);
   std::atomic<bool> found{false};
   std::atomic<std::size_t> done{0};
   tbb::parallel_for(std::size_t{0}, pieces.count(), [&](std::size_t p) {
@@ -204,7 +204,7 @@ Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelFi
     if (options.self_intersections && all_added && certificate.degenerate_triangles == 0 &&
         certificate.triangles <= options.self_intersection_limit) {
       if (run.stopped()) return fail(kCancelled, std::string(kStopped));
-      certificate.self_intersecting = cuts_itself(mesh, cgal, surface, run);
+      certificate.self_intersecting = cuts_itself(mesh, cgal, surface, options.rounding, run);
       if (run.stopped()) return fail(kCancelled, std::string(kStopped));
       certificate.self_intersection_checked = true;
     }

@@ -13,6 +13,7 @@
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/coordinate_rounding.hpp"
 
 namespace maquette::meshing {
 
@@ -63,6 +64,8 @@ struct MeshCheckOptions {
   /// it; where `surface` is given, most of the terrain's own triangles need not be looked at.
   bool self_intersections = true;
   std::uint64_t self_intersection_limit = UINT64_MAX;  ///< off above this many triangles
+  /// That the mesh's coordinates have been through, and the surface's have not.
+  CoordinateRounding rounding = CoordinateRounding::none;
   /// What was united with the surface: vertices on them are then told from terrain by distance, and
   /// all are compared.
   std::span<const TriMesh> stones{};

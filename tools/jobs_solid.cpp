@@ -157,15 +157,25 @@ std::optional<meshing::CoordinateRounding> rounding_of(const std::string& format
   return {};
 }
 
-/// Plain terrain to a format that streams: proven as that file will have it, then written.
+Result<void> write_certificate(const meshing::MeshCertificate& certificate, const fs::path& out,
+                               json& figures, JobResult& result) {
+  const fs::path proof = out.string() + ".certificate.json";
+  MAQUETTE_TRY_VOID(write_file(proof, meshing::to_json(certificate)));
+  result.outputs = {out, proof};
+  figures["triangles"] = certificate.triangles;
+  figures["rounding_mm"] = certificate.rounding_mm;
+  return {};
+}
+
+/// Plain terrain to a format with vertices: proven as that file will have it, then written.
 /// @return false if surface or format are of another kind; then nothing was done
 Result<bool> export_terrain(const std::string& format, const fs::path& surface, const fs::path& out,
                             json& figures, JobResult& result, const RunContext& run) {
   const auto rounding = rounding_of(format);
-  if (!is_field(surface) || !rounding || format == "3mf") return false;
+  if (!is_field(surface) || !rounding) return false;
   MAQUETTE_TRY(const auto field, heightmap::read_model_field(surface));
-  MAQUETTE_TRY(const auto solid,
-               meshing::GridSolidStream::create(field, solid_options(field, Millimetres{10.0})));
+  const auto options = solid_options(field, Millimetres{10.0});
+  MAQUETTE_TRY(const auto solid, meshing::GridSolidStream::create(field, options));
   const auto certificate = solid.certify(*rounding, part(run, 0.0, 0.3));
   if (!certificate) return tl::unexpected(Error(certificate.error()).within(surface.string()));
   const RunContext writing = part(run, 0.3, 1.0);
@@ -173,16 +183,45 @@ Result<bool> export_terrain(const std::string& format, const fs::path& surface, 
     MAQUETTE_TRY_VOID(exporting::write_stl(solid, out, writing));
   } else if (format == "obj") {
     MAQUETTE_TRY_VOID(exporting::write_obj(solid, out, writing));
+  } else if (format == "3mf") {  // lib3mf takes no stream
+    const std::string name = surface.stem().string();
+    MAQUETTE_TRY(const TriMesh mesh, meshing::grid_solid(field, options, part(run, 0.3, 0.4)));
+    MAQUETTE_TRY_VOID(exporting::write_3mf({{name, name, &mesh}}, out, part(run, 0.4, 1.0)));
   } else {
     MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, writing));
   }
-  const fs::path proof = out.string() + ".certificate.json";
-  MAQUETTE_TRY_VOID(write_file(proof, meshing::to_json(*certificate)));
-  result.outputs = {out, proof};
-  figures["triangles"] = certificate->triangles;
-  figures["rounding_mm"] = certificate->rounding_mm;
+  MAQUETTE_TRY_VOID(write_certificate(*certificate, out, figures, result));
   figures["hausdorff_bound_mm"] = certificate->hausdorff_bound_mm;
   return true;
+}
+
+/// A mesh of which a file will have rounded coordinates, checked with these. What fails only
+/// because of them is unmet: the file gets another name.
+Result<meshing::MeshCertificate> check_rounded(const TriMesh& mesh, const std::string& format,
+                                               const heightmap::ModelField* design,
+                                               const fs::path& surface, fs::path& out,
+                                               JobResult& result, const RunContext& run) {
+  const auto rounding = *rounding_of(format);
+  TriMesh in_file = mesh;
+  for (Vec3& v : in_file.vertices_mm)
+    v = {meshing::rounded(v.x, rounding), meshing::rounded(v.y, rounding),
+         meshing::rounded(v.z, rounding)};
+  MAQUETTE_TRY(auto certificate,
+               meshing::check_mesh(in_file, design, {.rounding = rounding}, part(run, 0.0, 0.8)));
+  certificate.rounding_mm = meshing::rounding_displacement_mm(TriMeshStream(mesh), rounding);
+  if (certificate.passed()) return certificate;
+  MAQUETTE_TRY(const auto before, meshing::check_mesh(mesh, design, {}, part(run, 0.8, 1.0)));
+  if (!before.passed())
+    return fail(meshing::kNotASolid, fmt::format("{}: the mesh is no solid: {}; repair it first",
+                                                 surface.string(), meshing::shortcomings(before)));
+  out.replace_extension("refused." + format);
+  result.unmet = fmt::format(
+      "{}: coordinates as {} has them, up to {:.2g} mm beside the mesh's, "
+      "spoil it: {}; it is written as {}. Write PLY or OBJ, or move the "
+      "origin nearer",
+      surface.string(), format, certificate.rounding_mm, meshing::shortcomings(certificate),
+      out.filename().string());
+  return certificate;
 }
 
 /// Terrain alone: stones are parts of their own. One file, or one a band: NAME_band_01.step ...
@@ -242,7 +281,7 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
   const std::string stem = surface.stem().string();
-  const fs::path out = folder / (stem + "." + format);
+  fs::path out = folder / (stem + "." + format);
   JobResult result;
   json figures{{"format", format}};
 
@@ -265,10 +304,17 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
   } else {
     MAQUETTE_TRY(const bool streamed, export_terrain(format, surface, out, figures, result, run));
     if (streamed) return sized(std::move(result), std::move(figures));
-    MAQUETTE_TRY(const TriMesh mesh, load_solid(surface, part(run, 0.0, 0.3)));
-    if (const auto rounding = rounding_of(format))
-      figures["rounding_mm"] = meshing::rounding_displacement_mm(TriMeshStream(mesh), *rounding);
-    const RunContext writing = part(run, 0.3, 1.0);
+    MAQUETTE_TRY(const TriMesh mesh, load_solid(surface, part(run, 0.0, 0.1)));
+    std::optional<meshing::MeshCertificate> certificate;
+    if (rounding_of(format)) {
+      heightmap::ModelField field;
+      if (design) {
+        MAQUETTE_TRY(field, heightmap::read_model_field(*design));
+      }
+      MAQUETTE_TRY(certificate, check_rounded(mesh, format, design ? &field : nullptr, surface, out,
+                                              result, part(run, 0.1, 0.5)));
+    }
+    const RunContext writing = part(run, 0.5, 1.0);
     figures["triangles"] = mesh.triangles.size();
     result.outputs = {out};
     if (format == "stl") {
@@ -286,6 +332,8 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
       gltf.scale_denominator = options.scale_denominator;
       MAQUETTE_TRY(const auto report, exporting::write_glb(mesh, gltf, out, writing));
       figures["max_quantisation_error_mm"] = report.max_quantisation_error_mm;
+      figures["flat_triangles"] = report.flat_triangles;
+      figures["turned_triangles"] = report.turned_triangles;
       if (design) {
         MAQUETTE_TRY(const auto field, heightmap::read_model_field(*design));
         MAQUETTE_TRY(
@@ -304,6 +352,7 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
       return fail(kUnknownFormat, fmt::format("--format {}: known formats are {}", format,
                                               fmt::join(export_formats(), ", ")));
     }
+    if (certificate) MAQUETTE_TRY_VOID(write_certificate(*certificate, out, figures, result));
   }
   return sized(std::move(result), std::move(figures));
 }

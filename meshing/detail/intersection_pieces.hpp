@@ -24,6 +24,7 @@
 
 #include "core/tri_mesh.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/coordinate_rounding.hpp"
 
 namespace maquette::meshing::detail {
 
@@ -34,8 +35,10 @@ struct IntersectionPieces {
 };
 
 /// @param surface  of the top, if there is one
-/// @pre indices in range, coordinates finite, no triangle twice
+/// @param rounding  that the mesh's coordinates have been through
+/// @pre indices in range, coordinates finite, no triangle twice and none without area
 [[nodiscard]] IntersectionPieces intersection_pieces(const TriMesh& mesh,
-                                                     const heightmap::ModelField* surface);
+                                                     const heightmap::ModelField* surface,
+                                                     CoordinateRounding rounding);
 
 }  // namespace maquette::meshing::detail

@@ -1,10 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // tools/jobs.hpp, solids as their files hold them:
-//   bands joined are the whole ............... walls of the files compared to the bit, volumes
-//   added
-//                                              up; spacings that binary numbers do not hold
-//   a union that is not exact ............... not written: a stone that cuts itself
+//   bands joined are the whole ............... walls of the files compared to
+//   the bit, volumes added
+//                                              up; spacings that binary numbers
+//                                              do not hold
+//   a file that rounds ....................... read back: moved as far as the
+//   certificate says; not
+//                                              written where rounding spoils
+//                                              the mesh
+//   a union that is not exact ............... not written: a stone that cuts
+//   itself
 
 #include <cmath>
 
@@ -86,7 +92,8 @@ TEST_P(BandsJoined, AreTheWhole) {
   EXPECT_NEAR(measured, all, 1e-9 * all);
 }
 
-/// Two balls in one, so that only a level set with a fillet unites it with terrain.
+/// Two balls in one, so that only a level set with a fillet unites it with
+/// terrain.
 meshing::PlacedStone that_cuts_itself(Vec3 at) {
   auto body = std::make_shared<meshing::StoneBody>();
   body->name = body->source = "two";
@@ -119,6 +126,123 @@ TEST(MeshJob, DoesNotWriteAUnionThatIsNotExact) {
   EXPECT_EQ(said["passed"], false);
   EXPECT_EQ(said["self_intersecting"], false);
   EXPECT_GT(said["max_union_error_mm"], 0.02);
+}
+
+/// A ball of 20 480 triangles far from the origin, as a PLY.
+TriMesh ball_file(const fs::path& path, double radius_mm, Vec3 at) {
+  TriMesh ball = testing_support::unit_sphere(5);
+  for (Vec3& v : ball.vertices_mm) v = radius_mm * v + at;
+  EXPECT_THAT(meshing::write_ply(ball, path), Succeeds());
+  return ball;
+}
+
+TEST(ExportJob, SaysWhatRoundingLeavesOfAMesh) {
+  const ScratchFolder scratch;
+  const TriMesh ball = ball_file(scratch / "ball.ply", 20.0, {2000.0, 1900.0, 3.0});
+  struct Case {
+    const char* format;
+    double least_mm, most_mm;  // float32 at 2 m: half of 1.2e-4 on two axes; 3MF
+                               // up to twice that
+  };
+  for (const Case& c : {Case{"stl", 4e-5, 1e-4}, Case{"obj", 4e-7, 1e-6}, Case{"3mf", 6e-5, 2e-4},
+                        Case{"ply", 0.0, 0.0}}) {
+    SCOPED_TRACE(c.format);
+    ASSERT_THAT(export_job(c.format, scratch / "ball.ply", {}, {}, scratch / "out", {}),
+                Succeeds());
+    const fs::path file = scratch / (std::string("out/ball.") + c.format);
+    const json said = json::parse(read_file(file.string() + ".certificate.json").value());
+    EXPECT_EQ(said["passed"], true);
+    EXPECT_EQ(said["self_intersection_checked"], true);
+    EXPECT_EQ(said["triangles"], ball.triangles.size());
+    EXPECT_GE(said["rounding_mm"], c.least_mm);
+    EXPECT_LE(said["rounding_mm"], c.most_mm);
+    if (std::string(c.format) != "obj" && std::string(c.format) != "ply") continue;
+    const TriMesh back = meshing::read_mesh(file).value();
+    double moved = 0.0;
+    for (std::size_t i = 0; i < back.vertices_mm.size(); ++i)
+      moved = std::fmax(moved, norm(back.vertices_mm[i] - ball.vertices_mm[i]));
+    EXPECT_NEAR(said["rounding_mm"], moved, 1e-12);
+  }
+}
+
+// Edges of 1e-4 mm where floats are 1.2e-4 mm apart: some triangles lose their
+// area or fold over.
+TEST(ExportJob, GivesAnotherNameToWhatRoundingSpoils) {
+  const ScratchFolder scratch;
+  ball_file(scratch / "dust.ply", 0.003, {2000.0, 1900.0, 3.0});
+  for (const std::string format : {"stl", "3mf"}) {
+    SCOPED_TRACE(format);
+    const auto result = export_job(format, scratch / "dust.ply", {}, {}, scratch / "out", {});
+    ASSERT_THAT(result, Succeeds());
+    EXPECT_THAT(result->unmet, testing::HasSubstr("spoil it"));
+    EXPECT_FALSE(fs::exists(scratch / ("out/dust." + format)));
+    const fs::path file = scratch / ("out/dust.refused." + format);
+    EXPECT_TRUE(fs::exists(file));
+    const json said = json::parse(read_file(file.string() + ".certificate.json").value());
+    EXPECT_EQ(said["passed"], false);
+  }
+  const auto exact = export_job("ply", scratch / "dust.ply", {}, {}, scratch / "out", {});
+  ASSERT_THAT(exact, Succeeds());
+  EXPECT_EQ(exact->unmet, "");
+}
+
+TEST(ExportJob, WritesNoMeshThatIsNoSolid) {
+  const ScratchFolder scratch;
+  TriMesh open = testing_support::unit_sphere(2);
+  open.triangles.pop_back();
+  ASSERT_THAT(meshing::write_ply(open, scratch / "open.ply"), Succeeds());
+  const auto refused = export_job("stl", scratch / "open.ply", {}, {}, scratch / "out", {});
+  ASSERT_THAT(refused, FailsWith(meshing::kNotASolid));
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("it is open"));
+}
+
+// Terrain with stones, checked with its design: the terrain's own triangles are
+// known, rounded, too.
+TEST(ExportJob, ChecksASurfaceWithStones) {
+  const ScratchFolder scratch;
+  heightmap::ModelField field = random_terrain(8, 101, 101, 0.3, 0.1);
+  field.x0 = Millimetres{1700.0};
+  ASSERT_THAT(heightmap::write_model_field(field, scratch / "design.tif"), Succeeds());
+  field = heightmap::read_model_field(scratch / "design.tif").value();
+  meshing::PlacedStone stone;
+  stone.number = 1;
+  stone.scale_mm = 6.0;
+  stone.model_from_stone.translation_mm = {1714.0, 13.0, heightmap::height_at(field, 1714, 13)};
+  ASSERT_THAT(meshing::write_stone_plan(std::vector{stone}, scratch / "stones.json"), Succeeds());
+  ASSERT_THAT(mesh_job(scratch / "design.tif", scratch / "stones.json", Millimetres{10},
+                       scratch / "surface.ply", {}),
+              Succeeds());
+  ASSERT_THAT(
+      export_job("obj", scratch / "surface.ply", scratch / "design.tif", {}, scratch / "out", {}),
+      Succeeds());
+  const fs::path file = scratch / "out/surface.obj";
+  const json said = json::parse(read_file(file.string() + ".certificate.json").value());
+  EXPECT_EQ(said["passed"], true);
+  const auto found = meshing::check_mesh(meshing::read_mesh(file).value()).value();
+  EXPECT_TRUE(found.passed()) << meshing::to_json(found);
+  EXPECT_NEAR(said["volume_mm3"], found.volume_mm3, 1e-9 * found.volume_mm3);
+}
+
+TEST(ExportJob, CountsWhatThePositionGridOfAGlbSpoils) {
+  const ScratchFolder scratch;
+  TriMesh mesh = testing_support::unit_sphere(4);
+  for (Vec3& v : mesh.vertices_mm) v = 500.0 * v;
+  TriMesh small = testing_support::unit_sphere(1);  // 80 triangles within a step of 15 um
+  for (Vec3& v : small.vertices_mm) v = 0.003 * v + Vec3{0, 0, 600.0};
+  append(mesh, small);
+  ASSERT_THAT(meshing::write_ply(mesh, scratch / "mesh.ply"), Succeeds());
+  const auto result = export_job("glb", scratch / "mesh.ply", {}, {}, scratch / "out", {});
+  ASSERT_THAT(result, Succeeds());
+  const json said = json::parse(result->figures_json);
+  const TriMesh back = meshing::read_mesh(scratch / "out/mesh.glb").value();
+  std::uint64_t flat =
+      mesh.triangles.size() - back.triangles.size();  // a reader may leave them out
+  for (const auto& t : back.triangles) {
+    const Vec3 a = back.vertices_mm[t[0]];
+    flat += norm(cross(back.vertices_mm[t[1]] - a, back.vertices_mm[t[2]] - a)) < 1e-12;
+  }
+  EXPECT_GT(flat, 0U);
+  EXPECT_EQ(said["flat_triangles"], flat);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
+#include <numbers>
 
 #include "assets/rocks.hpp"
 #include "core/check.hpp"
@@ -13,6 +14,18 @@
 
 namespace maquette::assets {
 namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+double decay_per_metre(double k) {
+  return 1.79 + 0.152 / k;
+}
+
+void check_law(double k, Metres min, Metres max) {
+  MAQUETTE_CHECK(k >= 0.005 && k <= 0.5, "{}", k);
+  MAQUETTE_CHECK(min.value() > 0.0 && min < max && std::isfinite(max.value()), "{} .. {}",
+                 min.value(), max.value());
+}
 
 /// Number of rocks between two sizes, up to a constant factor. With u = 1 / D the
 /// density exp(-q D) / D^2 dD becomes exp(-q / u) du, which is smooth and has no pole.
@@ -23,6 +36,9 @@ class RockNumbers {
     for (std::size_t i = 0; i < kCells; ++i)
       below_[i + 1] = below_[i] + integral(node(i), node(i + 1));
   }
+
+  /// All of them, scaled by exp(q min).
+  [[nodiscard]] double all() const { return below_.back(); }
 
   /// The diameter above which the share `p` of all rocks lies.
   [[nodiscard]] double diameter_exceeded_by(double p) const {
@@ -66,10 +82,8 @@ class RockNumbers {
 std::vector<Metres> draw_rock_diameters(int count, double k, Metres min, Metres max,
                                         std::uint64_t seed) {
   MAQUETTE_CHECK(count >= 0, "{}", count);
-  MAQUETTE_CHECK(k >= 0.005 && k <= 0.5, "{}", k);
-  MAQUETTE_CHECK(min.value() > 0.0 && min < max && std::isfinite(max.value()), "{} .. {}",
-                 min.value(), max.value());
-  const RockNumbers numbers(1.79 + 0.152 / k, min.value(), max.value());
+  check_law(k, min, max);
+  const RockNumbers numbers(decay_per_metre(k), min.value(), max.value());
   std::vector<Metres> diameters;
   for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(count); ++i) {
     const double d = numbers.diameter_exceeded_by(random_uniform(seed, i));
@@ -77,6 +91,13 @@ std::vector<Metres> draw_rock_diameters(int count, double k, Metres min, Metres 
   }
   std::sort(diameters.begin(), diameters.end(), std::greater<>{});
   return diameters;
+}
+
+double rocks_per_square_metre(double k, Metres min, Metres max) {
+  check_law(k, min, max);
+  const double q = decay_per_metre(k);
+  const RockNumbers numbers(q, min.value(), max.value());
+  return 4.0 * k * q / kPi * numbers.all() * std::exp(-q * min.value());
 }
 
 }  // namespace maquette::assets

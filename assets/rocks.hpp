@@ -53,4 +53,8 @@ struct RockShape {
 [[nodiscard]] std::vector<Metres> draw_rock_diameters(int count, double k, Metres min, Metres max,
                                                       std::uint64_t seed);
 
+/// How many rocks of min <= D <= max lie on a square metre by the same law: the integral of n(D).
+/// @pre as draw_rock_diameters
+[[nodiscard]] double rocks_per_square_metre(double k, Metres min, Metres max);
+
 }  // namespace maquette::assets

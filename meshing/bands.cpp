@@ -16,24 +16,7 @@ namespace {
 /// whole number of cells; this share of a cell is forgiven.
 constexpr double kCellRounding = 1e-9;
 
-}  // namespace
-
-Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface, BandAxis axis,
-                                           Millimetres max_width) {
-  if (surface.z_mm.rows() < 2 || surface.z_mm.cols() < 2)
-    return fail(kBandsDegenerate, fmt::format("surface of {} x {} nodes; bands need at least 2 x 2",
-                                              surface.z_mm.rows(), surface.z_mm.cols()));
-  const double widest = std::floor(max_width / surface.spacing + kCellRounding);
-  if (!(widest >= 2.0))
-    return fail(
-        kBandsDegenerate,
-        fmt::format("band width {} mm is below two cells of {} mm; choose a width of at "
-                    "least {} mm",
-                    max_width.value(), surface.spacing.value(), 2.0 * surface.spacing.value()));
-  const std::ptrdiff_t cells =
-      (axis == BandAxis::x ? surface.z_mm.cols() : surface.z_mm.rows()) - 1;
-  const auto at_most = static_cast<std::ptrdiff_t>(std::fmin(widest, static_cast<double>(cells)));
-  const std::ptrdiff_t count = (cells + at_most - 1) / at_most;
+std::vector<Band> even_bands(std::ptrdiff_t cells, BandAxis axis, std::ptrdiff_t count) {
   std::vector<Band> bands;
   for (std::ptrdiff_t i = 0; i < count; ++i)
     bands.push_back({.number = static_cast<int>(i + 1),
@@ -41,6 +24,42 @@ Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
                      .first = i * cells / count,
                      .last = (i + 1) * cells / count});
   return bands;
+}
+
+Result<std::ptrdiff_t> cells_along(const heightmap::ModelField& surface, BandAxis axis) {
+  if (surface.z_mm.rows() < 2 || surface.z_mm.cols() < 2)
+    return fail(kBandsDegenerate, fmt::format("surface of {} x {} nodes; bands need at least 2 x 2",
+                                              surface.z_mm.rows(), surface.z_mm.cols()));
+  return (axis == BandAxis::x ? surface.z_mm.cols() : surface.z_mm.rows()) - 1;
+}
+
+}  // namespace
+
+Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface, BandAxis axis,
+                                           Millimetres max_width) {
+  MAQUETTE_TRY(const std::ptrdiff_t cells, cells_along(surface, axis));
+  const double widest = std::floor(max_width / surface.spacing + kCellRounding);
+  if (!(widest >= 2.0))
+    return fail(
+        kBandsDegenerate,
+        fmt::format("band width {} mm is below two cells of {} mm; choose a width of at "
+                    "least {} mm",
+                    max_width.value(), surface.spacing.value(), 2.0 * surface.spacing.value()));
+  const auto at_most = static_cast<std::ptrdiff_t>(std::fmin(widest, static_cast<double>(cells)));
+  return even_bands(cells, axis, (cells + at_most - 1) / at_most);
+}
+
+Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
+                                           const BandSplit& split) {
+  MAQUETTE_CHECK(split.count >= 0, "{}", split.count);
+  if (split.count == 0) return split_into_bands(surface, split.axis, split.max_width);
+  MAQUETTE_TRY(const std::ptrdiff_t cells, cells_along(surface, split.axis));
+  const std::ptrdiff_t most = std::max<std::ptrdiff_t>(1, cells / 2);
+  if (split.count > most)
+    return fail(kBandsDegenerate,
+                fmt::format("{} bands of {} cells: one would be narrower than two; {} are possible",
+                            split.count, cells, most));
+  return even_bands(cells, split.axis, split.count);
 }
 
 NodeWindow band_window(const heightmap::ModelField& surface, const Band& band) {

@@ -5,6 +5,7 @@
 /// The surface is milled in bands: strips side by side along one axis, each over
 /// the whole length of the other.
 
+#include <cmath>
 #include <vector>
 
 #include "core/result.hpp"
@@ -31,6 +32,18 @@ struct Band {
 /// fewer than 2 x 2 nodes.
 [[nodiscard]] Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
                                                          BandAxis axis, Millimetres max_width);
+
+/// How to split: into `count` bands, or where that is 0 into as few as `max_width` allows.
+struct BandSplit {
+  BandAxis axis = BandAxis::y;
+  Millimetres max_width{INFINITY};
+  int count = 0;
+};
+/// The same; of a count, bands differ by one cell at most, too.
+/// MESHING_BANDS_DEGENERATE: also a count that leaves a band less than two cells, with the largest
+/// that does. @pre count >= 0
+[[nodiscard]] Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
+                                                         const BandSplit& split);
 
 /// The band's nodes in the whole: GridSolidStream of this window is the band in the frame of the
 /// whole, and neighbours have the same wall between them to the bit, whatever the spacing.

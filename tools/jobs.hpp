@@ -87,8 +87,9 @@ struct StoneSurfaces {
                                          Millimetres base_thickness, const fs::path& out,
                                          const RunContext& run);
 
-/// One band as a closed solid of terrain, with certificate.
-[[nodiscard]] Result<JobResult> band_job(const fs::path& design, Millimetres max_width,
+/// One band as a closed solid of terrain, with certificate. Neighbours have the same wall between
+/// them, to the bit.
+[[nodiscard]] Result<JobResult> band_job(const fs::path& design, const meshing::BandSplit& split,
                                          std::size_t band, Millimetres base_thickness,
                                          const fs::path& out, const RunContext& run);
 

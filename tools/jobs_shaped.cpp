@@ -148,12 +148,14 @@ Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& jo
   meshing::Tile tile{1, 1, 1, meshing::all_nodes(design)};
   std::vector<meshing::Tile> tiles{tile};
   if (job.band) {
-    MAQUETTE_TRY(const auto bands,
-                 meshing::split_into_bands(design, meshing::BandAxis::y, job.band->max_width));
+    MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, job.band->split));
     MAQUETTE_CHECK(job.band->index < bands.size(), "band {} of {}", job.band->index, bands.size());
     tiles.clear();
-    for (const meshing::Band& b : bands)
-      tiles.push_back({b.number, b.number, 1, {b.first, b.last, 0, design.z_mm.cols() - 1}});
+    for (const meshing::Band& b : bands) {
+      const bool along_x = b.axis == meshing::BandAxis::x;
+      tiles.push_back({b.number, along_x ? 1 : b.number, along_x ? b.number : 1,
+                       meshing::band_window(design, b)});
+    }
     tile = tiles[job.band->index];
   }
   // The base is that of the whole, so that bands stand level beside each other.

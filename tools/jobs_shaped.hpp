@@ -12,9 +12,9 @@
 
 namespace maquette::tools {
 
-/// Which of the bands that a design is split into (meshing/bands.hpp, along y), from 0.
+/// Which of the bands that a design is split into, from 0.
 struct BandOf {
-  Millimetres max_width{INFINITY};
+  meshing::BandSplit split{};
   std::size_t index = 0;
 };
 

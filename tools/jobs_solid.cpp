@@ -102,13 +102,13 @@ Result<JobResult> mesh_job(const fs::path& design_path, const std::optional<fs::
   return check_and_write(*mesh, design, stones, out, run);
 }
 
-Result<JobResult> band_job(const fs::path& design_path, Millimetres max_width, std::size_t band,
-                           Millimetres base_thickness, const fs::path& out, const RunContext& run) {
+Result<JobResult> band_job(const fs::path& design_path, const meshing::BandSplit& split,
+                           std::size_t band, Millimetres base_thickness, const fs::path& out,
+                           const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
   // The base is that of the whole, so that bands stand level beside each other.
   const auto options = solid_options(design, base_thickness);
-  MAQUETTE_TRY(const auto bands,
-               meshing::split_into_bands(design, meshing::BandAxis::y, max_width));
+  MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, split));
   MAQUETTE_CHECK(band < bands.size(), "band {} of {}", band, bands.size());
   auto result =
       stream_terrain(design, meshing::band_window(design, bands[band]), options, out, run);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numbers>
 #include <optional>
 #include <set>
@@ -9,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "assets/rocks.hpp"
 #include "assets/synthetic_products.hpp"
 #include "core/files.hpp"
 #include "heightmap/body.hpp"
@@ -128,10 +130,34 @@ std::size_t index_of(const Site& site, double scale) {
                                   site.scales.begin());
 }
 
+/// As many stones as the site says, or as the law of its k has.
+Result<int> stone_count(const Site& site, const RunContext& run) {
+  constexpr double kMost = 100000.0;
+  if (site.stone_count >= 0) return static_cast<int>(site.stone_count);
+  const double side_m = 2.0 * half_width_m(site, site.scales.front());
+  const double by_law =
+      side_m * side_m *
+      assets::rocks_per_square_metre(site.stone_k, Metres{site.stone_min_diameter_m},
+                                     Metres{site.stone_max_diameter_m});
+  if (by_law > kMost)
+    return fail(meshing::kStonesDoNotFit,
+                fmt::format("by stones.area_fraction_k {} the site of {:g} m x {:g} m has {:.3g} "
+                            "stones from {} to {} m, more than {:g}; raise stones.min_diameter_m "
+                            "or give stones.count",
+                            site.stone_k, side_m, side_m, by_law, site.stone_min_diameter_m,
+                            site.stone_max_diameter_m, kMost));
+  if (by_law < 0.5)
+    run.warn(
+        fmt::format("by stones.area_fraction_k {} the site has {:.2g} stones from {} m on: "
+                    "none is drawn; give stones.count for more",
+                    site.stone_k, by_law, site.stone_min_diameter_m));
+  return static_cast<int>(std::lround(by_law));
+}
+
 Result<meshing::SitePlanRequest> plan_request(const Site& site, const StoneSurfaces& surfaces,
                                               const RunContext& run) {
   meshing::SitePlanRequest request;
-  request.count = static_cast<int>(site.stone_count);
+  MAQUETTE_TRY(request.count, stone_count(site, run));
   request.inner_share = site.scales.size() > 1 ? site.stone_inner_share : 0.0;
   request.half_width = Metres{half_width_m(site, site.scales.front())};
   request.inner_half_width =

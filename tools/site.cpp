@@ -111,6 +111,11 @@ std::vector<std::string> contradictions(const Site& s) {
   if (s.stone_min_diameter_m >= s.stone_max_diameter_m)
     found.push_back(fmt::format("stones.min_diameter_m {} must be below stones.max_diameter_m {}",
                                 s.stone_min_diameter_m, s.stone_max_diameter_m));
+  const double site_m = 2.0 * half_width_m(s, s.scales.front());
+  if (s.stone_count < 0 && s.stone_min_diameter_m >= site_m)
+    found.push_back(
+        fmt::format("stones.min_diameter_m {}: no such stone fits the site of {:g} m x {:g} m",
+                    s.stone_min_diameter_m, site_m, site_m));
   for (const SiteStones& own : s.own_stones) {
     if (own.places_m.size() % 2 != 0)
       found.push_back(
@@ -292,12 +297,18 @@ SiteFile empty_site_file() {
          "of the embedded site, used when no [[source]] is given", 0, 1e15});
 
   t.section("stones", "Rocks that are made apart and glued on.");
-  t.add({"stones.count", &s.stone_count, "on the first surface", 0, 100000});
+  t.add({"stones.count", &s.stone_count,
+         "on the first surface; -1: as many as the law of area_fraction_k has from min_diameter_m "
+         "to max_diameter_m on its area",
+         -1, 100000});
   t.add({"stones.inner_share", &s.stone_inner_share,
          "share of them that lies on the second surface too", 0, 1});
   t.add({"stones.min_diameter_m", &s.stone_min_diameter_m, "smallest, on the planet", 1e-3, 1e4});
   t.add({"stones.max_diameter_m", &s.stone_max_diameter_m, "largest, on the planet", 1e-3, 1e4});
-  t.add({"stones.area_fraction_k", &s.stone_k, "Golombek-Rapp total rock coverage", 0.005, 0.5});
+  t.add({"stones.area_fraction_k", &s.stone_k,
+         "Golombek-Rapp's k, the share of the ground under rocks of all sizes: says how sizes are "
+         "distributed and, with count -1, how many there are",
+         0.005, 0.5});
   t.add({"stones.shapes", &s.stone_shapes,
          "distinct ones, so that a workshop can make a catalogue of them; 0: each stone its own", 0,
          1000});

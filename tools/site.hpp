@@ -78,7 +78,7 @@ struct Site {
   double crossover_m = 0.0;                                      ///< 0: by the relief's pixel
   double crater_age_gyr = 0.0;                                   ///< 0: no craters
 
-  std::int64_t stone_count = 12;
+  std::int64_t stone_count = -1;                   ///< -1: as many as the law of k has on the site
   std::int64_t stone_shapes = 0, stone_sizes = 0;  ///< of a catalogue; 0: each its own
   double stone_inner_share = 0.5;
   double stone_min_diameter_m = 1.5, stone_max_diameter_m = 5.0;

@@ -230,6 +230,26 @@ TEST(RockSizes, SameSeedSameSizes) {
   EXPECT_TRUE(draw_rock_diameters(0, 0.1, Metres{2}, Metres{5}, 1).empty());
 }
 
+TEST_P(RockSizes, AreAsManyAsCoverTheLawsShare) {
+  const auto [k, min_m, max_m, seed] = GetParam();
+  const double q = 1.79 + 0.152 / k;
+  const double per_m2 = rocks_per_square_metre(k, Metres{min_m}, Metres{max_m});
+  const double closed =
+      4.0 * k * q / std::numbers::pi * (antiderivative(q, max_m) - antiderivative(q, min_m));
+  EXPECT_NEAR(per_m2, closed, 1e-9 * closed);
+  // What as many drawn rocks cover is what the cumulative law says: F(min) - F(max).
+  const double wanted = k * (std::exp(-q * min_m) - std::exp(-q * max_m));
+  constexpr int n = 20000;
+  double area = 0.0, squares = 0.0;
+  for (const Metres d : draw_rock_diameters(n, k, Metres{min_m}, Metres{max_m}, seed)) {
+    const double a = 0.25 * std::numbers::pi * d.value() * d.value();
+    area += a;
+    squares += a * a;
+  }
+  const double mean = area / n, sigma = std::sqrt((squares / n - mean * mean) / n);
+  EXPECT_NEAR(per_m2 * mean, wanted, per_m2 * (4.0 * sigma + 1e-6 * mean));
+}
+
 TEST(RockSizes, RefusesBadRanges) {
   EXPECT_THROW((void)draw_rock_diameters(1, 0.1, Metres{0}, Metres{5}, 1), CheckFailed);
   EXPECT_THROW((void)draw_rock_diameters(1, 0.1, Metres{5}, Metres{5}, 1), CheckFailed);

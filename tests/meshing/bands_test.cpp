@@ -6,6 +6,8 @@
 //   of them than needed ..................... counted for all sizes and widths
 //   a width that is whole cells but for
 //   rounding counts as whole ................ 0.3 mm of 0.1 mm cells
+//   a count .................................. covers, even; refused where a band is too narrow
+//   the window is the band ................... both axes
 //   band_field keeps heights and coordinates. node by node against the whole field
 //   margin widens up to the border .......... closed cases
 //   MESHING_BANDS_DEGENERATE ................ too narrow, NaN, field too small
@@ -83,6 +85,35 @@ TEST(SplitIntoBands, RefusesWhatCannotBeSplit) {
   const auto all = split_into_bands(f, BandAxis::x, Millimetres{INFINITY});
   ASSERT_THAT(all, Succeeds());
   EXPECT_EQ(all->size(), 1u);
+}
+
+TEST(SplitIntoBands, ByTheirNumber) {
+  const ModelField f = field(24, 31, 0.3);
+  for (const BandAxis axis : {BandAxis::x, BandAxis::y}) {
+    const std::ptrdiff_t cells = axis == BandAxis::x ? 30 : 23;
+    for (int count = 1; count <= cells / 2; ++count) {
+      const auto bands = split_into_bands(f, {.axis = axis, .count = count});
+      ASSERT_THAT(bands, Succeeds());
+      ASSERT_EQ(bands->size(), static_cast<std::size_t>(count));
+      std::ptrdiff_t at = 0;
+      for (const Band& b : *bands) {
+        EXPECT_EQ(b.first, at);
+        EXPECT_GE(b.last - b.first, cells / count);
+        EXPECT_LE(b.last - b.first, cells / count + 1);
+        at = b.last;
+        const NodeWindow w = band_window(f, b);
+        EXPECT_EQ(w, axis == BandAxis::x ? (NodeWindow{0, 23, b.first, b.last})
+                                         : (NodeWindow{b.first, b.last, 0, 30}));
+      }
+      EXPECT_EQ(at, cells);
+    }
+    const auto refused =
+        split_into_bands(f, {.axis = axis, .count = static_cast<int>(cells / 2) + 1});
+    ASSERT_THAT(refused, FailsWith(kBandsDegenerate));
+    EXPECT_THAT(refused.error().message,
+                ::testing::HasSubstr(std::to_string(cells / 2) + " are possible"));
+  }
+  EXPECT_EQ(split_into_bands(f, {.max_width = Millimetres{3.0}})->size(), 3U);
 }
 
 class BandField : public ::testing::TestWithParam<BandAxis> {};

@@ -1,18 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // tools/jobs.hpp, solids as their files hold them:
-//   bands joined are the whole ............... walls of the files compared to
-//   the bit, volumes added
-//                                              up; spacings that binary numbers
-//                                              do not hold
-//   a file that rounds ....................... read back: moved as far as the
-//   certificate says; not
-//                                              written where rounding spoils
-//                                              the mesh
-//   a union that is not exact ............... not written: a stone that cuts
-//   itself
+//   bands joined are the whole ............... walls of the files compared to the bit, volumes
+//   added
+//                                              up; spacings that binary numbers do not hold
+//   a file that rounds ....................... read back: moved as far as the certificate says; not
+//                                              written where rounding spoils the mesh
+//   a union that is not exact ............... not written: a stone that cuts itself
 
 #include <cmath>
+#include <memory>
+#include <tuple>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -46,29 +44,36 @@ json certificate_of(const fs::path& mesh) {
       read_file(mesh.parent_path() / (mesh.stem().string() + ".certificate.json")).value());
 }
 
-class BandsJoined : public testing::TestWithParam<double> {};
-INSTANTIATE_TEST_SUITE_P(Spacings, BandsJoined, testing::Values(0.1, 0.25, 0.3));
+class BandsJoined : public testing::TestWithParam<std::tuple<double, meshing::BandAxis>> {};
+INSTANTIATE_TEST_SUITE_P(Spacings, BandsJoined,
+                         testing::Combine(testing::Values(0.1, 0.25, 0.3),
+                                          testing::Values(meshing::BandAxis::x,
+                                                          meshing::BandAxis::y)));
 
 TEST_P(BandsJoined, AreTheWhole) {
   const ScratchFolder scratch;
-  heightmap::ModelField field = random_terrain(4, 211, 83, GetParam(), 0.3, 0.05);
+  const auto [spacing, axis] = GetParam();
+  const bool along_x = axis == meshing::BandAxis::x;
+  heightmap::ModelField field =
+      random_terrain(4, along_x ? 83 : 211, along_x ? 211 : 83, spacing, 0.3, 0.05);
   field.x0 = Millimetres{-3.7};
   field.y0 = Millimetres{11.3};
   const fs::path design = scratch / "design.tif";
   ASSERT_THAT(heightmap::write_model_field(field, design), Succeeds());
   field = heightmap::read_model_field(design).value();
-  const Millimetres width{31 * GetParam()}, base{4.0};
-  const auto bands = meshing::split_into_bands(field, meshing::BandAxis::y, width).value();
+  const Millimetres base{4.0};
+  const meshing::BandSplit split{.axis = axis, .max_width = Millimetres{31 * spacing}};
+  const auto bands = meshing::split_into_bands(field, split).value();
   ASSERT_EQ(bands.size(), 7U);
   ASSERT_THAT(mesh_job(design, {}, base, scratch / "whole.ply", {}), Succeeds());
   const json whole = certificate_of(scratch / "whole.ply");
 
   double volume = 0.0, measured = 0.0;
-  TriMesh south;
+  TriMesh before;
   for (std::size_t b = 0; b < bands.size(); ++b) {
     SCOPED_TRACE(testing::Message() << "band " << b + 1);
     const fs::path file = scratch / "band.ply";
-    ASSERT_THAT(band_job(design, width, b, base, file, {}), Succeeds());
+    ASSERT_THAT(band_job(design, split, b, base, file, {}), Succeeds());
     const json said = certificate_of(file);
     EXPECT_EQ(said["passed"], true);
     EXPECT_EQ(said["proof"], "graph of a height");
@@ -80,20 +85,19 @@ TEST_P(BandsJoined, AreTheWhole) {
     const auto found = meshing::check_mesh(mesh).value();
     EXPECT_TRUE(found.passed() && found.self_intersection_checked) << meshing::to_json(found);
     if (b > 0) {
-      const double joint = field.y_mm(bands[b].first);
-      const auto mine = in_plane(mesh, false, joint, false);
+      const double joint = along_x ? field.x_mm(bands[b].first) : field.y_mm(bands[b].first);
+      const auto mine = in_plane(mesh, along_x, joint, false);
       EXPECT_EQ(mine.size(), 2U * 82U);
-      EXPECT_TRUE(mine == in_plane(south, false, joint, true)) << "the wall at y = " << joint;
+      EXPECT_TRUE(mine == in_plane(before, along_x, joint, true)) << "the wall at " << joint;
     }
-    south = std::move(mesh);
+    before = std::move(mesh);
   }
   const double all = whole["volume_mm3"].get<double>();
   EXPECT_NEAR(volume, all, 1e-9 * all);
   EXPECT_NEAR(measured, all, 1e-9 * all);
 }
 
-/// Two balls in one, so that only a level set with a fillet unites it with
-/// terrain.
+/// Two balls in one, so that only a level set with a fillet unites it with terrain.
 meshing::PlacedStone that_cuts_itself(Vec3 at) {
   auto body = std::make_shared<meshing::StoneBody>();
   body->name = body->source = "two";
@@ -141,8 +145,7 @@ TEST(ExportJob, SaysWhatRoundingLeavesOfAMesh) {
   const TriMesh ball = ball_file(scratch / "ball.ply", 20.0, {2000.0, 1900.0, 3.0});
   struct Case {
     const char* format;
-    double least_mm, most_mm;  // float32 at 2 m: half of 1.2e-4 on two axes; 3MF
-                               // up to twice that
+    double least_mm, most_mm;  // float32 at 2 m: half of 1.2e-4 on two axes; 3MF up to twice that
   };
   for (const Case& c : {Case{"stl", 4e-5, 1e-4}, Case{"obj", 4e-7, 1e-6}, Case{"3mf", 6e-5, 2e-4},
                         Case{"ply", 0.0, 0.0}}) {
@@ -165,8 +168,7 @@ TEST(ExportJob, SaysWhatRoundingLeavesOfAMesh) {
   }
 }
 
-// Edges of 1e-4 mm where floats are 1.2e-4 mm apart: some triangles lose their
-// area or fold over.
+// Edges of 1e-4 mm where floats are 1.2e-4 mm apart: some triangles lose their area or fold over.
 TEST(ExportJob, GivesAnotherNameToWhatRoundingSpoils) {
   const ScratchFolder scratch;
   ball_file(scratch / "dust.ply", 0.003, {2000.0, 1900.0, 3.0});
@@ -196,8 +198,8 @@ TEST(ExportJob, WritesNoMeshThatIsNoSolid) {
   EXPECT_THAT(refused.error().message, testing::HasSubstr("it is open"));
 }
 
-// Terrain with stones, checked with its design: the terrain's own triangles are
-// known, rounded, too.
+// Terrain with stones, checked with its design: the terrain's own triangles are known, rounded,
+// too.
 TEST(ExportJob, ChecksASurfaceWithStones) {
   const ScratchFolder scratch;
   heightmap::ModelField field = random_terrain(8, 101, 101, 0.3, 0.1);

@@ -3,8 +3,12 @@
 // tools/jobs.hpp, stones_job: what lies in stones.json at the end, whatever the site asks for:
 //   no two stones overlap .................... discs from all vertices of the final bodies; the
 //                                              bodies in one mesh do not cut each other (CGAL)
+//   settled stones ........................... the same; nothing in the ground once they are raised
+//   no count given ........................... as many as the law has on the area; more than can be
+//                                              drawn, none
 
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -23,6 +27,7 @@ namespace maquette::tools {
 namespace {
 
 using nlohmann::json;
+using testing_support::FailsWith;
 using testing_support::ScratchFolder;
 using testing_support::Succeeds;
 
@@ -109,6 +114,54 @@ TEST_P(StonesOfASite, LieApartHoweverAngularTheyAre) {
     for (const auto& s : stones) EXPECT_EQ(s.shape.angularity, angularity);
     expect_apart(stones);
   }
+}
+
+TEST_P(StonesOfASite, SettleApartAndOnTheGround) {
+  site.stone_rest = "settled";
+  site.stone_count = 25;
+  site.stone_angularity = 0.8;
+  site.stone_embedded_share = 0.0;
+  ASSERT_THAT(lay(0.4), Succeeds());
+  const auto ground = heightmap::read_model_field(scratch / "design.tif").value();
+  const auto stones = placed();
+  ASSERT_EQ(stones.size(), 25U);
+  expect_apart(stones);
+  for (const auto& s : stones) {
+    double least = INFINITY;
+    for (const Vec3& v : meshing::stone_mesh(s).vertices_mm)
+      least = std::fmin(least, v.z - heightmap::height_at(ground, v.x, v.y));
+    EXPECT_GE(least, -2e-6) << s.number;  // kSunken_mm, and rounding
+    EXPECT_LE(least, 0.05) << s.number;   // nodes of the ground may hold it under its facets
+  }
+}
+
+TEST_P(StonesOfASite, AreAsManyAsTheLawHasWhereNoCountIsGiven) {
+  site.stone_count = Site{}.stone_count;
+  site.stone_k = 0.1;
+  site.stone_min_diameter_m = 1.0;
+  site.stone_max_diameter_m = 4.0;
+  ASSERT_THAT(lay(0.1), Succeeds());
+  // Sum of n(D) = k q exp(-q D) / (pi D^2 / 4) over 50 m x 50 m, by the trapezoid rule.
+  const double q = 1.79 + 0.152 / 0.1;
+  double expected = 0.0;
+  constexpr int kSteps = 30000;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double d = 1.0 + 3.0 * i / kSteps;
+    expected += (i == 0 || i == kSteps ? 0.5 : 1.0) * 0.1 * q * std::exp(-q * d) /
+                (0.25 * std::numbers::pi * d * d) * (3.0 / kSteps) * 2500.0;
+  }
+  EXPECT_GT(expected, 5.0);
+  EXPECT_EQ(placed().size(), static_cast<std::size_t>(std::lround(expected)));
+}
+
+TEST(StonesByTheLaw, AreRefusedWhereTheyAreTooMany) {
+  const ScratchFolder scratch;
+  Site site;
+  site.scales = {1000.0};
+  site.size_mm = 2000.0;
+  site.stone_min_diameter_m = 0.05;
+  EXPECT_THAT(stones_job(site, 1000.0, {.designs = {scratch / "none.tif"}}, scratch.path(), {}),
+              FailsWith(meshing::kStonesDoNotFit));
 }
 
 }  // namespace

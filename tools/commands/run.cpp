@@ -178,12 +178,12 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                   fs::create_directories(solid.parent_path(), ec);
                                   ShapedJob part = whole_part;
                                   part.stones.reset();
-                                  part.band = BandOf{width, b};
+                                  part.band = BandOf{{.max_width = width}, b};
                                   part.in_joints = in_joints_of(site);
                                   if (!part.shape.label.empty())
                                     part.shape.label += fmt::format(" {}", b + 1);
                                   if (!part.plain()) return shaped_job(part, solid, run);
-                                  return band_job(design, width, b,
+                                  return band_job(design, {.max_width = width}, b,
                                                   Millimetres{site.base_thickness_mm}, solid, run);
                                 }});
   }

@@ -275,6 +275,8 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   struct Options {
     fs::path design, out = "bands";
     double max_width_mm = 500.0, base_thickness_mm = 10.0;
+    int count = 0;  // 0: by the width
+    std::string axis = "y";
     double max_length_mm = INFINITY, clearance_mm = 1.0;
     fs::path stones;
     bool own_frame = false;
@@ -291,11 +293,19 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
       "stones (tile_01.ply ..., tiles.json, tiles.svg; docs/bands.md). Bands and tiles may be\n"
       "hollow and engraved as of `mesh` (docs/solids.md).\n"
       "Example: maquette bands design.tif --max-width-mm 500 --out bands\n"
+      "         maquette bands design.tif --count 4 --axis x --out bands\n"
       "         maquette bands design.tif --max-width-mm 500 --max-length-mm 700 --stones "
       "stones.json --dowel-mm 4 --magnet-mm 6 --hollow-mm 3 --label N --out tiles");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
-  app->add_option("--max-width-mm", o->max_width_mm, "of a band, in y")->capture_default_str();
+  auto* width = app->add_option("--max-width-mm", o->max_width_mm, "of a band, in y or --axis")
+                    ->capture_default_str();
+  auto* count = app->add_option("--count", o->count, "of bands, instead of a width")
+                    ->check(CLI::Range(1, 100000))
+                    ->excludes(width);
+  auto* axis = app->add_option("--axis", o->axis, "that bands lie side by side in")
+                   ->capture_default_str()
+                   ->check(CLI::IsMember({"x", "y"}));
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 1000.0));
@@ -338,8 +348,12 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
       app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
   add_shape_options(*app, o->shape, "text, engraved in each band or tile with its number");
   for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel, magnet})
-    shards->excludes(tiles_only);
-  return {app, [o](Console& console) -> Result<int> {
+    for (auto* bands_only : {static_cast<CLI::Option*>(shards), count, axis})
+      bands_only->excludes(tiles_only);
+  return {app, [o, app](Console& console) -> Result<int> {
+            // The wall that stays visible when the bands are joined.
+            if (o->axis == "x" && app->get_option("--label-side")->count() == 0)
+              o->shape.side = "south";
             if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame ||
                 o->dowels.diameter_mm > 0.0 || o->magnets.diameter_mm > 0.0) {
               TilesJob job{.design = o->design,
@@ -360,8 +374,11 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
               MAQUETTE_TRY(shard, parse_shard(o->shard));
             }
             MAQUETTE_TRY(const auto design, heightmap::read_model_field(o->design));
-            MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, meshing::BandAxis::y,
-                                                                     Millimetres{o->max_width_mm}));
+            const meshing::BandSplit split{
+                .axis = o->axis == "x" ? meshing::BandAxis::x : meshing::BandAxis::y,
+                .max_width = Millimetres{o->max_width_mm},
+                .count = o->count};
+            MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, split));
             std::error_code ec;
             fs::create_directories(o->out, ec);
             if (ec) return tl::unexpected(write_error(o->out, ec.value()));
@@ -370,7 +387,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
             for (std::size_t b = shard.index; b < bands.size(); b += shard.count) {
               const std::string name = fmt::format("band_{:02}", b + 1);
               if (!job.plain()) {
-                job.band = BandOf{Millimetres{o->max_width_mm}, b};
+                job.band = BandOf{split, b};
                 if (!o->shape.label.empty())
                   job.shape.label = fmt::format("{} {}", o->shape.label, b + 1);
                 MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
@@ -379,8 +396,8 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
                 continue;
               }
               MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
-                return band_job(o->design, Millimetres{o->max_width_mm}, b,
-                                Millimetres{o->base_thickness_mm}, o->out / (name + ".ply"), run);
+                return band_job(o->design, split, b, Millimetres{o->base_thickness_mm},
+                                o->out / (name + ".ply"), run);
               }));
             }
             return 0;

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "camera/compare_perceptual.hpp"
+#include "camera/effects/frame.hpp"
 #include "camera/render.hpp"
 #include "camera/srgb.hpp"
 
@@ -24,6 +25,11 @@ struct Channel {
 std::string lower(std::string text) {
   for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return text;
+}
+
+/// Files of 8 bits, and what `expose` has written behind a tone curve.
+bool for_screens(const LoadedImage& image) {
+  return image.eight_bit || text_in(image.metadata, "maquette:signal") == name_of(Signal::display);
 }
 
 /// Light, not depth, mask or opacity; a layer's name in front does not matter.
@@ -97,25 +103,25 @@ struct Pairs {
     float gain = 1.0F;
   };
   std::vector<Pair> pairs;
-  bool real_eight_bit = false, rendered_eight_bit = false;
+  bool real_encoded = false, rendered_encoded = false;
   bool matched = false;
   SrgbCodes codes;
 
-  [[nodiscard]] bool in_display_values() const { return real_eight_bit || rendered_eight_bit; }
+  [[nodiscard]] bool in_display_values() const { return real_encoded || rendered_encoded; }
   void real_row(const Pair& p, std::ptrdiff_t r, float* to) const {
-    convert(p.real->row(r), real_eight_bit, 1.0F, false, to);
+    convert(p.real->row(r), real_encoded, 1.0F, false, to);
   }
   void rendered_row(const Pair& p, std::ptrdiff_t r, float* to) const {
-    convert(p.rendered->row(r), rendered_eight_bit, p.gain, matched, to);
+    convert(p.rendered->row(r), rendered_encoded, p.gain, matched, to);
   }
 
  private:
-  void convert(std::span<const float> from, bool eight_bit, float gain, bool scaled,
+  void convert(std::span<const float> from, bool encoded, float gain, bool scaled,
                float* to) const {
     const std::size_t n = from.size();
-    if (in_display_values() && !eight_bit) {
+    if (in_display_values() && !encoded) {
       for (std::size_t i = 0; i < n; ++i) to[i] = codes(gain * from[i]);
-    } else if (eight_bit && scaled) {
+    } else if (encoded && scaled) {
       for (std::size_t i = 0; i < n; ++i) to[i] = codes(gain * linear_of_srgb(from[i]));
     } else {
       for (std::size_t i = 0; i < n; ++i) to[i] = 255.0F * gain * from[i];
@@ -189,6 +195,15 @@ Mask mask_of(const LoadedImage& rendered, std::ptrdiff_t rows, std::ptrdiff_t co
     for (std::size_t i = 0; i < mask.kind.cells().size(); ++i)
       if (!std::isfinite(depth->cells()[i])) mask.kind.cells()[i] = 0, ++mask.background;
   return mask;
+}
+
+/// Black: left out, grey: compared, white: of an edge of light and shadow.
+Grid<std::uint8_t> shown(const Mask& mask) {
+  constexpr std::array<std::uint8_t, 3> kGreys{0, 128, 255};
+  Grid<std::uint8_t> picture(mask.kind.rows(), mask.kind.cols());
+  for (std::size_t i = 0; i < picture.cells().size(); ++i)
+    picture.cells()[i] = kGreys[mask.kind.cells()[i]];
+  return picture;
 }
 
 /// Sums of one channel over some rows.
@@ -355,8 +370,8 @@ std::optional<float> fitted_gain(const Pairs& pairs, std::span<const Pairs::Pair
     for (std::size_t i = 0; i < cells; i += step) {
       float a = p.real->cells()[i], b = p.rendered->cells()[i];
       if (mask.kind.cells()[i] == 0 || !(a < kBright) || !(b < kBright)) continue;
-      if (pairs.real_eight_bit) a = linear_of_srgb(a);
-      if (pairs.rendered_eight_bit) b = linear_of_srgb(b);
+      if (pairs.real_encoded) a = linear_of_srgb(a);
+      if (pairs.rendered_encoded) b = linear_of_srgb(b);
       if (a > kDark && b > kDark) samples.push_back({a, b});
     }
   if (samples.size() < 10) return std::nullopt;
@@ -411,8 +426,8 @@ Result<void> match_light(Pairs& pairs, const Mask& mask, Match match) {
 /// What was done to the values, in words.
 std::string state_of(const Pairs& pairs, Match match) {
   std::string text = !pairs.in_display_values() ? "both linear, compared as they are"
-                     : pairs.real_eight_bit && pairs.rendered_eight_bit
-                         ? "both of 8 bits, compared as they are"
+                     : pairs.real_encoded && pairs.rendered_encoded
+                         ? "both encoded for screens, compared as they are"
                          : "the linear one encoded to sRGB";
   switch (match) {
     case Match::none:
@@ -501,7 +516,7 @@ std::vector<Grid<float>> linear_light(const LoadedImage& image) {
   std::vector<Grid<float>> light;
   for (const Channel& c : channels) {
     light.push_back(*c.values);
-    if (image.eight_bit)
+    if (for_screens(image))
       for (float& v : light.back().cells()) v = linear_of_srgb(v);
   }
   return light;
@@ -525,7 +540,7 @@ Result<Comparison> compare_images(const LoadedImage& real, const LoadedImage& re
                             cols, rows, b.front().values->cols(), b.front().values->rows()));
 
   Pairs pairs;
-  pairs.real_eight_bit = real.eight_bit, pairs.rendered_eight_bit = rendered.eight_bit;
+  pairs.real_encoded = for_screens(real), pairs.rendered_encoded = for_screens(rendered);
   const bool real_leads = a.size() >= b.size();
   const auto &leading = real_leads ? a : b, &other = real_leads ? b : a;
   for (std::size_t k = 0; k < leading.size(); ++k) {
@@ -542,6 +557,7 @@ Result<Comparison> compare_images(const LoadedImage& real, const LoadedImage& re
   if (options.pictures) {
     result.difference = Grid<std::uint8_t>(rows, cols);
     result.absolute = Grid<std::uint8_t>(rows, cols);
+    if (mask.has_edges) result.edges = shown(mask);
   }
   const std::vector<Sums> all = sum_up(pairs, mask, result);
   double square = 0.0;

@@ -42,6 +42,9 @@ struct Comparison {
   std::string state;              ///< what was done to make the two comparable, for people
   Grid<std::uint8_t> difference;  ///< 128 + signed difference of the mean channel; empty: not asked
   Grid<std::uint8_t> absolute;    ///< mean of the channels' absolute differences
+  /// 255 at edges of light and shadow, 128 elsewhere, 0 where nothing is compared; empty: not asked
+  /// for, or the rendering has no `lit`.
+  Grid<std::uint8_t> edges;
 };
 
 enum class Match {
@@ -64,10 +67,11 @@ struct CompareOptions {
 /// The bands of light of a file, linear: those of 8 bits are taken for sRGB. In the order R, G, B.
 [[nodiscard]] std::vector<Grid<float>> linear_light(const LoadedImage& image);
 
-/// Linear files (EXR) are encoded to sRGB before comparison with 8-bit files; two
+/// Linear files (EXR) are encoded to sRGB before comparison with files for screens; two
 /// files of the same kind are compared as they are. A one-channel file is compared
 /// with every channel of a colour file. Depth, mask and alpha channels are left out,
-/// and pixels that are not finite in either. 8-bit files are taken for sRGB where light is matched.
+/// and pixels that are not finite in either. 8-bit files, and those whose metadata say that they
+/// hold display values (maquette:signal), are taken for sRGB where light is matched.
 /// Factors are least squares over pixels that are neither black nor saturated in either, each
 /// weighed down as it lies farther off than usual (Huber), so that stray pixels and shadow edges do
 /// not decide. CAMERA_IMAGES_DIFFER_IN_SIZE: pixels or number of channels; CAMERA_IMAGE_FORMAT:

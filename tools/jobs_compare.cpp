@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tools/jobs_compare.hpp"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "camera/image_io.hpp"
@@ -21,6 +23,37 @@ Result<void> write_photograph(const Grid<std::uint8_t>& bytes, const fs::path& p
   std::copy(bytes.cells().begin(), bytes.cells().end(), values.cells().begin());
   constexpr double kWhite = 255.0;
   return camera::write_whole_numbers({{"Y", &values}}, kWhite, 8, path);
+}
+
+/// Depth and lit of a file in place of the rendering's own.
+Result<void> take_masks(const fs::path& path, camera::LoadedImage& rendered) {
+  if (path.empty()) return {};
+  MAQUETTE_TRY(camera::LoadedImage masks, camera::read_image(path));
+  bool any = false;
+  for (std::size_t k = 0; k < masks.names.size(); ++k) {
+    const std::string& name = masks.names[k];
+    if (name != "Z" && name != "lit") continue;
+    any = true;
+    const Grid<float>& picture = rendered.channels.front();
+    Grid<float>& mask = masks.channels[k];
+    if (mask.rows() != picture.rows() || mask.cols() != picture.cols())
+      return fail(
+          camera::kImagesDiffer,
+          fmt::format("{}: masks of {} x {} pixels for a rendering of {} x {}", path.string(),
+                      mask.cols(), mask.rows(), picture.cols(), picture.rows()));
+    const auto own = std::find(rendered.names.begin(), rendered.names.end(), name);
+    if (own == rendered.names.end()) {
+      rendered.names.push_back(name);
+      rendered.channels.push_back(std::move(mask));
+    } else {
+      rendered.channels[static_cast<std::size_t>(own - rendered.names.begin())] = std::move(mask);
+    }
+  }
+  if (any) return {};
+  return fail(camera::kImageFormat,
+              fmt::format("{}: neither Z nor lit is in it; --masks takes what `render` or `expose "
+                          "--masks` writes",
+                          path.string()));
 }
 
 std::string page_of(const CompareJob& job, const camera::Comparison& c, const fs::path& folder) {
@@ -62,6 +95,10 @@ std::string page_of(const CompareJob& job, const camera::Comparison& c, const fs
     d.push_back(Picture{folder / "absolute.png",
                         "absolute difference: (real - rendered) + (rendered - "
                         "real), each cut at zero"});
+    if (!c.edges.empty())
+      d.push_back(Picture{folder / "edges.png",
+                          "white: edges of light and shadow, which have figures of their own; "
+                          "black: left out"});
   }
   return "<!doctype html><meta charset=\"utf-8\"><title>compare</title><style>body{font:15px "
          "sans-serif;max-width:70em;margin:1em auto;padding:0 1em}img{max-width:100%}td,th{padding:"
@@ -73,7 +110,8 @@ std::string page_of(const CompareJob& job, const camera::Comparison& c, const fs
 
 Result<JobResult> compare_job(const CompareJob& job, const fs::path& folder, const RunContext&) {
   MAQUETTE_TRY(const auto real, camera::read_image(job.real));
-  MAQUETTE_TRY(const auto rendered, camera::read_image(job.rendered));
+  MAQUETTE_TRY(auto rendered, camera::read_image(job.rendered));
+  MAQUETTE_TRY_VOID(take_masks(job.masks, rendered));
   auto comparison = camera::compare_images(real, rendered, job.options);
   if (!comparison)
     return tl::unexpected(
@@ -88,7 +126,9 @@ Result<JobResult> compare_job(const CompareJob& job, const fs::path& folder, con
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json));
   if (job.options.pictures) {
     for (const auto& [name, picture] : {std::pair{"difference.png", &comparison->difference},
-                                        {"absolute.png", &comparison->absolute}}) {
+                                        {"absolute.png", &comparison->absolute},
+                                        {"edges.png", &comparison->edges}}) {
+      if (picture->empty()) continue;
       result.outputs.push_back(folder / name);
       MAQUETTE_TRY_VOID(write_photograph(*picture, result.outputs.back()));
     }

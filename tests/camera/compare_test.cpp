@@ -7,8 +7,9 @@
 //   one channel against colour ....... both ways round
 //   depth, mask, alpha left out ...... wild values in them; only they: an error
 //   sizes and channel numbers ........ refused with both numbers
-//   background, shadow edges ......... masks drawn by hand; their figures
-//   matching of light ................ known factors come back in spite of stray pixels; 13/255 of
+//   background, shadow edges ......... masks drawn by hand; their figures, and the mask as a
+//   picture display values in EXR ............ as 8 bits, but for their rounding matching of light
+//   ................ known factors come back in spite of stray pixels; 13/255 of
 //                                      wrong white balance becomes less than 3 on held-out pictures
 //   histogram distance ............... a shift by hand
 //   SSIM, FLIP ....................... equal pictures; constant pictures by the formulas; order of
@@ -232,6 +233,37 @@ TEST(CompareImages, MeasuresHowFarHistogramsLieApart) {
   EXPECT_NEAR(
       compare_images(a, image({{"Y", {40, 30, 20, 10}}}, true))->channels[0].histogram_distance_255,
       0.0, 1e-9);
+}
+
+TEST(CompareImages, ShowsWhichPixelsAreOfShadowEdges) {
+  LoadedImage made = image({{"Y", std::vector<double>(12, 100.0)}}, true);
+  Grid<float> lit(1, 12), depth(1, 12, 5.0F);
+  for (std::ptrdiff_t c = 0; c < 6; ++c) lit(0, c) = 3.0F;  // of two lamps; then of the second
+  for (std::ptrdiff_t c = 6; c < 12; ++c) lit(0, c) = 2.0F;
+  depth(0, 0) = INFINITY;
+  made.names.insert(made.names.end(), {"lit", "Z"});
+  made.channels.push_back(lit), made.channels.push_back(depth);
+  CompareOptions options;
+  options.edge_px = 1;
+  const auto c = compare_images(image({{"Y", std::vector<double>(12, 90.0)}}, true), made, options);
+  ASSERT_THAT(c, Succeeds());
+  const std::vector<std::uint8_t> want{0, 128, 128, 128, 255, 255, 255, 255, 128, 128, 128, 128};
+  EXPECT_THAT(c->edges.cells(), testing::ElementsAreArray(want));
+  ASSERT_TRUE(c->shadow_edges);
+  EXPECT_EQ(c->shadow_edges->pixels, 4U);
+  options.pictures = false;
+  EXPECT_TRUE(compare_images(made, made, options)->edges.empty());
+}
+
+TEST(CompareImages, TakesExposedPicturesForWhatTheyAre) {
+  const auto eight = image({{"Y", {10, 80, 200, 250}}}, true);
+  auto exposed = image({{"Y", {10.4, 80, 200, 250}}}, false);
+  // Without the word it is linear, and sRGB makes it much brighter.
+  EXPECT_GT(compare_images(eight, exposed)->mean_abs_diff_255, 20.0);
+  exposed.metadata = {{"maquette:signal", "display values"}};
+  EXPECT_NEAR(compare_images(eight, exposed)->mean_abs_diff_255, 0.1, 1e-5);
+  exposed.metadata = {{"maquette:signal", "developed values"}};
+  EXPECT_GT(compare_images(eight, exposed)->mean_abs_diff_255, 20.0);
 }
 
 TEST(CompareImages, EncodesByTableAsByFormula) {

@@ -8,6 +8,8 @@
 //   threads do not matter ................ output hashes compared, 1 and 3
 //   killed and run again ................. same hashes
 //   shards and merge ..................... same hashes
+//   settled stones ....................... through solid and files: one pose at both scales,
+//                                          apart, an exact union
 //   real data ............................ both sites of assets/sites, where the data is there
 
 #include <chrono>
@@ -556,6 +558,51 @@ TEST_F(Chain, RefusesAFolderThatIsInUse) {
                   fmt::format("exec 9<'{}'; flock -n 9 || exit 99; ", lock.string()));
   EXPECT_EQ(outcome.exit_code, 3);
   EXPECT_THAT(outcome.err, testing::HasSubstr("another maquette run"));
+}
+
+TEST(SettledStones, GoThroughTheChain) {
+  const ScratchFolder scratch;
+  const fs::path folder = scratch / "out";
+  const Outcome o = run_program(
+      scratch.path(), kSite + kSmall +
+                          "--set stones.rest=settled --set stones.angularity=0.9 --stage products "
+                          "--stage fuse --stage stones --stage mesh --stage export --out " +
+                          folder.string());
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  std::map<int, meshing::PlacedStone> wide;
+  for (const char* scale : {"s1000", "s200"}) {
+    SCOPED_TRACE(scale);
+    const json said = json::parse(slurp(folder / scale / "surface.certificate.json"));
+    EXPECT_EQ(said["passed"], true);
+    EXPECT_EQ(said["self_intersection_checked"], true);
+    EXPECT_LE(said["max_union_error_mm"], 0.02);
+    const json stl = json::parse(slurp(folder / scale / "export/surface.stl.certificate.json"));
+    EXPECT_EQ(stl["passed"], true);
+    const auto stones = meshing::read_stone_plan(folder / scale / "stones.json").value();
+    std::vector<std::pair<Vec3, double>> balls;
+    for (const auto& s : stones) {
+      double radius = 0.0;
+      const Vec3 at = s.model_from_stone.translation_mm;
+      for (const Vec3& v : meshing::stone_mesh(s).vertices_mm)
+        radius = std::fmax(radius, norm(v - at));
+      for (const auto& [other, r] : balls)
+        EXPECT_GT(std::hypot(at.x - other.x, at.y - other.y), radius + r) << s.number;
+      balls.emplace_back(at, radius);
+      if (wide.contains(s.number)) {
+        const auto& w = wide.at(s.number);
+        EXPECT_NEAR(s.scale_mm, 5.0 * w.scale_mm, 1e-9);
+        EXPECT_EQ(s.model_from_stone.rotation, w.model_from_stone.rotation);
+        // Both surfaces have the site's centre in their middle.
+        const Vec3 a = w.model_from_stone.translation_mm;
+        EXPECT_NEAR(at.x - 20.0, 5.0 * (a.x - 20.0), 1e-6);
+        EXPECT_NEAR(at.y - 20.0, 5.0 * (a.y - 20.0), 1e-6);
+      } else {
+        wide.emplace(s.number, s);
+      }
+    }
+    EXPECT_GE(stones.size(), 3U);  // half of five, rounded up, are on the section
+  }
+  EXPECT_EQ(wide.size(), 5U);
 }
 
 /// The real products are not part of the project.

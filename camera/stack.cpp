@@ -42,9 +42,10 @@ Result<void> check_frame(const Frame& frame, const Shot& shot) {
       return fail(kFrame, fmt::format("the picture has {} x {} pixels, the camera {} x {}; render "
                                       "at the camera's resolution",
                                       band.cols(), band.rows(), cols, rows));
-  if (!frame.depth_mm.empty() && (frame.depth_mm.rows() != rows || frame.depth_mm.cols() != cols))
-    return fail(kFrame, fmt::format("depth has {} x {} pixels, the picture {} x {}",
-                                    frame.depth_mm.cols(), frame.depth_mm.rows(), cols, rows));
+  for (const auto& [what, known] : {std::pair{"depth", &frame.depth_mm}, {"lit", &frame.lit}})
+    if (!known->empty() && (known->rows() != rows || known->cols() != cols))
+      return fail(kFrame, fmt::format("{} has {} x {} pixels, the picture {} x {}", what,
+                                      known->cols(), known->rows(), cols, rows));
   std::vector<unsigned char> wrong(static_cast<std::size_t>(rows), 0);
   for (const Grid<float>& band : frame.bands) {
     tbb::parallel_for(0, rows, [&](int r) {
@@ -114,6 +115,17 @@ void fit_bands(Frame& frame, std::size_t sensor_bands) {
     for (std::size_t i = 0; i < r.size(); ++i) r[i] = (r[i] + g[i] + b[i]) / 3.0F;
     frame.bands.resize(1);
   }
+}
+
+/// Empty where two effects of the same kind of signal may change places, right or wrong.
+std::string why_impossible(const EffectInfo& a, const EffectInfo& b) {
+  if (a.takes == a.gives && b.takes == b.gives && a.takes == b.takes) return {};
+  const auto said = [](const EffectInfo& e) {
+    return e.takes == e.gives
+               ? fmt::format("'{}' works on {}", e.name, name_of(e.takes))
+               : fmt::format("'{}' makes {} of {}", e.name, name_of(e.gives), name_of(e.takes));
+  };
+  return fmt::format("{} and {}", said(a), said(b));
 }
 
 /// What counts as 255 in the picture's last signal.
@@ -194,12 +206,22 @@ Result<std::vector<Swap>> swaps(const Stack& stack, const Shot& shot, const Fram
   for (std::size_t i = 0; i < stack.size(); ++i) {
     for (std::size_t j = i + 1; j < stack.size(); ++j) {
       const EffectInfo &a = info(stack[i]), &b = info(stack[j]);
-      if (a.takes != a.gives || b.takes != b.gives || a.takes != b.takes) continue;
+      Swap swap{std::string(a.name), std::string(b.name)};
+      swap.impossible = why_impossible(a, b);
+      if (!swap.impossible.empty()) {
+        swap.mean_abs_255 = swap.max_abs_255 = NAN;
+        result.push_back(std::move(swap));
+        continue;
+      }
       Stack other = stack;
       std::swap(other[i], other[j]);
       MAQUETTE_TRY(const Frame wrong, run_all(other, shot, light, RunContext{run.stop}));
-      Swap swap{std::string(a.name), std::string(b.name)};
-      if (wrong.bands.size() != right.bands.size()) continue;
+      if (wrong.bands.size() != right.bands.size()) {
+        swap.impossible = "the picture would have other bands";
+        swap.mean_abs_255 = swap.max_abs_255 = NAN;
+        result.push_back(std::move(swap));
+        continue;
+      }
       std::size_t count = 0;
       for (std::size_t band = 0; band < right.bands.size(); ++band)
         for (std::size_t p = 0; p < right.bands[band].cells().size(); ++p, ++count) {

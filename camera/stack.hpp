@@ -80,12 +80,15 @@ using Stack = std::vector<Effect>;
 /// How much the picture would change if two effects stood in each other's place.
 struct Swap {
   std::string first, second;
-  double mean_abs_255 = 0.0;  ///< over pixels and bands of the whole picture
+  double mean_abs_255 = 0.0;  ///< over pixels and bands of the whole picture; NaN: impossible
   double max_abs_255 = 0.0;
+  std::string
+      impossible{};  ///< why the two cannot change places, continues "because"; empty: they can
 };
-/// Every pair of effects that take and give the same kind of signal; the rest of the stack stays as
-/// it is, and so does the noise that each draws. Pictures are compared after all effects, in the
-/// scale of the last (display values 1 = 255; others in parts of their range).
+/// Every pair of the stack. Two can change places where both take and give the same kind of signal;
+/// the rest of the stack stays as it is, and so does the noise that each draws. Pictures are
+/// compared after all effects, in the scale of the last (display values 1 = 255; others in parts of
+/// their range).
 [[nodiscard]] Result<std::vector<Swap>> swaps(const Stack& stack, const Shot& shot,
                                               const Frame& frame, const RunContext& run = {});
 

@@ -234,9 +234,10 @@ void apply(const Distortion& e, const Shot& shot, Frame& frame) {
     std::swap(frame.bands[b], spare);  // the next band goes where this one was
     if (band == 1) middle = map;
   }
-  if (!frame.depth_mm.empty() && middle) {
-    warp(frame.depth_mm, *middle, true, spare);
-    std::swap(frame.depth_mm, spare);
+  for (Grid<float>* known : {&frame.depth_mm, &frame.lit}) {
+    if (known->empty() || !middle) continue;
+    warp(*known, *middle, true, spare);
+    std::swap(*known, spare);
   }
 }
 

@@ -48,7 +48,8 @@ struct Distortion {
 
 /// CAMERA_EFFECT_OUT_OF_RANGE also where the formula folds the picture over itself.
 [[nodiscard]] Result<void> check(const Distortion& e, const Shot& shot);
-/// Bands, and depth (nearest pixel) where there is one. Places that no ray reaches are the edge's.
+/// Bands, and depth and lit (nearest pixel) where there are any. Places that no ray reaches are the
+/// edge's.
 void apply(const Distortion& e, const Shot& shot, Frame& frame);
 
 }  // namespace maquette::camera

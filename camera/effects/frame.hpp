@@ -50,6 +50,9 @@ struct Frame {
   /// mm along the ray through the pixel's centre, infinite: background; empty: not known.
   Grid<float> depth_mm{};
   std::optional<BayerPattern> mosaic{};
+  /// Which lamps' light arrives, as render() says; nothing acts on it, but it goes where the lens
+  /// bends the picture to, so that edges of shadows are known in the photograph; empty: not known.
+  Grid<float> lit{};
 };
 
 /// The camera matrix K = [fx skew cx; 0 fy cy; 0 0 1] in pixels. OpenCV puts pixel centres at whole

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/effects/motion.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include <tbb/parallel_for.h>
@@ -23,6 +24,11 @@ Result<void> needs_depth(std::string_view effect, const Shot& shot, const Frame&
                           ": the camera has a velocity, but the picture has no "
                           "depth (channel Z, mm); without it only turning can "
                           "be worked out");
+}
+
+/// The pixel in which a place lies, or the edge's.
+std::ptrdiff_t nearest(float place, std::ptrdiff_t count) {
+  return std::clamp(static_cast<std::ptrdiff_t>(std::floor(place)), std::ptrdiff_t{0}, count - 1);
 }
 
 Vec2 motion_at(const Shot& shot, const Frame& frame, std::ptrdiff_t r, std::ptrdiff_t c) {
@@ -79,16 +85,20 @@ Result<void> apply(const MotionBlur&, const Shot& shot, Frame& frame) {
 Result<void> apply(const RollingShutter& e, const Shot& shot, Frame& frame) {
   MAQUETTE_TRY_VOID(needs_depth("rolling_shutter", shot, frame));
   if (still(shot) || e.row_s == 0.0) return {};
-  const std::vector<Grid<float>> before = frame.bands;
-  const double middle = 0.5 * static_cast<double>(before[0].rows());
-  tbb::parallel_for(std::ptrdiff_t{0}, before[0].rows(), [&](std::ptrdiff_t r) {
+  const Frame before = frame;
+  const Grid<float>& first = before.bands[0];
+  const double middle = 0.5 * static_cast<double>(first.rows());
+  tbb::parallel_for(std::ptrdiff_t{0}, first.rows(), [&](std::ptrdiff_t r) {
     const double time = (static_cast<double>(r) + 0.5 - middle) * e.row_s;
-    for (std::ptrdiff_t c = 0; c < before[0].cols(); ++c) {
-      const Vec2 way = motion_at(shot, frame, r, c);
+    for (std::ptrdiff_t c = 0; c < first.cols(); ++c) {
+      const Vec2 way = motion_at(shot, before, r, c);
       const auto x = static_cast<float>(static_cast<double>(c) + 0.5 - way.x * time);
       const auto y = static_cast<float>(static_cast<double>(r) + 0.5 - way.y * time);
-      for (std::size_t b = 0; b < before.size(); ++b)
-        frame.bands[b](r, c) = bicubic(before[b], x, y);
+      for (std::size_t b = 0; b < before.bands.size(); ++b)
+        frame.bands[b](r, c) = bicubic(before.bands[b], x, y);
+      const auto row = nearest(y, first.rows()), col = nearest(x, first.cols());
+      if (!before.depth_mm.empty()) frame.depth_mm(r, c) = before.depth_mm(row, col);
+      if (!before.lit.empty()) frame.lit(r, c) = before.lit(row, col);
     }
   });
   return {};

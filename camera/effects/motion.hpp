@@ -25,7 +25,8 @@ struct MotionBlur {
       "to each moment's picture"};
 };
 
-/// Rows are read one after the other, the middle row at the middle of the exposure.
+/// Rows are read one after the other, the middle row at the middle of the exposure. Depth and lit
+/// (nearest pixel) go with their rows.
 struct RollingShutter {
   double row_s = 0.0;  ///< from one row to the next, downwards
 

@@ -6,7 +6,8 @@
 //   the same bits .................... 1, 2 and 16 threads, the whole stack
 //   time and seed .................... the same: the same picture; another: another
 //   swaps ............................ of effects that commute exactly 0, of others not; which
-//                                      pairs
+//                                      pairs; those that cannot change places are named, with why
+//   depth and lit .................... bent as the picture is, by lens and rolling shutter
 //   bad frames, K, fields of view .... each error code
 //   photon transfer .................. variance against mean of flat fields through the whole
 //                                      sensor: gain and read noise come back to 2 %
@@ -195,7 +196,21 @@ TEST(Swaps, SayWhatOrderChanges) {
                            HotPixels{0.01, 1e5}, ShotNoise{}, Adc{}, WhiteBalance{}, Tone{}},
                           shot, scene(64, 48));
   ASSERT_THAT(list, Succeeds());
-  ASSERT_EQ(list->size(), 6U);  // of four effects on electrons
+  ASSERT_EQ(list->size(), 36U);  // of nine effects
+  // Four effects on electrons can change places with each other, and no others.
+  EXPECT_EQ(std::count_if(list->begin(), list->end(),
+                          [](const Swap& s) {
+                            EXPECT_EQ(std::isnan(s.mean_abs_255), !s.impossible.empty());
+                            return s.impossible.empty();
+                          }),
+            6);
+  const auto fixed = std::find_if(list->begin(), list->end(), [](const Swap& s) {
+    return s.first == "shot_noise" && s.second == "adc";
+  });
+  ASSERT_NE(fixed, list->end());
+  EXPECT_EQ(
+      fixed->impossible,
+      "'shot_noise' works on electrons and 'adc' makes numbers of the converter of electrons");
   const auto of = [&](const std::string& a, const std::string& b) {
     const auto found = std::find_if(list->begin(), list->end(),
                                     [&](const Swap& s) { return s.first == a && s.second == b; });
@@ -207,6 +222,36 @@ TEST(Swaps, SayWhatOrderChanges) {
   // The gain of 5 % then acts on 2000 electrons of heat, too: 5 % of 2000 / 60000 of linear light.
   EXPECT_GT(of("prnu", "dark_current"), 0.05);
   EXPECT_GT(of("dark_current", "shot_noise"), 0.05);
+}
+
+// A picture that is its own mask: where it is dark and bright after the lens has bent it, depth and
+// lit must say the same. Bicubic sampling rings within two pixels of the edges.
+TEST(Expose, BendsDepthAndLitWithThePicture) {
+  Shot shot = shot_of(120, 90, 1.0);  // 118 pixels: 54 degrees across
+  shot.angular_rate_rad_s = {0.3, 0.2, 1.5};
+  Frame frame;
+  Grid<float> squares(90, 120);
+  for (std::ptrdiff_t r = 0; r < 90; ++r)
+    for (std::ptrdiff_t c = 0; c < 120; ++c)
+      squares(r, c) = (r / 15 + c / 15) % 2 == 0 ? 1.0F : 0.0F;
+  frame.bands = {squares};
+  frame.depth_mm = frame.lit = squares;
+  for (const Stack& stack :
+       {Stack{Distortion{"quotient", {0.0, 0.3}, {0.0}, {}, {}}}, Stack{RollingShutter{1e-3}}}) {
+    const auto bent = expose(stack, shot, frame);
+    ASSERT_THAT(bent, Succeeds());
+    EXPECT_EQ(bent->depth_mm, bent->lit);
+    int moved = 0, wrong = 0;
+    for (std::size_t i = 0; i < squares.cells().size(); ++i) {
+      const float v = bent->bands[0].cells()[i];
+      moved += bent->lit.cells()[i] != squares.cells()[i] ? 1 : 0;
+      wrong += std::abs(v - 0.5F) > 0.45F && (v > 0.5F) != (bent->lit.cells()[i] > 0.5F) ? 1 : 0;
+    }
+    EXPECT_GT(moved, 300);
+    EXPECT_EQ(wrong, 0);
+  }
+  frame.lit = Grid<float>(3, 3);
+  EXPECT_THAT(expose({}, shot, frame), FailsWith(kFrame));
 }
 
 /// Temporal variance and mean, from two shots of the same flat field.

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tools/camera_file.hpp"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
 
 #include "camera/image_io.hpp"
 #include "core/nearest_name.hpp"
@@ -186,7 +189,7 @@ void add_picture(Schema& s, CameraText& t) {
   s.array("dark_frame", "measured dark frames, for dark_library", [&t] {
     DarkFrame& d = t.dark_frames.emplace_back();
     Schema e;
-    e.add({"image", &d.image, "electrons", -kInf, kInf, {}, true});
+    e.add({"image", &d.image, "electrons: the numbers of the file", -kInf, kInf, {}, true});
     e.add({"temperature_c", &d.temperature_c, "", -200, 150, {}, true});
     e.add({"exposure_s", &d.exposure_s, "", 1e-9, 1e6, {}, true});
     return e;
@@ -219,9 +222,14 @@ void push_effect(CameraText& t, const std::string& name, camera::Stack& stack) {
 Result<void> load_dark_frames(CameraText& t) {
   for (const DarkFrame& d : t.dark_frames) {
     MAQUETTE_TRY(auto image, camera::read_image(d.image));
-    camera::DarkLibrary::Entry entry{d.temperature_c, std::move(image.channels.front())};
+    const auto grey = std::find(image.names.begin(), image.names.end(), "Y");
+    const auto k = grey == image.names.end() ? 0 : grey - image.names.begin();
+    camera::DarkLibrary::Entry entry{d.temperature_c,
+                                     std::move(image.channels[static_cast<std::size_t>(k)])};
+    // Whole numbers come as parts of the highest.
+    const double electrons = image.highest > 0.0 ? image.highest : 1.0;
     for (float& v : entry.rate_e_s.cells())
-      v = static_cast<float>(static_cast<double>(v) / d.exposure_s);
+      v = static_cast<float>(electrons * static_cast<double>(v) / d.exposure_s);
     t.of<camera::DarkLibrary>().frames.push_back(std::move(entry));
   }
   return {};
@@ -300,7 +308,12 @@ Result<std::string> camera_file_text(const std::string& name_or_path,
                                      const std::vector<std::string>& overrides) {
   CameraText t;
   MAQUETTE_TRY_VOID(read_text(t, name_or_path, overrides));
-  return schema_of(t).template_text();
+  // The template shows arrays as comments only.
+  std::string frames;
+  for (const DarkFrame& d : t.dark_frames)
+    frames += fmt::format("[[dark_frame]]\nimage = {}\ntemperature_c = {}\nexposure_s = {}\n",
+                          nlohmann::json(d.image.string()).dump(), d.temperature_c, d.exposure_s);
+  return schema_of(t).template_text() + frames;
 }
 
 }  // namespace maquette::tools

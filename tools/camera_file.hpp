@@ -33,7 +33,7 @@ struct CameraFile {
 [[nodiscard]] Result<CameraFile> read_camera_text(const std::string& text,
                                                   const std::string& place);
 
-/// The commented file of a camera, every key with its value.
+/// The commented file of a camera, every key with its value; dark frames by their absolute paths.
 [[nodiscard]] Result<std::string> camera_file_text(const std::string& name_or_path,
                                                    const std::vector<std::string>& overrides = {});
 

@@ -2,6 +2,7 @@
 #include "tools/jobs_expose.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -15,38 +16,16 @@
 #include "tools/camera_file.hpp"
 #include "tools/jobs.hpp"
 #include "tools/pictures.hpp"
+#include "tools/rendered_light.hpp"
+#include "tools/version.hpp"
 
 namespace maquette::tools {
 namespace {
 
-/// Light and depth of a file: R, G, B or Y (or its only channel), Z.
-Result<camera::Frame> frame_of(const fs::path& path) {
-  MAQUETTE_TRY(camera::LoadedImage image, camera::read_image(path));
-  const auto find = [&](std::string_view name) -> Grid<float>* {
-    for (std::size_t k = 0; k < image.names.size(); ++k)
-      if (image.names[k] == name) return &image.channels[k];
-    return nullptr;
-  };
-  camera::Frame frame;
-  if (Grid<float>* r = find("R"), *g = find("G"), *b = find("B"); r && g && b) {
-    for (Grid<float>* band : {r, g, b}) frame.bands.push_back(std::move(*band));
-  } else if (Grid<float>* y = find("Y")) {
-    frame.bands.push_back(std::move(*y));
-  } else {
-    return fail(camera::kFrame,
-                fmt::format("{}: channels R, G, B or Y of linear light are expected; "
-                            "it has {}",
-                            path.string(), fmt::join(image.names, ", ")));
-  }
-  if (image.eight_bit)
-    return fail(camera::kFrame, fmt::format("{}: an 8-bit picture is no linear radiance; render to "
-                                            ".exr",
-                                            path.string()));
-  if (Grid<float>* z = find("Z")) frame.depth_mm = std::move(*z);
-  return frame;
-}
+constexpr const char* kMasksEnding = ".masks.exr";
 
-Result<CameraFile> camera_of(const ExposeJob& job, const camera::Frame& frame) {
+/// @param light  a grey sensor's picture of three bands becomes one where radiances are known
+Result<CameraFile> camera_of(const ExposeJob& job, RenderedLight& light) {
   MAQUETTE_TRY(CameraFile file, read_camera(job.camera, job.set));
   const auto names = camera::effect_names();
   for (const std::string& effect : job.without) {
@@ -56,14 +35,18 @@ Result<CameraFile> camera_of(const ExposeJob& job, const camera::Frame& frame) {
     std::erase_if(file.stack,
                   [&](const camera::Effect& e) { return camera::info(e).name == effect; });
   }
-  file.shot.time_s = job.time_s;
+  MAQUETTE_TRY(const auto time, time_of(light));
+  file.shot.time_s = job.time_s ? *job.time_s : time.value_or(0.0);
   file.shot.seed = job.seed;
+  MAQUETTE_TRY_VOID(take_radiance(light, file));
+  MAQUETTE_TRY_VOID(take_motion(light, file.shot));
   if (job.fit_sensor) {
     // The same angle across, in as many pixels as the picture has.
     camera::Intrinsics& k = file.shot.intrinsics;
-    const double ratio = static_cast<double>(frame.bands[0].cols()) / k.width_px;
-    k.width_px = static_cast<int>(frame.bands[0].cols());
-    k.height_px = static_cast<int>(frame.bands[0].rows());
+    const Grid<float>& picture = light.frame.bands[0];
+    const double ratio = static_cast<double>(picture.cols()) / k.width_px;
+    k.width_px = static_cast<int>(picture.cols());
+    k.height_px = static_cast<int>(picture.rows());
     k.fx_px *= ratio, k.fy_px *= ratio, k.skew_px *= ratio;
     k.cx_px = 0.5 * k.width_px, k.cy_px = 0.5 * k.height_px;
     file.shot.pixel_pitch_um /= ratio;
@@ -85,16 +68,37 @@ const char* unit_of(camera::Signal signal) {
   }
 }
 
-Result<camera::Metadata> metadata_of(const ExposeJob& job, const camera::Frame& picture) {
+/// What the rendering's file says, and what makes this picture of it.
+Result<camera::Metadata> metadata_of(const ExposeJob& job, const camera::Metadata& rendered,
+                                     const camera::Shot& shot, const camera::Frame& picture) {
   MAQUETTE_TRY(const std::string camera_text, camera_file_text(job.camera));
   MAQUETTE_TRY(const std::string digest, sha256_file(job.image));
-  return camera::Metadata{{"maquette:camera", camera_text},
-                          {"maquette:set", fmt::format("{}", fmt::join(job.set, "\n"))},
-                          {"maquette:without", fmt::format("{}", fmt::join(job.without, ","))},
-                          {"maquette:seed", fmt::format("{}", job.seed)},
-                          {"maquette:time_s", fmt::format("{}", job.time_s)},
-                          {"maquette:radiance_sha256", digest},
-                          {"maquette:unit", unit_of(picture.signal)}};
+  camera::Metadata all = rendered;
+  for (auto& [key, value] :
+       camera::Metadata{{"maquette:camera", camera_text},
+                        {"maquette:set", fmt::format("{}", fmt::join(job.set, "\n"))},
+                        {"maquette:without", fmt::format("{}", fmt::join(job.without, ","))},
+                        {"maquette:fit_sensor", job.fit_sensor ? "true" : "false"},
+                        {"maquette:noise_seed", fmt::format("{}", job.seed)},
+                        {"maquette:noise_time_s", fmt::format("{}", shot.time_s)},
+                        {"maquette:expose_version", kVersion},
+                        {"maquette:radiance_sha256", digest},
+                        {kExposedKey, std::string(camera::name_of(picture.signal))},
+                        {"maquette:unit", unit_of(picture.signal)}}) {
+    std::erase_if(all, [&](const auto& entry) { return entry.first == key; });
+    all.emplace_back(std::move(key), std::move(value));
+  }
+  return all;
+}
+
+using Channels = std::vector<std::pair<std::string, const Grid<float>*>>;
+
+/// Z and lit, where they are known.
+Channels masks_of(const camera::Frame& picture) {
+  Channels channels;
+  if (!picture.depth_mm.empty()) channels.emplace_back("Z", &picture.depth_mm);
+  if (!picture.lit.empty()) channels.emplace_back("lit", &picture.lit);
+  return channels;
 }
 
 Grid<camera::Rgb8> bytes_of(const camera::Frame& f) {
@@ -192,20 +196,30 @@ double change_255(const camera::Frame& a, const camera::Frame& b) {
 }  // namespace
 
 Result<JobResult> expose_job(const ExposeJob& job, const fs::path& out, const RunContext& run) {
-  MAQUETTE_TRY(camera::Frame light, frame_of(job.image));
-  MAQUETTE_TRY(const CameraFile file, camera_of(job, light));
-  auto picture = camera::expose(file.stack, file.shot, std::move(light), run);
-  if (!picture) return tl::unexpected(std::move(picture.error()).within(job.image.string()));
-  MAQUETTE_TRY(const camera::Metadata metadata, metadata_of(job, *picture));
-  std::vector<std::pair<std::string, const Grid<float>*>> bands;
+  MAQUETTE_TRY(RenderedLight light, read_rendered_light(job.image));
+  const auto within = [&](Error error) {
+    return tl::unexpected(std::move(error).within(job.image.string()));
+  };
+  auto file = camera_of(job, light);
+  if (!file) return within(std::move(file.error()));
+  auto picture = camera::expose(file->stack, file->shot, std::move(light.frame), run);
+  if (!picture) return within(std::move(picture.error()));
+  MAQUETTE_TRY(const camera::Metadata metadata,
+               metadata_of(job, light.metadata, file->shot, *picture));
+  Channels bands;
   for (std::size_t b = 0; b < picture->bands.size(); ++b)
     bands.emplace_back(picture->bands.size() == 1 ? "Y" : std::string(1, "RGB"[b]),
                        &picture->bands[b]);
+  const Channels masks = masks_of(*picture);
+  JobResult result;
+  result.outputs = {out};
   if (out.extension() == ".exr") {
-    MAQUETTE_TRY_VOID(camera::write_exr(bands, out, metadata));
+    Channels all = bands;
+    all.insert(all.end(), masks.begin(), masks.end());
+    MAQUETTE_TRY_VOID(camera::write_exr(all, out, metadata));
   } else {
     const double white =
-        picture->signal == camera::Signal::dn ? camera::largest_dn(file.shot) : 1.0;
+        picture->signal == camera::Signal::dn ? camera::largest_dn(file->shot) : 1.0;
     if (picture->signal != camera::Signal::dn && picture->signal != camera::Signal::linear &&
         picture->signal != camera::Signal::display)
       return fail(camera::kImageFormat,
@@ -214,9 +228,18 @@ Result<JobResult> expose_job(const ExposeJob& job, const fs::path& out, const Ru
     MAQUETTE_TRY_VOID(camera::write_whole_numbers(
         bands, white, picture->signal == camera::Signal::display ? 8 : 16, out, metadata));
   }
+  if (job.masks) {
+    if (masks.empty())
+      return fail(camera::kFrame, fmt::format("{}: neither depth (Z) nor lit is in it: there are "
+                                              "no masks to be written",
+                                              job.image.string()));
+    result.outputs.push_back(fs::path(out).replace_extension(kMasksEnding));
+    MAQUETTE_TRY_VOID(camera::write_exr(masks, result.outputs.back(), metadata));
+  }
   nlohmann::json figures{{"width_px", picture->bands[0].cols()},
                          {"height_px", picture->bands[0].rows()},
                          {"bands", picture->bands.size()},
+                         {"time_s", file->shot.time_s},
                          {"signal", std::string(camera::name_of(picture->signal))}};
   figures["mean"] = nlohmann::json::array();
   for (const auto& [name, grid] : bands) {
@@ -224,17 +247,100 @@ Result<JobResult> expose_job(const ExposeJob& job, const fs::path& out, const Ru
     for (const float v : grid->cells()) sum += static_cast<double>(v);
     figures["mean"].push_back(sum / static_cast<double>(grid->cells().size()));
   }
-  JobResult result;
-  result.outputs = {out};
   result.figures_json = figures.dump();
   result.note = fmt::format("{} x {} pixels through {} effects of {}", picture->bands[0].cols(),
-                            picture->bands[0].rows(), file.stack.size(), file.name);
+                            picture->bands[0].rows(), file->stack.size(), file->name);
+  return result;
+}
+
+Result<std::vector<fs::path>> pictures_in(const std::vector<fs::path>& images_or_folders) {
+  // picture_2 comes before picture_10: runs of digits by their value.
+  const auto before = [](const fs::path& a, const fs::path& b) {
+    const std::string x = a.filename().string(), y = b.filename().string();
+    const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+    std::size_t i = 0, j = 0;
+    while (i < x.size() && j < y.size()) {
+      if (!digit(x[i]) || !digit(y[j])) {
+        if (x[i] != y[j]) return x[i] < y[j];
+        ++i, ++j;
+        continue;
+      }
+      const auto number = [&](const std::string& text, std::size_t& at) {
+        while (at + 1 < text.size() && text[at] == '0' && digit(text[at + 1])) ++at;
+        const std::size_t first = at;
+        while (at < text.size() && digit(text[at])) ++at;
+        return text.substr(first, at - first);
+      };
+      const std::string m = number(x, i), n = number(y, j);
+      if (m.size() != n.size()) return m.size() < n.size();
+      if (m != n) return m < n;
+    }
+    return x.size() - i != y.size() - j ? x.size() - i < y.size() - j : x < y;
+  };
+  std::vector<fs::path> pictures;
+  for (const fs::path& given : images_or_folders) {
+    std::error_code ec;
+    if (!fs::is_directory(given, ec)) {
+      pictures.push_back(given);
+      continue;
+    }
+    std::vector<fs::path> found;
+    for (fs::directory_iterator at(given, ec), end; !ec && at != end; at.increment(ec))
+      if (at->path().extension() == ".exr" &&
+          !at->path().filename().string().ends_with(kMasksEnding))
+        found.push_back(at->path());
+    if (found.empty())
+      return fail(kInputMissing,
+                  fmt::format("{}: no .exr in this folder to be exposed", given.string()));
+    std::sort(found.begin(), found.end(), before);
+    pictures.insert(pictures.end(), found.begin(), found.end());
+  }
+  return pictures;
+}
+
+Result<JobResult> expose_sequence_job(const ExposeJob& job, const std::vector<fs::path>& images,
+                                      const fs::path& out, const RunContext& run) {
+  std::error_code ec;
+  if (!out.parent_path().empty()) fs::create_directories(out.parent_path(), ec);
+  if (ec) return tl::unexpected(write_error(out.parent_path(), ec.value()));
+  std::vector<fs::path> outputs;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    outputs.push_back(out.parent_path() / fmt::format("{}_{:04}{}", out.stem().string(), i + 1,
+                                                      out.extension().string()));
+    for (const fs::path& image : images)
+      if (fs::equivalent(outputs.back(), image, ec))
+        return fail(kUnknownFormat, fmt::format("{} would be written over: give --out another name",
+                                                image.string()));
+  }
+  const auto start = std::chrono::steady_clock::now();
+  JobResult result;
+  nlohmann::json list = nlohmann::json::array();
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    ExposeJob one = job;
+    one.image = images[i];
+    RunContext part = run;
+    part.progress = [&](double share) {
+      run.progress((static_cast<double>(i) + share) / static_cast<double>(images.size()));
+    };
+    MAQUETTE_TRY(JobResult done, expose_job(one, outputs[i], part));
+    auto figures = nlohmann::json::parse(done.figures_json);
+    figures["image"] = images[i].filename().string();
+    list.push_back(std::move(figures));
+    result.outputs.insert(result.outputs.end(), done.outputs.begin(), done.outputs.end());
+    result.note = std::move(done.note);
+  }
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  result.figures_json =
+      nlohmann::json{{"pictures", images.size()}, {"frames", std::move(list)}}.dump();
+  result.note = fmt::format("{} pictures of {}, {:.2g} a second", images.size(), result.note,
+                            static_cast<double>(images.size()) / std::max(took.count(), 1e-9));
   return result;
 }
 
 Result<JobResult> stack_job(const ExposeJob& job, const fs::path& folder, const RunContext& run) {
-  MAQUETTE_TRY(const camera::Frame light, frame_of(job.image));
-  MAQUETTE_TRY(const CameraFile file, camera_of(job, light));
+  MAQUETTE_TRY(RenderedLight rendered, read_rendered_light(job.image));
+  MAQUETTE_TRY(const CameraFile file, camera_of(job, rendered));
+  const camera::Frame& light = rendered.frame;
   MAQUETTE_TRY(const auto list, camera::swaps(file.stack, file.shot, light, run));
   MAQUETTE_TRY(const camera::Frame plain, camera::expose(alone(file.stack, ""), file.shot, light));
   nlohmann::ordered_json json{{"schema", "maquette.stack/1"}, {"camera", file.name}};
@@ -263,9 +369,18 @@ Result<JobResult> stack_job(const ExposeJob& job, const fs::path& folder, const 
   MAQUETTE_TRY(const camera::Frame whole, camera::expose(file.stack, file.shot, light));
   rows +=
       sheet_row("all together", fmt::format("{:.3f}/255", change_255(whole, plain)), whole, plain);
-  std::string swap_rows;
-  json["swaps"] = nlohmann::ordered_json::array();
+  std::string swap_rows, fixed_rows;
+  std::size_t possible = 0;
+  json["swaps"] = json["not_swappable"] = nlohmann::ordered_json::array();
   for (const camera::Swap& s : list) {
+    if (!s.impossible.empty()) {
+      json["not_swappable"].push_back(
+          {{"first", s.first}, {"second", s.second}, {"because", s.impossible}});
+      fixed_rows += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td></tr>\n", s.first, s.second,
+                                markup_escaped(s.impossible));
+      continue;
+    }
+    ++possible;
     json["swaps"].push_back({{"first", s.first},
                              {"second", s.second},
                              {"mean_abs_255", s.mean_abs_255},
@@ -281,8 +396,9 @@ Result<JobResult> stack_job(const ExposeJob& job, const fs::path& folder, const 
       "th{{text-align:left}}</style><h1>Effects of {0}</h1><table><tr><th>effect<th>picture<th>its "
       "middle, 4 x<th>128 + 8 x what it changes</tr>\n{1}</table><h2>What another order would "
       "change</h2><table><tr><th>effect<th>in the place of<th>mean x/255<th>most x/255</tr>\n{2}"
-      "</table>\n",
-      markup_escaped(file.name), rows, swap_rows);
+      "</table><details><summary>{3} pairs of effects cannot change places</summary><table><tr><th>"
+      "effect<th>and<th>because</tr>\n{4}</table></details>\n",
+      markup_escaped(file.name), rows, swap_rows, list.size() - possible, fixed_rows);
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
@@ -291,7 +407,7 @@ Result<JobResult> stack_job(const ExposeJob& job, const fs::path& folder, const 
   result.figures_json = json.dump(1);
   MAQUETTE_TRY_VOID(write_file(result.outputs[0], result.figures_json + "\n"));
   MAQUETTE_TRY_VOID(write_file(result.outputs[1], page));
-  result.note = fmt::format("{} effects, {} swaps", file.stack.size(), list.size());
+  result.note = fmt::format("{} effects, {} swaps", file.stack.size(), possible);
   return result;
 }
 

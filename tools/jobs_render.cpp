@@ -10,6 +10,7 @@
 #include "tools/jobs.hpp"
 #include "tools/scene_loading.hpp"
 #include "tools/trajectory_file.hpp"
+#include "tools/trajectory_motion.hpp"
 #include "tools/version.hpp"
 
 namespace maquette::tools {
@@ -66,11 +67,33 @@ struct Frame {
   RigidTransform model_from_camera;
   std::optional<double> time_s;
   std::uint64_t seed = 1;
+  CameraMotion motion{};
 };
+
+/// The quaternion that stays itself when it is normalized again: written into a picture and read
+/// back, it must be the same pose to the bit.
+Quaternion settled(Quaternion q) {
+  constexpr int kMost = 8;
+  for (int i = 0; i < kMost && normalized(q) != q; ++i) q = normalized(q);
+  return q;
+}
+
+/// W m^-2 sr^-1 that value 1 stands for in each band: white that faces the first lamp at its target
+/// has the lamp's colour times exposure_scale and white_balance.
+std::optional<camera::Bands> radiance_of_one(const LoadedScene& loaded,
+                                             const camera::RenderOptions& options) {
+  camera::Bands one = loaded.white_radiance;
+  for (std::size_t b = 0; b < one.size(); ++b) {
+    one[b] /=
+        loaded.lighting.lamps.front().colour[b] * options.exposure_scale * options.white_balance[b];
+    if (!(one[b] > 0.0) || !std::isfinite(one[b])) return std::nullopt;
+  }
+  return one;
+}
 
 /// What a picture file says about how it was made.
 camera::Metadata metadata_of(const std::string& scene_text, const Frame& frame,
-                             const LoadedScene& loaded, const camera::Image& image) {
+                             const std::optional<camera::Bands>& one, const camera::Image& image) {
   const RigidTransform& t = frame.model_from_camera;
   camera::Metadata m{
       {"maquette:scene", scene_text},
@@ -81,11 +104,16 @@ camera::Metadata metadata_of(const std::string& scene_text, const Frame& frame,
        fmt::format("[{}, {}, {}, {}]", t.rotation.w, t.rotation.x, t.rotation.y, t.rotation.z)},
       {"maquette:seed", std::to_string(frame.seed)},
       {"maquette:mean_samples", fmt::format("{}", image.mean_samples)}};
-  if (frame.time_s) m.emplace_back("maquette:time_s", fmt::format("{}", *frame.time_s));
-  const camera::Bands& w = loaded.white_radiance;
-  if (w[1] > 0.0)
+  if (frame.time_s) {
+    const Vec3 v = frame.motion.velocity_mm_s;
+    const Vec3 w = 1.0 / degrees(1.0).value() * frame.motion.angular_rate_rad_s;
+    m.emplace_back("maquette:time_s", fmt::format("{}", *frame.time_s));
+    m.emplace_back("maquette:velocity_mm_s", fmt::format("[{}, {}, {}]", v.x, v.y, v.z));
+    m.emplace_back("maquette:angular_rate_deg_s", fmt::format("[{}, {}, {}]", w.x, w.y, w.z));
+  }
+  if (one)
     m.emplace_back("maquette:white_radiance_w_m2_sr",
-                   fmt::format("[{}, {}, {}]", w[0], w[1], w[2]));
+                   fmt::format("[{}, {}, {}]", (*one)[0], (*one)[1], (*one)[2]));
   return m;
 }
 
@@ -97,14 +125,18 @@ fs::path preview_path(const fs::path& picture) {
 Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
   const auto seed = static_cast<std::uint64_t>(s.seed);
   if (s.trajectory.empty()) {
-    return std::vector<Frame>{{out, pose_of(s), std::nullopt, seed}};
+    RigidTransform pose = pose_of(s);
+    pose.rotation = settled(pose.rotation);
+    return std::vector<Frame>{{out, pose, std::nullopt, seed}};
   }
-  MAQUETTE_TRY(const auto poses, read_trajectory(s.trajectory));
+  MAQUETTE_TRY(auto poses, read_trajectory(s.trajectory));
+  for (TimedPose& p : poses) p.model_from_camera.rotation = settled(p.model_from_camera.rotation);
+  const auto motions = motions_of(poses);
   std::vector<Frame> frames;
   for (const TimedPose& p : poses)
     frames.push_back({out.parent_path() / fmt::format("{}_{:04}{}", out.stem().string(),
                                                       frames.size() + 1, out.extension().string()),
-                      p.model_from_camera, p.time_s, seed + frames.size()});
+                      p.model_from_camera, p.time_s, seed + frames.size(), motions[frames.size()]});
   return frames;
 }
 
@@ -197,7 +229,8 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
     if (!image)
       return within(frame.time_s ? std::move(image.error()).within(fmt::format("picture {}", i + 1))
                                  : std::move(image.error()));
-    const auto metadata = metadata_of(scene_text, frame, **loaded, *image);
+    const auto metadata =
+        metadata_of(scene_text, frame, radiance_of_one(**loaded, options), *image);
     if (exr) MAQUETTE_TRY_VOID(write_picture(*image, frame.path, metadata));
     MAQUETTE_TRY_VOID(write_preview(*image, exr ? png : frame.path, metadata));
     samples += image->mean_samples;

@@ -6,13 +6,17 @@
 //   errors ........... wrong order, empty field of view, unknown camera and effect, a size that is
 //   not
 //                      the sensor's, a full disk: code, exit code, nothing half-written
-//   stack ............ swaps and the page
+//   disk full ........ render, compare, stack at every size that files may have: exit code 3, and
+//                      files are whole or not there
+//   sequences ........ a folder becomes numbered pictures, masks beside them
+//   stack ............ swaps and the page; pairs that cannot change places are named
 //   calibrate ........ a sensor and a lens from files: the camera file is one that expose and
 //   render
 //                      take, with the values hidden; what bad files are told
 //   compare .......... a photograph with wrong white balance, matched; page; exit code 1
 
 #include <filesystem>
+#include <map>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -123,6 +127,74 @@ TEST_F(CameraCommands, ExposeSaysThatTheDiskIsFull) {
   EXPECT_FALSE(fs::exists(scratch / "photo.png"));
 }
 
+TEST_F(CameraCommands, LeaveWholeFilesOrNoneWhenTheDiskIsFull) {
+  const auto light = radiance().string(), other = radiance(0.9, "other.exr").string();
+  file("plate.stl",
+       "solid s\nfacet normal 0 0 1\nouter loop\nvertex -90 -90 0\nvertex 90 -90 0\nvertex 0 90 0\n"
+       "endloop\nendfacet\nendsolid s\n");
+  file("way.csv", "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,300,1,0,0,0\n1,0,0,280,1,0,0,0\n");
+  const auto scene = file("scene.toml",
+                          "schema = \"maquette.scene/1\"\nsurface = \"plate.stl\"\ntrajectory = "
+                          "\"way.csv\"\nresolution_px = [96, 64]\nlamp_position_mm = [0, 50, "
+                          "2000]\nlamp_target_mm = [0, 0, 0]\nlamp_diameter_mm = 300\n");
+  const auto out = scratch / "out";
+  const auto files = [&] {
+    std::map<std::string, std::string> all;
+    std::error_code none;
+    for (const auto& entry : fs::recursive_directory_iterator(out, none))
+      if (entry.is_regular_file())
+        all[fs::relative(entry.path(), out).string()] = testing_support::slurp(entry.path());
+    return all;
+  };
+  for (const std::string& command :
+       {fmt::format("compare {} {} --out {}", light, other, out.string()),
+        fmt::format("stack {} --camera mono_space --fit-sensor --out {}", light, out.string()),
+        fmt::format("render {} --out {}", scene.string(), (out / "a.exr").string())}) {
+    const auto anew = [&] {
+      fs::remove_all(out);
+      fs::create_directories(out);
+    };
+    anew();
+    ASSERT_EQ(run(command).exit_code, 0) << command;
+    const auto whole = files();
+    ASSERT_GE(whole.size(), 2U);
+    int refused = 0;
+    for (const int blocks : {1, 4, 16, 64, 128, 256}) {  // of 512 bytes
+      anew();
+      const Outcome o = run(command, fmt::format("trap '' XFSZ; ulimit -f {};", blocks));
+      const auto made = files();
+      for (const auto& [name, content] : made) {
+        ASSERT_TRUE(whole.contains(name)) << name << " is left behind, " << command;
+        EXPECT_TRUE(whole.at(name) == content) << name << " is no whole file, " << command;
+      }
+      if (o.exit_code == 0) {
+        EXPECT_EQ(made.size(), whole.size());
+        break;
+      }
+      EXPECT_EQ(o.exit_code, 3) << command << " " << o.err;
+      EXPECT_LT(made.size(), whole.size());
+      ++refused;
+    }
+    EXPECT_GT(refused, 0) << command;
+  }
+}
+
+TEST_F(CameraCommands, ExposesAFolderOfFrames) {
+  fs::create_directories(scratch / "frames");
+  for (const int i : {1, 2, 3}) radiance(0.5 + 0.2 * i, fmt::format("frames/f_{:04}.exr", i));
+  const Outcome o =
+      run(fmt::format("expose {} --fit-sensor --masks --json --out {}",
+                      (scratch / "frames").string(), (scratch / "film/photo.jpg").string()));
+  ASSERT_EQ(o.exit_code, 0) << o.err;
+  EXPECT_THAT(o.out, HasSubstr("\"pictures\":3"));
+  for (const char* name :
+       {"photo_0001.jpg", "photo_0002.jpg", "photo_0003.jpg", "photo_0003.masks.exr"})
+    EXPECT_TRUE(fs::exists(scratch / "film" / name)) << name;
+  const Outcome none = run(fmt::format("expose {} --json", (scratch / "film").string()));
+  EXPECT_EQ(none.exit_code, 2);
+  EXPECT_THAT(none.out, HasSubstr("TOOLS_INPUT_MISSING"));
+}
+
 TEST_F(CameraCommands, StackShowsEachEffectAndSwap) {
   const Outcome o = run(fmt::format("stack {} --camera mono_space --fit-sensor --out {}",
                                     radiance().string(), (scratch / "stack").string()));
@@ -130,6 +202,8 @@ TEST_F(CameraCommands, StackShowsEachEffectAndSwap) {
   const json j = json::parse(testing_support::slurp(scratch / "stack" / "stack.json"));
   EXPECT_EQ(j["effects"].size(), 18U);
   EXPECT_GT(j["swaps"].size(), 20U);
+  EXPECT_EQ(j["swaps"].size() + j["not_swappable"].size(), 18U * 17U / 2U);
+  EXPECT_THAT(j["not_swappable"].dump(), HasSubstr("'adc' makes numbers of the converter of"));
   EXPECT_THAT(testing_support::slurp(scratch / "stack" / "stack.html"), HasSubstr("all together"));
 }
 

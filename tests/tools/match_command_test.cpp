@@ -4,6 +4,7 @@
 // that the search starts from (that another renderer's are matched, tests/camera shows).
 //   what was changed is found ....... match.json; scene files render to the photographs
 //   held out ........................ 13/255 before, 3/255 after; exit code 1 beyond a bound
+//   disk full ....................... exit code 3; files are whole or not there
 //   bad files ....................... code and what to do, nothing written
 
 #include <fmt/format.h>
@@ -43,7 +44,9 @@ class MatchCommand : public testing::Test {
                     scratch / "design.tif"),
                 Succeeds());
   }
-  Outcome run(const std::string& arguments) { return run_program(scratch.path(), arguments); }
+  Outcome run(const std::string& arguments, const std::string& before = "") {
+    return run_program(scratch.path(), arguments, before);
+  }
   fs::path file(const std::string& name, const std::string& content) {
     EXPECT_TRUE(write_file(scratch / name, content));
     return scratch / name;
@@ -137,6 +140,32 @@ TEST_F(MatchCommand, FindsAPose) {
   EXPECT_THAT(testing_support::slurp(out / "scene_east.toml"),
               testing::AllOf(HasSubstr("camera_quaternion_wxyz"), HasSubstr("camera_position_mm"),
                              testing::Not(HasSubstr("camera_target_mm"))));
+}
+
+TEST_F(MatchCommand, LeavesWholeFilesOrNoneWhenTheDiskIsFull) {
+  shoot("south", kSouth);
+  const auto match =
+      match_file("\"exposure\", \"white_balance\"", "[[photo]]\nimage = \"south.png\"\n");
+  const std::string command =
+      fmt::format("match {} --out {}", match.string(), (scratch / "out").string());
+  ASSERT_EQ(run(command).exit_code, 0);
+  fs::rename(scratch / "out", scratch / "whole");
+  std::size_t before = 0;
+  for (const int blocks : {1, 8, 16}) {  // of 512 bytes; pictures are larger
+    const Outcome o = run(command, fmt::format("trap '' XFSZ; ulimit -f {};", blocks));
+    EXPECT_EQ(o.exit_code, 3) << o.err;
+    std::size_t made = 0;
+    for (const auto& entry : fs::directory_iterator(scratch / "out")) {
+      EXPECT_TRUE(testing_support::slurp(entry.path()) ==
+                  testing_support::slurp(scratch / "whole" / entry.path().filename().string()))
+          << entry.path();
+      ++made;
+    }
+    EXPECT_GE(made, before);
+    EXPECT_FALSE(fs::exists(scratch / "out" / "scene.toml"));
+    before = made;
+    fs::remove_all(scratch / "out");
+  }
 }
 
 TEST_F(MatchCommand, SaysWhatIsWrong) {

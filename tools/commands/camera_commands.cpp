@@ -19,20 +19,19 @@ namespace {
 
 struct Options {
   ExposeJob job;
+  std::vector<fs::path> images;
   fs::path out;
 };
 
 void add_shot(CLI::App& app, Options& o) {
-  app.add_option("image", o.job.image, "linear light: EXR with Y or R, G, B, depth Z in mm")
-      ->required();
   app.add_option(
          "--camera", o.job.camera,
          fmt::format("{}, or a .toml file (docs/camera.md)", fmt::join(camera_names(), ", ")))
       ->capture_default_str();
   app.add_option("--set", o.job.set, "key=value of the camera file");
   app.add_option("--without", o.job.without, "effects to be left out")->delimiter(',');
-  app.add_option("--time-s", o.job.time_s, "simulation time: the same time, the same noise")
-      ->capture_default_str();
+  app.add_option("--time-s", o.job.time_s,
+                 "simulation time: the same time, the same noise; the rendering's unless given");
   app.add_flag("--fit-sensor", o.job.fit_sensor,
                "the sensor gets the picture's number of pixels at the same field of view");
 }
@@ -49,13 +48,27 @@ Command add_expose(CLI::App& root, const CommonOptions& common) {
   auto* app = root.add_subcommand(
       "expose",
       "What a camera makes of linear light: lens, sensor, file, effect by effect.\n"
-      "Example: maquette expose picture.exr --camera nikon_d700_55deg --out photo.png");
+      "Example: maquette expose picture.exr --camera nikon_d700_55deg --out photo.png\n"
+      "Frames of a trajectory: maquette expose frames/ --out film/photo.png");
+  app->add_option("images", o->images,
+                  "linear light: EXR with Y or R, G, B, depth Z in mm; of several, or a folder of "
+                  ".exr files, the outputs are numbered")
+      ->required();
   add_shot(*app, *o);
+  app->add_flag(
+      "--masks", o->job.masks,
+      "NAME.masks.exr beside: depth and lit as the lens bends them, for `compare --masks`");
   app->add_option("--out", o->out, ".png, .tif, .jpg or .exr")->capture_default_str();
-  return {app, [o, &common](Console& console) {
+  return {app, [o, &common](Console& console) -> Result<int> {
             o->job.seed = seed_of(common);
-            return finish(console, "expose",
-                          [&](const RunContext& run) { return expose_job(o->job, o->out, run); });
+            MAQUETTE_TRY(const auto pictures, pictures_in(o->images));
+            std::error_code ignored;
+            const bool one = o->images.size() == 1 && !fs::is_directory(o->images[0], ignored);
+            return finish(console, "expose", [&](const RunContext& run) {
+              if (!one) return expose_sequence_job(o->job, pictures, o->out, run);
+              o->job.image = pictures[0];
+              return expose_job(o->job, o->out, run);
+            });
           }};
 }
 
@@ -67,6 +80,8 @@ Command add_stack(CLI::App& root, const CommonOptions& common) {
       "Effects of a camera in their order, each alone and all together (stack.html), and what each "
       "swap of two would change (stack.json).\n"
       "Example: maquette stack picture.exr --camera mono_space --fit-sensor --out stack");
+  app->add_option("image", o->job.image, "linear light: EXR with Y or R, G, B, depth Z in mm")
+      ->required();
   add_shot(*app, *o);
   app->add_option("--out", o->out, "folder")->capture_default_str();
   return {app, [o, &common](Console& console) {
@@ -113,6 +128,8 @@ Command add_compare(CLI::App& root, const CommonOptions&) {
   app->add_option("--match", o->match, "what of the rendering's light is fitted first")
       ->capture_default_str()
       ->check(CLI::IsMember({"none", "exposure", "white-balance"}));
+  app->add_option("--masks", o->job.masks,
+                  "EXR with Z and lit of the rendering, which a .png has not (`expose --masks`)");
   app->add_flag("--background", o->job.options.background, "compare pixels beside the part, too");
   app->add_flag("--fast", o->fast, "figures of differences only: without SSIM, FLIP and pictures");
   app->add_option("--edge-px", o->job.options.edge_px, "width of shadow edges to each side")

@@ -37,6 +37,7 @@ struct RayObject {
   /// Where the terrain's walls end and its underside lies; NaN: it has none.
   double base_mm = std::numeric_limits<double>::quiet_NaN();
   RigidTransform model_from_mesh{};  ///< of a mesh
+  double scale = 1.0;                ///< of a mesh, before it is moved; positive
 };
 
 struct RayHit {

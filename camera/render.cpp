@@ -375,8 +375,8 @@ Result<PreparedScene> PreparedScene::build(const std::vector<SceneObject>& objec
       run.warn(fmt::format("material {}: gives back up to {:.2f} of the light it gets",
                            object.material.name, most));
     const bool mesh = object.mesh != nullptr && !object.mesh->triangles.empty();
-    bodies.push_back(
-        {mesh ? object.mesh : nullptr, object.field, object.base_mm, object.model_from_mesh});
+    bodies.push_back({mesh ? object.mesh : nullptr, object.field, object.base_mm,
+                      object.model_from_mesh, object.scale});
     materials.push_back(object.material);
     grey = grey && is_grey(object.material);
     anything = anything || mesh || object.field != nullptr;

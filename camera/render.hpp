@@ -56,7 +56,8 @@ struct CameraModel {
   double skew_px = 0.0;  ///< entry (0, 1) of K
 };
 
-/// A mesh or a terrain with its material. What is pointed at must outlive the scene.
+/// A mesh or a terrain with its material. A mesh that several objects have is kept once. What is
+/// pointed at must outlive the scene.
 struct SceneObject {
   const TriMesh* mesh = nullptr;
   Material material;
@@ -64,6 +65,7 @@ struct SceneObject {
   const heightmap::ModelField* field = nullptr;  ///< instead of a mesh
   /// Where the terrain's walls end, mm; NaN: a sheet without walls.
   double base_mm = std::numeric_limits<double>::quiet_NaN();
+  double scale = 1.0;  ///< of a mesh, before it is moved; positive
 };
 
 /// An evenly bright rectangle of the room: corner and two sides. Seen and shining from both faces;

@@ -7,6 +7,7 @@
 //   blocked .......................... the same box between two places
 //   walls under rough ground ......... rays that must enter through the upper face or a wall: none
 //                                      goes through
+//   one shape in many sizes .......... what meshes of their own give, but at silhouettes
 //   rays together = rays alone ....... terrain, walls and instanced stones, bit for bit
 
 #include "camera/ray_scene.hpp"
@@ -143,6 +144,58 @@ TEST(RayScene, NothingComesIntoABlockUnseen) {
     walls += hit->normal.z == 0.0 ? 1 : 0;
   }
   EXPECT_GT(walls, 20'000);
+}
+
+TEST(RayScene, AShapeInSeveralSizesIsWhatItsMeshesAre) {
+  const TriMesh ball = sphere_solid({0.3, 0.1, 0.2}, 1.0, 24);
+  std::vector<RayObject> shared, plain;
+  std::vector<TriMesh> meshes;
+  meshes.reserve(8);
+  Draws draws{17};
+  for (int k = 0; k < 8; ++k) {
+    const double size = draws.uniform(0.5, 9.0);
+    const RigidTransform pose{rotation_about(draws.direction(), draws.uniform(0.0, 3.0)),
+                              draws.in({{-40, -40, 0}, {40, 40, 20}})};
+    shared.push_back({.mesh = &ball, .model_from_mesh = pose, .scale = size});
+    meshes.push_back(ball);
+    for (Vec3& v : meshes.back().vertices_mm) v = pose.point(size * v);
+    plain.push_back({.mesh = &meshes.back()});
+  }
+  const auto of_shape = RayScene::build(shared), of_meshes = RayScene::build(plain);
+  ASSERT_TRUE(of_shape && of_meshes);
+  const Box3 a = of_shape->bounds(), b = of_meshes->bounds();
+  // Corners of a turned box are not those of the turned ball.
+  EXPECT_LE(a.min.x, b.min.x + 1e-9);
+  EXPECT_GE(a.max.z, b.max.z - 1e-9);
+  int hits = 0, apart = 0, shadows = 0, shadows_apart = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const Vec3 eye = draws.in({{-90, -90, 60}, {90, 90, 90}});
+    const Vec3 at = draws.in({{-45, -45, -5}, {45, 45, 25}});
+    const Vec3 way = normalized(at - eye);
+    const auto one = of_shape->first_hit(eye, way), other = of_meshes->first_hit(eye, way);
+    if (one.has_value() != other.has_value()) {
+      ++apart;  // silhouettes: within float steps
+      continue;
+    }
+    if (!one) continue;
+    ++hits;
+    if (one->object != other->object || one->triangle != other->triangle) {
+      ++apart;
+      continue;
+    }
+    ASSERT_NEAR(one->distance_mm, other->distance_mm, 10 * of_meshes->offset_mm()) << i;
+    ASSERT_NEAR(norm(one->normal - other->normal), 0.0, 1e-9) << i;
+    const bool dark = of_shape->blocked({one->point_mm, one->normal, {-300, 100, 80}});
+    const bool dark_there = of_meshes->blocked({other->point_mm, other->normal, {-300, 100, 80}});
+    shadows += dark ? 1 : 0;
+    shadows_apart += dark != dark_there ? 1 : 0;
+  }
+  EXPECT_GT(hits, 2000);
+  EXPECT_LT(apart, 10) << "of 20000 rays";
+  EXPECT_GT(shadows, 500);
+  EXPECT_LT(shadows_apart, 10);
+  EXPECT_TRUE(
+      of_shape->inside(shared[3].model_from_mesh.point(shared[3].scale * Vec3{0.3, 0.1, 0.2})));
 }
 
 TEST(RayScene, RaysTogetherAnswerAsAlone) {

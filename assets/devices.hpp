@@ -27,7 +27,11 @@ struct LampPreset {
   double power_w = 0.0;
   double colour_temperature_k = 0.0;
   double lens_diameter_mm = 0.0;  ///< 0: point
-  double beam_deg = 0.0;          ///< full angle
+  double beam_deg = 0.0;          ///< full angle; with a table that of half the axis' intensity
+  double luminous_flux_lm = 0.0;  ///< that leaves the lens; 0: not known
+  /// Name of a table in assets/lamps, intensity against the angle off the axis; empty: even inside
+  /// the beam, nothing outside.
+  std::string intensity{};
 };
 
 /// A terrestrial phase-shift scanner.

@@ -38,7 +38,6 @@ Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const
                             const fs::path& scene) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
   const auto camera = *assets::find_preset(assets::camera_presets(), site.camera);
-  const auto lamp = *assets::find_preset(assets::lamp_presets(), site.lamp);
   const Vec3 middle = middle_of(design);
   double distance = site.camera_distance_mm;
   if (distance == 0.0) {
@@ -66,8 +65,7 @@ Result<JobResult> scene_job(const Site& site, const fs::path& design_path, const
       fmt::format("camera_position_mm = {}\ncamera_target_mm = {}\n", list(position), list(middle));
   text += fmt::format("lamp_position_mm = {}\nlamp_target_mm = {}\n", list(lamp_position),
                       list(middle));
-  text += fmt::format("lamp_diameter_mm = {}\nlamp_beam_deg = {}\nlamp_samples = {}\n",
-                      lamp.lens_diameter_mm, lamp.beam_deg, site.lamp_samples);
+  text += fmt::format("lamp_preset = \"{}\"\nlamp_samples = {}\n", site.lamp, site.lamp_samples);
   // White facing the lamp would be 1; the ground is darker and seen obliquely.
   text += fmt::format("exposure_scale = {}\nalbedo = {}\nreflectance = \"{}\"\n", 0.8 / site.albedo,
                       site.albedo, site.reflectance);

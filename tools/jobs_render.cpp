@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <chrono>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -68,6 +69,7 @@ struct Frame {
   std::optional<double> time_s;
   std::uint64_t seed = 1;
   CameraMotion motion{};
+  bool numbered = false;  ///< one of several: kept when it is there already
 };
 
 /// The quaternion that stays itself when it is normalized again: written into a picture and read
@@ -121,22 +123,29 @@ fs::path preview_path(const fs::path& picture) {
   return picture.parent_path() / (picture.stem().string() + ".png");
 }
 
-/// One picture, or numbered ones along the trajectory.
+/// One picture, or numbered ones from each pose or along the trajectory.
 Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
   const auto seed = static_cast<std::uint64_t>(s.seed);
-  if (s.trajectory.empty()) {
-    RigidTransform pose = pose_of(s);
-    pose.rotation = settled(pose.rotation);
-    return std::vector<Frame>{{out, pose, std::nullopt, seed}};
-  }
-  MAQUETTE_TRY(auto poses, read_trajectory(s.trajectory));
-  for (TimedPose& p : poses) p.model_from_camera.rotation = settled(p.model_from_camera.rotation);
-  const auto motions = motions_of(poses);
   std::vector<Frame> frames;
-  for (const TimedPose& p : poses)
+  const auto add = [&](RigidTransform pose, std::optional<double> time_s, CameraMotion motion) {
+    pose.rotation = settled(pose.rotation);
     frames.push_back({out.parent_path() / fmt::format("{}_{:04}{}", out.stem().string(),
                                                       frames.size() + 1, out.extension().string()),
-                      p.model_from_camera, p.time_s, seed + frames.size(), motions[frames.size()]});
+                      pose, time_s, seed + frames.size(), motion, true});
+  };
+  if (!s.trajectory.empty()) {
+    MAQUETTE_TRY(auto poses, read_trajectory(s.trajectory));
+    for (TimedPose& p : poses) p.model_from_camera.rotation = settled(p.model_from_camera.rotation);
+    const auto motions = motions_of(poses);
+    for (const TimedPose& p : poses) add(p.model_from_camera, p.time_s, motions[frames.size()]);
+  } else if (!s.poses.empty()) {
+    MAQUETTE_TRY(const auto poses, poses_of(s));
+    for (const RigidTransform& pose : poses) add(pose, std::nullopt, {});
+  } else {
+    RigidTransform pose = pose_of(s);
+    pose.rotation = settled(pose.rotation);
+    frames.push_back({out, pose, std::nullopt, seed});
+  }
   return frames;
 }
 
@@ -147,8 +156,8 @@ Result<std::string> key_of(const Scene& s, const std::string& scene_text) {
     all +=
         fmt::format("{} {} {} {} {} {}\n", fmt::join(s.resolution_px, " "), s.pixel_pitch_um,
                     s.focal_length_mm, fmt::join(s.principal_point_px, " "), s.aspect, s.skew_px);
-  std::vector<fs::path> files{s.surface,    s.corrections,    s.stones,
-                              s.trajectory, s.lamp_intensity, s.lamp_spectrum};
+  std::vector<fs::path> files{s.surface,        s.corrections,   s.stones, s.trajectory,
+                              s.lamp_intensity, s.lamp_spectrum, s.filters};
   for (const SceneMesh& o : s.parts.objects) files.push_back(o.mesh);
   for (const SceneLamp& l : s.parts.lamps) files.insert(files.end(), {l.intensity, l.spectrum});
   for (const SceneMaterial& m : s.parts.materials)
@@ -187,7 +196,7 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   const Scene& s = *scene;
   MAQUETTE_TRY(const std::string scene_text, read_file(scene_path));
   MAQUETTE_TRY(const auto frames, frames_of(s, image_path));
-  if (!s.trajectory.empty()) {
+  if (frames.front().numbered) {
     MAQUETTE_TRY(const std::string key, key_of(s, scene_text));
     MAQUETTE_TRY_VOID(claim_frames(frames, image_path, key));
   }
@@ -208,13 +217,14 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   double sum = 0.0, samples = 0.0;
   std::uint64_t seen = 0;
   std::size_t kept = 0;
+  const auto begin = std::chrono::steady_clock::now();
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Frame& frame = frames[i];
     const bool exr = frame.path.extension() != ".png";
     const fs::path png = preview_path(frame.path);
     result.outputs.push_back(frame.path);
     if (exr) result.outputs.push_back(png);
-    if (frame.time_s && fs::exists(frame.path) && fs::exists(png)) {
+    if (frame.numbered && fs::exists(frame.path) && fs::exists(png)) {
       ++kept;
       continue;
     }
@@ -227,8 +237,9 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
     auto image =
         prepared->render(camera, frame.model_from_camera, (*loaded)->lighting, options, part);
     if (!image)
-      return within(frame.time_s ? std::move(image.error()).within(fmt::format("picture {}", i + 1))
-                                 : std::move(image.error()));
+      return within(frame.numbered
+                        ? std::move(image.error()).within(fmt::format("picture {}", i + 1))
+                        : std::move(image.error()));
     const auto metadata =
         metadata_of(scene_text, frame, radiance_of_one(**loaded, options), *image);
     if (exr) MAQUETTE_TRY_VOID(write_picture(*image, frame.path, metadata));
@@ -240,17 +251,25 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
         sum += static_cast<double>(middle.cells()[k]), ++seen;
   }
   const std::size_t made = frames.size() - kept;
-  result.figures_json = json{{"triangles", (*loaded)->triangles},
-                             {"mean_radiance", seen > 0 ? sum / static_cast<double>(seen) : 0.0},
-                             {"pixels_on_part", seen},
-                             {"pictures", made},
-                             {"kept", kept},
-                             {"mean_samples", made > 0 ? samples / static_cast<double>(made) : 0.0}}
-                            .dump();
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  json figures{{"triangles", (*loaded)->triangles},
+               {"mean_radiance", seen > 0 ? sum / static_cast<double>(seen) : 0.0},
+               {"pixels_on_part", seen},
+               {"pictures", made},
+               {"kept", kept},
+               {"mean_samples", made > 0 ? samples / static_cast<double>(made) : 0.0}};
   result.note = fmt::format(
       "{}{} x {} pixels of {} triangles",
       frames.size() > 1 ? fmt::format("{} pictures ({} kept) of ", frames.size(), kept) : "",
       camera.width_px, camera.height_px, (*loaded)->triangles);
+  // Of several: with their files, without reading the scene.
+  if (frames.size() > 1 && made > 0 && seconds > 0.0) {
+    const double rate = static_cast<double>(made) / seconds;
+    figures["pictures_per_s"] = rate;
+    result.note += fmt::format(", {:.3g} pictures/s", rate);
+  }
+  result.figures_json = figures.dump();
   return result;
 }
 

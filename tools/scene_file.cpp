@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "tools/camera_file.hpp"
+#include "tools/scene_lamps.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -51,8 +52,11 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"camera_target_mm", &s.camera_target_mm, "looked at, instead of the quaternion"});
   t.add({"lamp_position_mm", &s.lamp_position_mm, ""});
   t.add({"lamp_target_mm", &s.lamp_target_mm, ""});
+  t.add({"lamp_preset", &s.lamp_preset, "what no lamp_ key says is as of that lamp", -kInf, kInf,
+         lamp_names()});
   t.add({"lamp_diameter_mm", &s.lamp_diameter_mm, "0: point lamp", 0, 1e5});
-  t.add({"lamp_beam_deg", &s.lamp_beam_deg, "full angle", 0.01, 180});
+  t.add({"lamp_beam_deg", &s.lamp_beam_deg, "full angle; stretches a preset's intensities", 0.01,
+         180});
   t.add({"exposure_scale", &s.exposure_scale,
          "value of a white Lambert surface that faces the lamp at its target", 1e-9, 1e9});
   t.add({"white_balance", &s.white_balance, "factors on the picture's bands, besides", 0, 1e6});
@@ -74,6 +78,9 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"lamp_intensity", &s.lamp_intensity, "against angle: .ies (LM-63) or CSV"});
   t.add({"lamp_kelvin", &s.lamp_kelvin, "colour temperature; 0: white", 0, 1e5});
   t.add({"lamp_spectrum", &s.lamp_spectrum, "CSV wavelength_nm,value, instead of lamp_kelvin"});
+  t.add(
+      {"filters", &s.filters,
+       "CSV wavelength_nm,r,g,b: through which lamps with a colour are seen; boxes unless given"});
   t.add({"lamp_illuminance_lux", &s.lamp_illuminance_lux,
          "at the target: the picture's metadata say what 1.0 is in W/m2/sr; 0: not known", 0, 1e9});
   t.add({"ambient", &s.ambient, "radiance of the room's walls, one value or R, G, B", 0, 1e9});
@@ -85,6 +92,16 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"geometry", &s.geometry, "normals, positions, angles and parts in the EXR"});
   t.add({"trajectory", &s.trajectory,
          "CSV time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz: numbered pictures instead of one"});
+  t.array("pose", "a picture from each, numbered, instead of the one from camera_position_mm",
+          [&s] {
+            ScenePose& pose = s.poses.emplace_back();
+            Schema e;
+            e.add({"position_mm", &pose.position_mm, "", -kInf, kInf, {}, true});
+            e.add({"target_mm", &pose.target_mm, "looked at, instead of the quaternion"});
+            e.add({"quaternion_wxyz", &pose.quaternion_wxyz,
+                   "model_from_camera, camera looks along -z, y up", -1, 1});
+            return e;
+          });
   add_scene_parts(t, s.parts);
   MAQUETTE_TRY_VOID(t.read(path));
   if (s.resolution_px.size() != 2)
@@ -93,6 +110,9 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   if (!s.principal_point_px.empty() && s.principal_point_px.size() != 2)
     return fail(kConfigInvalid,
                 fmt::format("{}: principal_point_px must be [x, y]", path.string()));
+  if (!s.poses.empty() && !s.trajectory.empty())
+    return fail(kConfigInvalid, fmt::format("{}: a trajectory and [[pose]] tables; either expected",
+                                            path.string()));
   if (!s.camera.empty()) {
     MAQUETTE_TRY(const CameraFile file, camera_of(s.camera, path));
     const camera::Shot& shot = file.shot;

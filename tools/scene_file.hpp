@@ -19,6 +19,13 @@
 
 namespace maquette::tools {
 
+/// A [[pose]] table: the camera looks at a target, or lies as a quaternion says.
+struct ScenePose {
+  Vec3 position_mm;
+  Vec3 target_mm{NAN, NAN, NAN};
+  Quaternion quaternion_wxyz{1, 0, 0, 0};
+};
+
 struct Scene {
   std::string schema_name = "maquette.scene/1";
   std::filesystem::path surface;                 ///< mesh or model field
@@ -36,21 +43,24 @@ struct Scene {
   Vec3 camera_target_mm{NAN, NAN, NAN};  ///< instead of the quaternion
   Vec3 lamp_position_mm{-3000.0, 500.0, 2500.0};
   Vec3 lamp_target_mm{100.0, 100.0, 0.0};
-  double lamp_diameter_mm = 0.0, lamp_beam_deg = 56.0;
+  std::string lamp_preset;
+  double lamp_diameter_mm = NAN, lamp_beam_deg = NAN;  ///< NaN: SceneLamp says what then
   double exposure_scale = 1.0;
   std::vector<double> white_balance{1.0}, lamp_irradiance{1.0};
   double albedo = 0.3;
   std::string reflectance = "lambert";
   double lunar_lambert_l = 0.5;
   std::int64_t samples_per_pixel = 4, lamp_samples = 1, seed = 1;
-  double sun_diameter_deg = -1.0, lamp_kelvin = 0.0;
+  double sun_diameter_deg = -1.0, lamp_kelvin = NAN;
   std::filesystem::path lamp_intensity, lamp_spectrum;
-  double lamp_illuminance_lux = 0.0;
+  std::filesystem::path filters;  ///< empty: boxes
+  double lamp_illuminance_lux = NAN;
   std::vector<double> ambient{0.0};
   std::int64_t gather_samples = 4, max_samples = 256;
   bool bounce = false, geometry = true;
   double noise_target = 0.0;
   std::filesystem::path trajectory;
+  std::deque<ScenePose> poses;  ///< instead: numbered pictures without times
 };
 [[nodiscard]] Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path);
 

@@ -1,21 +1,27 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tools/scene_loading.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <map>
 
 #include <fmt/format.h>
 
-#include "camera/spectrum.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
 #include "tools/corrections_file.hpp"
 #include "tools/jobs.hpp"
+#include "tools/scene_lamps.hpp"
 
 namespace maquette::tools {
 namespace {
 
 constexpr double kBaseThicknessMm = 10.0;  ///< of a field's block, as where it is made a mesh
+
+bool is_rotation(const Quaternion& q) {
+  return std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) <= 1e-3;
+}
 
 camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
   const camera::Bands bands{albedo, albedo, albedo};
@@ -58,6 +64,44 @@ Result<void> load_surface(const Scene& s, const camera::Material& material, Load
   return {};
 }
 
+/// Stones of one shape have one mesh in as many poses and sizes; a stone whose shape no other has
+/// lies in the model frame as it is.
+void add_stones(const std::vector<meshing::PlacedStone>& stones, const camera::Material& material,
+                const RigidTransform& lies, LoadedScene& to) {
+  struct Shape {
+    const meshing::PlacedStone* first;
+    std::size_t stones = 0;
+    const TriMesh* mesh = nullptr;
+  };
+  std::deque<Shape> shapes;
+  std::vector<Shape*> shape_of;
+  for (const auto& stone : stones) {
+    auto known = std::find_if(shapes.begin(), shapes.end(),
+                              [&](const Shape& s) { return meshing::same_shape(*s.first, stone); });
+    if (known == shapes.end()) known = shapes.insert(shapes.end(), Shape{&stone});
+    ++known->stones;
+    shape_of.push_back(&*known);
+  }
+  for (std::size_t i = 0; i < stones.size(); ++i) {
+    const auto& stone = stones[i];
+    Shape& shape = *shape_of[i];
+    camera::SceneObject object{nullptr, material, lies};
+    if (shape.stones == 1) {
+      to.meshes.push_back(meshing::stone_mesh(stone));
+      object.mesh = &to.meshes.back();
+    } else {
+      if (shape.mesh == nullptr) {
+        to.meshes.push_back(meshing::unit_stone(stone.shape, stone.body));
+        shape.mesh = &to.meshes.back();
+      }
+      object.mesh = shape.mesh;
+      object.scale = stone.scale_mm;
+      object.model_from_mesh = lies * stone.model_from_stone;
+    }
+    to.objects.push_back(std::move(object));
+  }
+}
+
 Result<void> load_objects(const Scene& s, const camera::Material& surface, LoadedScene& to,
                           const RunContext& run) {
   if (!s.stones.empty()) {
@@ -71,66 +115,62 @@ Result<void> load_objects(const Scene& s, const camera::Material& surface, Loade
       MAQUETTE_TRY(const Corrections corrections, read_corrections(s.corrections));
       lies = corrections.actual_from_planned;
     }
-    for (const auto& stone : stones) {
-      to.meshes.push_back(meshing::stone_mesh(stone));
-      to.objects.push_back({&to.meshes.back(), material, lies});
-    }
+    add_stones(stones, material, lies, to);
   }
-  std::vector<std::tuple<fs::path, double, const TriMesh*>>
-      known;  // one copy for one file and scale
+  std::map<fs::path, const TriMesh*> known;  // one copy of a file
   for (const SceneMesh& o : s.parts.objects) {
     MAQUETTE_TRY(const auto material, find_material(s, o.material));
-    const TriMesh* mesh = nullptr;
-    for (const auto& [path, scale, loaded] : known)
-      if (path == o.mesh && scale == o.scale) mesh = loaded;
+    const TriMesh*& mesh = known[o.mesh];
     if (mesh == nullptr) {
       MAQUETTE_TRY(TriMesh fresh, meshing::read_mesh(o.mesh, run));
-      for (Vec3& v : fresh.vertices_mm) v = o.scale * v;
       to.meshes.push_back(std::move(fresh));
       mesh = &to.meshes.back();
-      known.emplace_back(o.mesh, o.scale, mesh);
     }
-    const Quaternion& q = o.quaternion_wxyz;
-    if (std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) > 1e-3)
+    if (!is_rotation(o.quaternion_wxyz))
       return fail(kConfigInvalid,
                   fmt::format("object {}: the quaternion is no rotation; its length "
                               "must be 1",
                               o.mesh.string()));
-    to.objects.push_back({mesh, material, {normalized(q), o.position_mm}});
+    camera::SceneObject object{mesh, material, {normalized(o.quaternion_wxyz), o.position_mm}};
+    object.scale = o.scale;
+    to.objects.push_back(std::move(object));
   }
   for (const TriMesh& mesh : to.meshes) to.triangles += mesh.triangles.size();
   return {};
 }
 
-Result<void> load_lighting(const Scene& s, LoadedScene& to) {
+constexpr double kFirstBeamDeg = 56.0;  ///< of the first lamp, unless it says otherwise
+
+SceneLamp first_lamp_of(const Scene& s) {
   SceneLamp first;
+  first.preset = s.lamp_preset;
   first.position_mm = s.lamp_position_mm;
   first.target_mm = s.lamp_target_mm;
   first.diameter_mm = s.lamp_diameter_mm;
   first.beam_deg = s.lamp_beam_deg;
   first.sun_diameter_deg = s.sun_diameter_deg;
   first.kelvin = s.lamp_kelvin;
+  first.illuminance_lux = s.lamp_illuminance_lux;
   first.irradiance = s.lamp_irradiance;
   first.intensity = s.lamp_intensity;
   first.spectrum = s.lamp_spectrum;
-  MAQUETTE_TRY(auto lamp, lamp_of(first));
+  return first;
+}
+
+Result<void> load_lighting(const Scene& s, LoadedScene& to) {
+  MAQUETTE_TRY(const Filters filters, filters_of(s.filters));
+  const SceneLamp first = first_lamp_of(s);
+  MAQUETTE_TRY(auto lamp, lamp_of(first, filters, kFirstBeamDeg));
+  MAQUETTE_TRY(to.white_radiance, white_radiance_of(first, lamp, filters));
   to.lighting.lamps.push_back(std::move(lamp));
   for (const SceneLamp& l : s.parts.lamps) {
-    MAQUETTE_TRY(auto more, lamp_of(l));
+    MAQUETTE_TRY(auto more, lamp_of(l, filters));
     to.lighting.lamps.push_back(std::move(more));
   }
   MAQUETTE_TRY(to.lighting.ambient, bands_of(s.ambient, "ambient"));
   for (const ScenePanel& p : s.parts.panels) {
     MAQUETTE_TRY(const auto radiance, bands_of(p.radiance, "panel: radiance"));
     to.lighting.panels.push_back({p.corner_mm, p.side_a_mm, p.side_b_mm, radiance});
-  }
-  if (s.lamp_illuminance_lux > 0.0 && (s.lamp_kelvin > 0.0 || !s.lamp_spectrum.empty())) {
-    camera::SpectralCurve spectrum = camera::black_body(std::max(s.lamp_kelvin, 1.0));
-    if (!s.lamp_spectrum.empty()) {
-      MAQUETTE_TRY(spectrum, camera::read_spectrum(s.lamp_spectrum));
-    }
-    to.white_radiance =
-        camera::white_radiance(spectrum, s.lamp_illuminance_lux, camera::box_bands());
   }
   return {};
 }
@@ -165,6 +205,22 @@ RigidTransform pose_of(const Scene& s) {
   return std::isnan(s.camera_target_mm.x)
              ? RigidTransform{normalized(s.camera_quaternion_wxyz), s.camera_position_mm}
              : camera::look_at(s.camera_position_mm, s.camera_target_mm);
+}
+
+Result<std::vector<RigidTransform>> poses_of(const Scene& s) {
+  std::vector<RigidTransform> poses;
+  for (const ScenePose& p : s.poses) {
+    if (!std::isnan(p.target_mm.x)) {
+      poses.push_back(camera::look_at(p.position_mm, p.target_mm));
+      continue;
+    }
+    if (!is_rotation(p.quaternion_wxyz))
+      return fail(kConfigInvalid, fmt::format("pose {}: the quaternion is no rotation; its length "
+                                              "must be 1",
+                                              poses.size() + 1));
+    poses.push_back({normalized(p.quaternion_wxyz), p.position_mm});
+  }
+  return poses;
 }
 
 Result<camera::RenderOptions> render_options_of(const Scene& s) {

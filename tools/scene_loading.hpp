@@ -31,6 +31,8 @@ struct LoadedScene {
                                                               const RunContext& run);
 
 [[nodiscard]] camera::CameraModel camera_of(const Scene& scene);
+/// Of each [[pose]]. TOOLS_CONFIG_INVALID: a quaternion that is none
+[[nodiscard]] Result<std::vector<RigidTransform>> poses_of(const Scene& scene);
 /// Of the one picture, without a trajectory.
 [[nodiscard]] RigidTransform pose_of(const Scene& scene);
 /// TOOLS_CONFIG_INVALID: white balance

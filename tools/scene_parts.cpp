@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include "camera/image_io.hpp"
-#include "camera/spectrum.hpp"
+#include "tools/scene_lamps.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -123,10 +123,12 @@ void add_scene_parts(Schema& schema, SceneParts& parts) {
   schema.array("lamp", "more lamps", [&parts] {
     SceneLamp& l = parts.lamps.emplace_back();
     Schema e;
+    e.add({"preset", &l.preset, "what is not given here is as of that lamp", -kInf, kInf,
+           lamp_names()});
     e.add({"position_mm", &l.position_mm, "", -kInf, kInf, {}, true});
     e.add({"target_mm", &l.target_mm, "", -kInf, kInf, {}, true});
     e.add({"diameter_mm", &l.diameter_mm, "of the lens; 0: point", 0, 1e5});
-    e.add({"beam_deg", &l.beam_deg, "full angle", 0.01, 360});
+    e.add({"beam_deg", &l.beam_deg, "full angle; stretches a preset's intensities", 0.01, 360});
     e.add({"sun_diameter_deg", &l.sun_diameter_deg, "a sun in that direction; -1: a lamp", -1, 60});
     e.add({"irradiance", &l.irradiance, "at the target, one value or R, G, B", 0, 1e9});
     e.add({"kelvin", &l.kelvin, "colour temperature; 0: white", 0, 1e5});
@@ -160,34 +162,6 @@ Result<camera::Material> material_of(const SceneMaterial& m) {
   }
   MAQUETTE_TRY_VOID(camera::check_material(material));
   return material;
-}
-
-Result<camera::Lamp> lamp_of(const SceneLamp& l) {
-  camera::Lamp lamp;
-  lamp.position_mm = l.position_mm;
-  lamp.target_mm = l.target_mm;
-  lamp.lens_diameter_mm = l.diameter_mm;
-  lamp.beam_deg = l.beam_deg;
-  if (l.sun_diameter_deg >= 0.0) lamp.sun_diameter_deg = l.sun_diameter_deg;
-  MAQUETTE_TRY(lamp.colour, bands_of(l.irradiance, "lamp: irradiance"));
-  if (!l.intensity.empty()) {
-    MAQUETTE_TRY(auto table, camera::read_intensity(l.intensity));
-    lamp.intensity = std::make_shared<camera::IntensityTable>(std::move(table));
-  }
-  if (l.spectrum.empty() && l.kelvin == 0.0) return lamp;
-  camera::SpectralCurve spectrum;
-  if (l.spectrum.empty()) {
-    spectrum = camera::black_body(l.kelvin);
-  } else {
-    MAQUETTE_TRY(spectrum, camera::read_spectrum(l.spectrum));
-  }
-  const camera::Bands light = camera::band_light(spectrum, camera::box_bands());
-  // White under equal energy per nanometre: a band counts by its mean, not by its width.
-  const camera::Bands flat = camera::band_light({{300, 1100}, {1, 1}}, camera::box_bands());
-  if (!(light[1] > 0.0))
-    return fail(kConfigInvalid, "a lamp's spectrum has no light in the green band to scale by");
-  for (std::size_t b = 0; b < 3; ++b) lamp.colour[b] *= light[b] / flat[b] / (light[1] / flat[1]);
-  return lamp;
 }
 
 }  // namespace maquette::tools

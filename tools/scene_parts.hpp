@@ -4,6 +4,7 @@
 /// @file scene_parts.hpp
 /// What a scene file may add to its surface and first lamp: materials, objects, lamps, panels.
 
+#include <cmath>
 #include <deque>
 #include <filesystem>
 #include <string>
@@ -34,10 +35,16 @@ struct SceneMesh {
   Quaternion quaternion_wxyz;
   double scale = 1.0;
 };
-/// A [[lamp]] table, beside the lamp_ keys of the file.
+/// A [[lamp]] table, or the lamp_ keys of the file. What is NaN or empty is the preset's, or,
+/// without one, as said beside it.
 struct SceneLamp {
+  std::string preset;  ///< of assets/devices.hpp
   Vec3 position_mm, target_mm;
-  double diameter_mm = 0.0, beam_deg = 180.0, sun_diameter_deg = -1.0, kelvin = 0.0;
+  double diameter_mm = NAN;  ///< 0
+  double beam_deg = NAN;     ///< 180; of the first lamp 56
+  double sun_diameter_deg = -1.0;
+  double kelvin = NAN;           ///< 0: white
+  double illuminance_lux = NAN;  ///< 0: not known
   std::vector<double> irradiance{1.0};
   std::filesystem::path intensity, spectrum;
 };
@@ -61,8 +68,4 @@ void add_scene_parts(Schema& schema, SceneParts& parts);
                                              const std::string& key);
 /// CAMERA_BRDF_FILE, CAMERA_IMAGE_*, TOOLS_CONFIG_INVALID.
 [[nodiscard]] Result<camera::Material> material_of(const SceneMaterial& m);
-/// The colour of a lamp is that of its spectrum or temperature through box filters, with 1 in G,
-/// times its irradiance. CAMERA_INTENSITY_FILE, CAMERA_SPECTRUM_FILE, TOOLS_CONFIG_INVALID.
-[[nodiscard]] Result<camera::Lamp> lamp_of(const SceneLamp& l);
-
 }  // namespace maquette::tools

@@ -109,6 +109,9 @@ TEST(Devices, LampsArePhysical) {
   EXPECT_EQ(find_preset(lamp_presets(), "point")->lens_diameter_mm, 0.0);
   EXPECT_EQ(find_preset(lamp_presets(), "arri_d5")->power_w, 575.0);
   EXPECT_EQ(find_preset(lamp_presets(), "arri_d5")->beam_deg, 56.0);
+  // A lens lets out less than the discharge gives: HMI lamps reach some 100 lm/W.
+  EXPECT_GT(find_preset(lamp_presets(), "arri_d5")->luminous_flux_lm, 0.1 * 575.0 * 100.0);
+  EXPECT_LT(find_preset(lamp_presets(), "arri_d5")->luminous_flux_lm, 0.6 * 575.0 * 100.0);
   // Solar diameter 1.3914e9 m at 1.495978707e11 m; the lens is rounded to a millimetre.
   EXPECT_NEAR(find_preset(lamp_presets(), "sun_at_20m")->lens_diameter_mm,
               20e3 * 1.3914e9 / 1.495978707e11, 0.5);

@@ -11,6 +11,7 @@ namespace maquette::tools {
 Command add_expose(CLI::App& root, const CommonOptions& common);
 Command add_calibrate(CLI::App& root, const CommonOptions& common);
 Command add_match(CLI::App& root, const CommonOptions& common);
+Command add_sheet(CLI::App& root, const CommonOptions& common);
 Command add_stack(CLI::App& root, const CommonOptions& common);
 
 }  // namespace maquette::tools

@@ -7,10 +7,14 @@
 //
 //   render_bench [pixels on a side]     3200 unless given, a multiple of 4
 //   render_bench frame                  the picture alone
+//   render_bench descent [frames]       60 unless given, of 1024 x 1024 pixels, from 1.5 m down to
+//                                       0.1 m over the terrain with 500 stones: pictures a second
 //   render_bench leak [million rays]    100 unless given: rays that must cross the surface, at its
 //                                       nodes and edges, one by one and in packets
 
+#include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -297,6 +301,51 @@ void frames() {
   for (const bool stones : {false, true}) in_its_own_process([&] { frame(part, stones); });
 }
 
+/// A camera comes down onto the middle, slowly at the end, as a lander brakes.
+int descent(int count) {
+  const heightmap::ModelField part = rough_part(1, 4001, 4001, 0.5);
+  const Stones rocks(part);
+  std::vector<camera::SceneObject> objects = rocks.objects;
+  camera::SceneObject ground;
+  ground.field = &part;
+  ground.base_mm = -100.0;
+  objects.push_back(ground);
+  const auto scene = camera::PreparedScene::build(objects);
+  const Vec3 site{1000.0, 1000.0, heightmap::height_at(part, 1000.0, 1000.0)};
+  const camera::CameraModel camera{1024, 1024, 14.0, 14.0};
+  const camera::Lighting sun{
+      {{.position_mm = {-3000.0, 500.0, 1200.0}, .target_mm = site, .sun_diameter_deg = 0.533}},
+      {},
+      {}};
+  const auto begin = std::chrono::steady_clock::now();
+  const auto seconds = [&] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  };
+  double light = 0.0;
+  const double cpu = cost([&] {
+    for (int i = 0; i < count; ++i) {
+      const double left = 1.0 - (i + 0.5) / count;
+      const Vec3 eye =
+          site + Vec3{-900.0 * left * left, -600.0 * left * left, 100.0 + 1400.0 * left * left};
+      const auto image =
+          scene->render(camera, camera::look_at(eye, site + Vec3{0.0, 1.0, 0.0}), sun,
+                        {.samples_per_pixel = 1, .seed = 1U + static_cast<unsigned>(i)});
+      if (!image) return fmt::print("frame {}: {}\n", i + 1, image.error().message);
+      light += static_cast<double>(image->bands[0](512, 512));
+      if ((i + 1) % 10 == 0)
+        fmt::print("  {} of {} frames, {:.2f} pictures/s\n", i + 1, count, (i + 1) / seconds());
+      std::fflush(stdout);
+    }
+  });
+  const double wall = seconds();
+  fmt::print(
+      "descent of {} frames of 1024 x 1024, soft shadow of the sun, 500 stones, 1 sample: "
+      "{:.1f} s, {:.1f} CPU s, {:.2f} pictures/s, {:.2f} pictures/CPU s; mean of the middle "
+      "pixels {:.4f}\n",
+      count, wall, cpu, count / wall, count / cpu, light / count);
+  return 0;
+}
+
 int run(int side) {
   const heightmap::ModelField part = rough_part(1, 4001, 4001, 0.5);
   const double cells = 4000.0 * 4000.0;
@@ -349,6 +398,8 @@ int run(int side) {
 int main(int count, char** words) {
   if (count > 1 && std::string_view(words[1]) == "leak")
     return maquette::leak(count > 2 ? std::atof(words[2]) : 100.0);
+  if (count > 1 && std::string_view(words[1]) == "descent")
+    return maquette::descent(count > 2 ? std::max(1, std::atoi(words[2])) : 60);
   maquette::frames();
   if (count > 1 && std::string_view(words[1]) == "frame") return 0;
   return maquette::run(count > 1 ? std::atoi(words[1]) : 3200);

@@ -2,6 +2,8 @@
 
 // verify, backplot, export, render, deviate
 
+#include <algorithm>
+
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 
@@ -176,11 +178,15 @@ Command add_export(CLI::App& root, const CommonOptions&) {
                   export_formats().end())
                 return fail(kUnknownFormat, fmt::format("--format {}: known formats are {}", f,
                                                         fmt::join(export_formats(), ", ")));
-            for (const std::string& f : o->formats)
-              MAQUETTE_TRY_VOID(finish(console, "export " + f, [&](const RunContext& run) {
-                return export_job(f, o->surface, given(o->design), o->options, o->out, run);
-              }));
-            return 0;
+            int code = 0;
+            for (const std::string& f : o->formats) {
+              MAQUETTE_TRY(
+                  const int kept, finish(console, "export " + f, [&](const RunContext& run) {
+                    return export_job(f, o->surface, given(o->design), o->options, o->out, run);
+                  }));
+              code = std::max(code, kept);
+            }
+            return code;
           }};
 }
 

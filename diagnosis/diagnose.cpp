@@ -153,7 +153,7 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
     if (look == 0) d.ranking = std::move(ranking);
     if (members.empty()) break;
     confirmed = detail::confirm(bank, members, look == 0 ? kClaimLevel : kLaterLevel, d.rejected,
-                                residuals.settle());
+                                residuals.settle_alone());
     std::erase_if(search.candidates,
                   [&](const detail::Candidate& c) { return detail::has(members, c.effect); });
   }

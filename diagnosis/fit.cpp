@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/check.hpp"
 #include "diagnosis/detail/sums.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -34,10 +35,11 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
     s.gram[g] = MatrixXd::Zero(n, n);
     for (const int set : sets) {
       const SetSums& from = bank.sets[static_cast<std::size_t>(set)];
-      s.gram[g] += bank.weight[g] * from.gram[g](at, at);
+      s.gram[g].noalias() += bank.weight[g] * from.gram[g](at, at);
       s.count[g] += bank.weight[g] * from.count[g];
     }
   }
+  MAQUETTE_CHECK(!std::isnan(s.gram[0].sum()), "columns without answers are fitted");
   for (std::size_t u = 0; u < kTops; ++u) {
     Small::Top& top = s.top[u];
     top.gram.assign(bank.theta.size(), MatrixXd::Zero(n, n));

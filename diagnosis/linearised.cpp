@@ -12,6 +12,8 @@ namespace {
 constexpr int kRounds = 4;
 /// Second order of a fiftieth of a size is a hundredth of second order.
 constexpr double kAtRest = 0.02, kAtRestSigmas = 0.2;
+/// Models whose residuals are kept: 10 MB each for 600 000 points.
+constexpr std::size_t kMostStates = 24;
 
 bool at_rest(const Eigen::VectorXd& last, const Fit& f, Eigen::Index nuisances) {
   for (Eigen::Index k = nuisances; k < last.size(); ++k)
@@ -34,10 +36,16 @@ void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients
                               signatures_, lag_and_slack_);
   for (std::size_t i = 0; i < given_.size(); ++i)
     observations_[i].residual_mm = beyond[i] = given_[i] - beyond[i];
-  exchange_residuals(bank_, beyond);
+  const auto own = columns_of(bank_, model);
+  exchange_residuals(bank_, beyond, &own);
 }
 
 void Linearised::about(const Members& model) {
+  about_alone(model);
+  if (answer_all(bank_)) keep();
+}
+
+void Linearised::about_alone(const Members& model) {
   Keys keys, cut;
   bool levels = false;
   for (const Member& k : model)
@@ -47,20 +55,49 @@ void Linearised::about(const Members& model) {
       levels |= c.levels.has_value();
     }
   if (levels && model.size() > 1) cut = keys;  // what any of them moves is levelled
-  if (cut == about_) return;
-  about_ = std::move(cut);
+  if (cut != about_) {
+    about_ = std::move(cut);
+    now_ = std::move(keys);
+    const auto known = states_.find(now_);
+    if (known != states_.end() && known->second.weight == bank_.weight)
+      restore(known->second);
+    else
+      come_to_rest(model);
+  }
+  answer(bank_, columns_of(bank_, model));
+}
+
+void Linearised::come_to_rest(const Members& model) {
   Eigen::VectorXd last;
   for (int round = 0; round < (about_.empty() ? 1 : kRounds); ++round) {
     Fit f;
-    if (const auto before = rested_.find(keys); round == 0 && before != rested_.end())
+    if (const auto before = rested_.find(now_); round == 0 && before != rested_.end()) {
       f.coefficients = before->second;
-    else
+    } else {
+      answer(bank_, columns_of(bank_, model));
       f = fit_of(model);
+    }
     if (round > 0 && at_rest(last, f, bank_.nuisances)) break;
     last = f.coefficients;
     recut(model, last);
   }
-  rested_[keys] = last;
+  rested_[now_] = last;
+  keep();
+}
+
+void Linearised::keep() {
+  if (states_.size() >= kMostStates) states_.clear();
+  State& state = states_[now_];
+  state = {{}, answers_of(bank_), bank_.weight};
+  state.residual.reserve(observations_.size());
+  for (const Observation& o : observations_)
+    state.residual.push_back(static_cast<float>(o.residual_mm));
+}
+
+void Linearised::restore(const State& state) {
+  for (std::size_t i = 0; i < observations_.size(); ++i)
+    observations_[i].residual_mm = static_cast<double>(state.residual[i]);
+  restore_answers(bank_, state.answers);
 }
 
 Fit Linearised::fit_of(const Members& model) const {
@@ -72,7 +109,7 @@ double Linearised::score_as_is(const Members& model) const {
 }
 
 double Linearised::score(const Members& model) {
-  about(model);
+  about_alone(model);
   return score_as_is(model);
 }
 
@@ -84,6 +121,7 @@ void Linearised::take_order(bool lag_first) {
   lag_and_slack_.lag_first = lag_first;
   about_.clear();
   rested_.clear();
+  states_.clear();
 }
 
 }  // namespace maquette::diagnosis::detail

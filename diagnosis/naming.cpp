@@ -144,7 +144,7 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const Search& sear
     double worse = first.objective - linear.objective, apart = first.squares - linear.squares;
     if (worse < kCloseGain * far || apart < kCloseSquares * far_squares ||
         is_part_of(instead.back().form, model.members[k].form)) {
-      residuals.about(instead);
+      residuals.about_alone(instead);
       const Scored anew = scored(residuals, instead);
       worse = anew.objective - model.fit.objective;
       apart = anew.squares - model.left.squares;
@@ -279,7 +279,7 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
       auto instead = others;
       instead.insert(instead.begin() + static_cast<std::ptrdiff_t>(k),
                      {other.effect, other.forms[found.form]});
-      residuals.about(instead);
+      residuals.about_alone(instead);
       if (const double its = objective(instead);
           its < best && shift_mm(residuals.fit_of(instead)) < kLess * moved) {
         best = its;

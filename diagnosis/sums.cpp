@@ -143,43 +143,155 @@ Eigen::Matrix3d plane_covariance(const Bank& bank, const Fit& fit, double cell_m
          plane.transpose();
 }
 
-void exchange_residuals(Bank& bank, const std::vector<double>& residual) {
+namespace {
+
+/// Sums of products of a cell's columns with the residual: a pass over floats that memory bounds.
+/// @param few  the columns that are wanted, in rising order; empty: all
+void add_products(const Points& p, const Points::Cell& cell, std::size_t group,
+                  const std::vector<Index>& few, double* to) {
+  const Index first = cell.row[group], rows = cell.rows[group];
+  Index before = 0;
+  auto next = few.begin();
+  for (const FloatRows& block : p.blocks) {
+    const Index columns = block.cols();
+    double* sums = to + before;
+    const auto own = next;
+    while (next != few.end() && *next < before + columns) ++next;
+    for (Index i = first; i < first + rows; ++i) {
+      const double y = static_cast<double>(p.residual(i, 0));
+      const float* row = block.data() + i * columns;
+      if (few.empty())
+        for (Index j = 0; j < columns; ++j) sums[j] += static_cast<double>(row[j]) * y;
+      else
+        for (auto j = own; j != next; ++j)
+          sums[*j - before] += static_cast<double>(row[*j - before]) * y;
+    }
+    before += columns;
+  }
+}
+
+/// Answers of the columns that are wanted.
+void give_answers(Bank& bank, const std::vector<char>& wanted) {
+  const Points& p = *bank.points;
+  const Index k = bank.y();
+  std::vector<Index> which;
+  for (Index j = 0; j < k; ++j)
+    if (wanted[static_cast<std::size_t>(j)] != 0) which.push_back(j);
+  if (which.empty()) return;
+  const bool few = 4 * which.size() < static_cast<std::size_t>(k);
+  const std::vector<Index> read = few ? which : std::vector<Index>();
+  Sums sums = zeros(k, 1);
+  each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {
+    for (std::size_t g = 0; g < kGroups; ++g)
+      add_products(p, cell, g, read, sums[stripe][static_cast<std::size_t>(cell.set)][g].data());
+  });
+  for (std::size_t set = 0; set < kSets; ++set)
+    for (std::size_t g = 0; g < kGroups; ++g) {
+      const MatrixXd all = total(sums, set, g);
+      MatrixXd& gram = bank.sets[set].gram[g];
+      for (const Index j : which) gram(j, k) = gram(k, j) = all(j, 0);
+    }
+  each_top(bank, [&](TopSums& sum, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
+    oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
+      MatrixXd& gram = sum.gram[t];
+      for (const Index j : which)
+        gram(j, k) = gram(k, j) = parts[t].white.col(j).dot(parts[t].white_y);
+    });
+  });
+  for (const Index j : which) bank.points->answered[static_cast<std::size_t>(j)] = 1;
+}
+
+/// The gram matrices' last column, set by set.
+template <class Take>
+void each_gram(Bank& bank, const Take& take) {
+  for (SetSums& s : bank.sets)
+    for (MatrixXd& g : s.gram) take(g);
+  each_top(bank, [&](TopSums& sum, std::vector<Points::Top>&, std::size_t, std::size_t) {
+    for (MatrixXd& g : sum.gram) take(g);
+  });
+}
+
+}  // namespace
+
+void exchange_residuals(Bank& bank, const std::vector<double>& residual,
+                        const std::vector<int>* columns) {
   Points& p = *bank.points;
   p.residual = details_of(p, 1, [&](std::uint32_t o, Index) { return residual[o]; });
   const Index k = bank.y();
-  Sums sums = zeros(k + 1, 1);
+  Sums sums = zeros(1, 1);
   each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {
-    for (std::size_t g = 0; g < kGroups; ++g) {
-      MatrixXd& to = sums[stripe][static_cast<std::size_t>(cell.set)][g];
-      const VectorXd y = p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>();
-      Index at = 0;
-      for (const FloatRows& block : p.blocks) {
-        to.block(at, 0, block.cols(), 1) +=
-            block.middleRows(cell.row[g], cell.rows[g]).cast<double>().transpose() * y;
-        at += block.cols();
-      }
-      to(k, 0) += y.squaredNorm();
-    }
+    for (std::size_t g = 0; g < kGroups; ++g)
+      sums[stripe][static_cast<std::size_t>(cell.set)][g](0, 0) +=
+          p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>().squaredNorm();
   });
-  for (std::size_t set = 0; set < kSets; ++set) {
-    SetSums& s = bank.sets[set];
-    for (std::size_t g = 0; g < kGroups; ++g) {
-      s.gram[g].col(k) = total(sums, set, g);
-      s.gram[g].row(k) = s.gram[g].col(k).transpose();
-    }
-  }
+  // Whoever reads an answer that was not asked for sees it.
+  each_gram(bank, [&](MatrixXd& gram) {
+    gram.col(k).setConstant(NAN);
+    gram.row(k).setConstant(NAN);
+  });
+  for (std::size_t set = 0; set < kSets; ++set)
+    for (std::size_t g = 0; g < kGroups; ++g)
+      bank.sets[set].gram[g](k, k) = total(sums, set, g)(0, 0);
   each_top(bank,
            [&](TopSums& sum, std::vector<Points::Top>& parts, std::size_t set, std::size_t u) {
              const VectorXd means = means_of(p, p.residual, set, u, sum.weight.size());
              oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
                Points::Top& top = parts[t];
-               MatrixXd& gram = sum.gram[t];
                top.white_y = top.factor.triangularView<Eigen::Lower>().solve(means);
-               gram.col(k).head(k) = top.white.transpose() * top.white_y;
-               gram(k, k) = top.white_y.squaredNorm();
-               gram.row(k) = gram.col(k).transpose();
+               sum.gram[t](k, k) = top.white_y.squaredNorm();
              });
            });
+  p.answered.assign(static_cast<std::size_t>(k), 0);
+  if (columns == nullptr)
+    answer_all(bank);
+  else
+    answer(bank, *columns);
+}
+
+void answer(Bank& bank, const std::vector<int>& columns) {
+  const std::vector<char>& answered = bank.points->answered;
+  std::vector<char> wanted(answered.size(), 0);
+  for (const int j : columns)
+    wanted[static_cast<std::size_t>(j)] = answered[static_cast<std::size_t>(j)] == 0 ? 1 : 0;
+  give_answers(bank, wanted);
+}
+
+bool answer_all(Bank& bank) {
+  std::vector<char> wanted = bank.points->answered;
+  for (char& w : wanted) w = w == 0 ? 1 : 0;
+  give_answers(bank, wanted);
+  return std::find(wanted.begin(), wanted.end(), 1) != wanted.end();
+}
+
+Answers answers_of(Bank& bank) {
+  const Points& p = *bank.points;
+  const Index k = bank.y();
+  Answers a{p.residual, p.answered, {}, {}};
+  each_gram(bank, [&](MatrixXd& gram) { a.products.emplace_back(gram.col(k)); });
+  each_top(bank, [&](TopSums&, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
+    for (const Points::Top& top : parts) a.white.push_back(top.white_y);
+  });
+  return a;
+}
+
+void restore_answers(Bank& bank, const Answers& a) {
+  Points& p = *bank.points;
+  const Index k = bank.y(), then = static_cast<Index>(a.answered.size());
+  p.residual = a.residual;
+  p.answered = a.answered;
+  p.answered.resize(static_cast<std::size_t>(k), 0);
+  std::size_t next = 0;
+  each_gram(bank, [&](MatrixXd& gram) {
+    const VectorXd& products = a.products[next++];
+    gram.col(k).setConstant(NAN);
+    gram.col(k).head(then) = products.head(then);
+    gram(k, k) = products(then);
+    gram.row(k) = gram.col(k).transpose();
+  });
+  next = 0;
+  each_top(bank, [&](TopSums&, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
+    for (Points::Top& top : parts) top.white_y = a.white[next++];
+  });
 }
 
 void add_columns(Bank& bank, const std::vector<Observation>& all,
@@ -254,6 +366,7 @@ void add_columns(Bank& bank, const std::vector<Observation>& all,
              });
            });
   p.blocks.push_back(std::move(block));
+  p.answered.resize(static_cast<std::size_t>(k), 1);
 }
 
 Bank sum_up(const std::vector<Observation>& all, const std::vector<Column>& nuisances,

@@ -25,11 +25,17 @@ class Linearised {
   Linearised(const Scene& scene, std::vector<Observation>& observations, Bank& bank);
 
   /// Makes the residuals those of a model; nothing where they are that already. Models asked for
-  /// before begin where they came to rest.
+  /// not long ago are as they came to rest, others asked for before begin there.
   void about(const Members& model);
+  /// The same for fits of that model and of parts of it alone: the bank has no other columns'
+  /// products with these residuals.
+  void about_alone(const Members& model);
   /// As a Settle.
   [[nodiscard]] Settle settle() {
     return [this](const Members& model) { about(model); };
+  }
+  [[nodiscard]] Settle settle_alone() {
+    return [this](const Members& model) { about_alone(model); };
   }
 
   /// Fit of a model on all blocks, with residuals as they are.
@@ -49,14 +55,24 @@ class Linearised {
 
  private:
   using Keys = std::vector<std::string>;
+  struct State {
+    std::vector<float> residual;
+    Answers answers;
+    Weights weight;  // with which it came to rest
+  };
   void recut(const Members& model, const Eigen::VectorXd& coefficients);
+  void come_to_rest(const Members& model);
+  void keep();
+  void restore(const State& state);
 
   const Scene& scene_;
   std::vector<Observation>& observations_;
   Bank& bank_;
   std::vector<double> given_;  // residuals as measured
   Keys about_;                 // columns that second order hangs on
+  Keys now_;                   // all columns of the model whose residuals these are
   std::map<Keys, Eigen::VectorXd> rested_;
+  std::map<Keys, State> states_;
   Signatures signatures_;
   LagAndSlack lag_and_slack_;
 };

@@ -55,6 +55,7 @@ struct Points {
   FloatRows shape;                // details of heights of a quadric's terms
   std::vector<FloatRows> blocks;  // columns, in the bank's order
   FloatRows residual;
+  std::vector<char> answered;  // by column: its products with the residual are in the sums
   struct Top {
     Eigen::MatrixXd factor, white;  // Cholesky's, of the means' covariance; columns' means over it
     Eigen::VectorXd white_y;

@@ -126,7 +126,23 @@ struct Bank {
 void add_columns(Bank& bank, const std::vector<Observation>& observations,
                  const std::vector<Column>& columns);
 /// Other residuals in the same places, one for each observation.
-void exchange_residuals(Bank& bank, const std::vector<double>& residual_mm);
+/// @param columns  indices of those that are to be fitted to them (nullptr: all): to multiply all
+///   with the residual costs as much as to cut anew. The others' sums are NaN until `answer`.
+void exchange_residuals(Bank& bank, const std::vector<double>& residual_mm,
+                        const std::vector<int>* columns = nullptr);
+/// Of columns that have none.
+void answer(Bank& bank, const std::vector<int>& columns);
+/// @return whether any had none
+bool answer_all(Bank& bank);
+
+/// What of a bank hangs on its residuals, to come back to them. Columns added since have no answer.
+struct Answers {
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> residual;
+  std::vector<char> answered;
+  std::vector<Eigen::VectorXd> products, white;
+};
+[[nodiscard]] Answers answers_of(Bank& bank);
+void restore_answers(Bank& bank, const Answers& answers);
 
 /// The sums of means that the likelihood of some of the sets has.
 [[nodiscard]] std::vector<const TopSums*> tops_of(const Bank& bank, const std::vector<int>& sets,

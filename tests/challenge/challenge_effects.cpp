@@ -42,6 +42,15 @@ const std::vector<std::string>& hideable() {
                                             "scanner.spot_blur"};
   return all;
 }
+const std::vector<std::string>& smooth_ones() {
+  static const std::vector<std::string> all{"machine.scale_x",          "machine.scale_y",
+                                            "machine.scale_z",          "machine.squareness_xy",
+                                            "machine.squareness_xz",    "machine.squareness_yz",
+                                            "machine.straightness_x",   "machine.straightness_y",
+                                            "machine.thermal_growth_z", "stock.warp",
+                                            "stock.swelling",           "scanner.range_scale"};
+  return all;
+}
 const std::vector<std::string>& nameless() {
   static const std::vector<std::string> all{"dents", "rings", "ripples", "patches"};
   return all;

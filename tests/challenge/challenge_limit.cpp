@@ -38,7 +38,7 @@ struct Map {
 
 }  // namespace
 
-std::vector<double> over_limit(const Options& options) {
+std::vector<Shown> over_limit(const Options& options) {
   Draw d{std::mt19937_64(options.seed * 7919 + 13)};
   const World w = draw_world(options, d);
   const std::size_t effects = w.hidden.size();
@@ -123,12 +123,12 @@ std::vector<double> over_limit(const Options& options) {
     gram.diagonal().array() += 1e-10;
     return (y - others * gram.ldlt().solve(others.transpose() * y)).norm();
   };
-  std::vector<double> over;
+  std::vector<Shown> shown;
   for (std::size_t j = 0; j < effects; ++j) {
     const double rms = left(plainly, j) / std::sqrt(2.0 * kNodes * kNodes);
-    over.push_back(std::min(left(x, j) / kLimitSigma, rms / kLimitRms_mm));
+    shown.push_back({std::min(left(x, j) / kLimitSigma, rms / kLimitRms_mm), rms});
   }
-  return over;
+  return shown;
 }
 
 }  // namespace challenge

@@ -3,8 +3,8 @@
 // Hides effects, has them found, counts. challenge --photo ...: in photographs, see photo_run.hpp.
 //   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--full]
 //             [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X]
-//             [--noise X] [--fade K] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE]
-//             [--strict]
+//             [--noise X] [--fade K] [--smooth] [--rms MM] [--wavy MM] [--wavy-length MM]
+//             [--jobs N] [--keep FOLDER] [--controls] [--oracle] [--picture FILE] [--strict]
 //             [--all-right]
 // --full: 200 null, 600 single, 300 double, 150 triple, 150 outside. Prints a line a case and the
 // table; --picture draws the confusion matrix. --strict: exit 1 if a null case is claimed, a name
@@ -17,9 +17,16 @@
 // it is not explained by its own name.
 // --fade: of effect K (from 0) only a millionth is hidden, all else stays: what the others do
 // alone.
+// --smooth: of the effects those that vary slowly over the part. --rms: every effect moves that
+// much (root mean square along the normal that poses do not take). --wavy, --wavy-length: the
+// block's smooth random part in the place of what is drawn, and no rough coat. With these three: is
+// something of a size found?
+// --oracle: the same once more with nothing hidden; what the report blocks gain over what one gains
+// who knows the causes.
 // --from: the first cases of each kind are passed over; --only: all but one, to see it again.
 // --keep: cases stay, with their reports. --jobs: cases at a time, each on one thread if several.
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -29,6 +36,7 @@
 #include <mutex>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -66,9 +74,9 @@ Reported reported(const std::string& effect, double size) {
 }
 
 struct Settings : challenge::CommonSettings {
-  bool controls = false;
+  bool controls = false, smooth = false, oracle = false;
   int points = 300'000, fade = -1;
-  double over = 0.0, noise = 1.0;
+  double over = 0.0, noise = 1.0, rms_mm = 0.0, wavy_mm = -1.0, wavy_length_mm = 100.0;
 };
 
 struct Tally {
@@ -76,7 +84,8 @@ struct Tally {
   std::map<std::string, challenge::Count> result;
   challenge::Confusion confusion;
   challenge::Sizes sizes;
-  double slowest = 0;
+  challenge::Gains gains;
+  std::vector<double> seconds;
 };
 
 challenge::Options options_of(const Settings& settings, const std::string& kind, int i) {
@@ -84,25 +93,47 @@ challenge::Options options_of(const Settings& settings, const std::string& kind,
   o.seed = challenge::seed_of(settings, kind, i);
   o.points = settings.points;
   o.noise = settings.noise;
-  o.effects = challenge::effects_of(
-      settings, kind, i, kind == "outside" ? challenge::nameless() : challenge::hideable(),
-      kind == "single");
+  o.wavy_mm = settings.wavy_mm;
+  o.wavy_length_mm = settings.wavy_length_mm;
+  o.effects = challenge::effects_of(settings, kind, i,
+                                    kind == "outside" ? challenge::nameless()
+                                    : settings.smooth ? challenge::smooth_ones()
+                                                      : challenge::hideable(),
+                                    kind == "single");
   return o;
+}
+
+/// Runs diagnose on a case. @return its report, null if there is none
+nlohmann::json diagnosed(const Settings& settings, const std::filesystem::path& folder) {
+  const std::string command =
+      fmt::format("'{}' diagnose '{}' --out '{}' --quiet{}{} > '{}' 2>&1", settings.program,
+                  (folder / "case.toml").string(), (folder / "out").string(),
+                  settings.controls ? "" : " --no-controls",
+                  settings.jobs > 1 ? " --threads 1" : "", (folder / "log").string());
+  const int rc = std::system(command.c_str());
+  nlohmann::json j;
+  std::ifstream in(folder / "out" / "diagnosis.json");
+  if (!in) {
+    fmt::print("{}: no diagnosis (exit {})\n", folder.string(), rc);
+    return j;
+  }
+  in >> j;
+  return j;
 }
 
 void one(const Settings& settings, const std::string& kind, int i, Tally& tally) {
   challenge::Options o = options_of(settings, kind, i);
-  auto over = challenge::over_limit(o);
   bool small = false;
   std::string sizes;
-  for (double& v : over) {
-    const double growth = settings.over > 0.0 ? std::min(kMostGrowth, settings.over / v)
-                          : v < kOver         ? std::min(kMostGrowth, 1.1 * kOver / v)
-                                              : 1.0;
+  for (const challenge::Shown& usual : challenge::over_limit(o)) {
+    const double growth = settings.rms_mm > 0.0 ? settings.rms_mm / usual.rms_mm
+                          : settings.over > 0.0 ? std::min(kMostGrowth, settings.over / usual.over)
+                          : usual.over < kOver  ? std::min(kMostGrowth, 1.1 * kOver / usual.over)
+                                                : 1.0;
     o.sizes.push_back(growth);
-    v *= growth;
-    small |= v < kOver;
-    sizes += fmt::format(" x{:.1f}", v);
+    const double over = usual.over * growth;
+    small |= over < kOver;
+    sizes += fmt::format(" x{:.1f}", over);
   }
   if (settings.fade >= 0 && settings.fade < static_cast<int>(o.sizes.size()))
     o.sizes[static_cast<std::size_t>(settings.fade)] *= 1e-6;
@@ -112,21 +143,19 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
                             : std::filesystem::path(settings.keep) / fmt::format("{}_{}", kind, i);
   const auto truth = challenge::make_case(o, folder);
   const auto begin = std::chrono::steady_clock::now();
-  const std::string command =
-      fmt::format("'{}' diagnose '{}' --out '{}' --quiet{}{} > '{}' 2>&1", settings.program,
-                  (folder / "case.toml").string(), (folder / "out").string(),
-                  settings.controls ? "" : " --no-controls",
-                  settings.jobs > 1 ? " --threads 1" : "", (folder / "log").string());
-  const int rc = std::system(command.c_str());
+  const nlohmann::json j = diagnosed(settings, folder);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  nlohmann::json j;
+  nlohmann::json twin;
+  if (settings.oracle && !o.effects.empty() && !j.is_null()) {
+    challenge::Options nothing = o;
+    for (double& size : nothing.sizes) size *= 1e-6;
+    challenge::make_case(nothing, folder / "twin");
+    twin = diagnosed(settings, folder / "twin");
+  }
   const std::scoped_lock lock(tally.guard);
-  tally.slowest = std::max(tally.slowest, seconds);
-  try {
-    std::ifstream(folder / "out" / "diagnosis.json") >> j;
-  } catch (const std::exception&) {
-    fmt::print("{} {} seed {}: no diagnosis (exit {})\n", kind, i, o.seed, rc);
+  tally.seconds.push_back(seconds);
+  if (j.is_null()) {
     ++tally.result[kind].cases;
     return;
   }
@@ -135,6 +164,10 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     const Reported is = reported(truth.effects[k], truth.sizes[k]);
     sizes += challenge::compare_size(j, truth.effects[k], is.parameter, is.value, tally.sizes);
   }
+  if (!twin.is_null())
+    sizes += fmt::format(" [gain {:.4f}]",
+                         tally.gains.add(j["gain"]["rms_before"], j["gain"]["rms_after"],
+                                         twin["gain"]["rms_before"]));
   tally.result[small && kind != "outside" ? kind + ", small" : kind].add(v);
   fmt::print("{} {} seed {} {}:{} {} ->{} [{:.1f} s]\n", kind, i, o.seed, v.word(), sizes,
              truth.summary, " " + v.said, seconds);
@@ -148,7 +181,10 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
 /// False: not understood.
 bool read(const std::vector<std::string>& words, Settings& s) {
   const auto flag = [&](const std::string& a, const std::string&) {
-    return a == "--controls" && (s.controls = true);
+    for (const auto& [name, value] :
+         {std::pair{"--controls", &s.controls}, {"--smooth", &s.smooth}, {"--oracle", &s.oracle}})
+      if (a == name) return *value = true;
+    return false;
   };
   const auto valued = [&](const std::string& a, const std::string& v) {
     if (a == "--fade")
@@ -159,6 +195,12 @@ bool read(const std::vector<std::string>& words, Settings& s) {
       s.over = std::stod(v);
     else if (a == "--noise")
       s.noise = std::stod(v);
+    else if (a == "--rms")
+      s.rms_mm = std::stod(v);
+    else if (a == "--wavy")
+      s.wavy_mm = std::stod(v);
+    else if (a == "--wavy-length")
+      s.wavy_length_mm = std::stod(v);
     else
       return false;
     return true;
@@ -178,16 +220,24 @@ int main(int argc, char** argv) {
     std::puts(
         "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
         "[--full] [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X] "
-        "[--noise X] [--fade K] [--jobs N] [--keep FOLDER] [--controls] [--picture FILE] "
-        "[--strict] "
-        "[--all-right]");
+        "[--noise X] [--fade K] [--smooth] [--rms MM] [--wavy MM] [--wavy-length MM] [--jobs N] "
+        "[--keep FOLDER] [--controls] [--oracle] [--picture FILE] [--strict] [--all-right]");
     return 2;
   }
   Tally tally;
   challenge::run_cases(settings,
                        [&](const std::string& kind, int i) { one(settings, kind, i, tally); });
-  const challenge::Outcome outcome = challenge::print_table(tally.result, tally.sizes);
-  fmt::print("slowest case {:.1f} s, {} at a time\n", tally.slowest, settings.jobs);
+  const challenge::Outcome outcome = challenge::print_table(tally.result, tally.sizes, tally.gains);
+  std::sort(tally.seconds.begin(), tally.seconds.end());
+  const auto quantile = [&](double q) {
+    return tally
+        .seconds[static_cast<std::size_t>(q * static_cast<double>(tally.seconds.size() - 1))];
+  };
+  if (!tally.seconds.empty())
+    fmt::print(
+        "seconds a case: middle {:.1f}, nine of ten within {:.1f}, slowest {:.1f}; {} at a "
+        "time\n",
+        quantile(0.5), quantile(0.9), quantile(1.0), settings.jobs);
   if (!settings.picture.empty()) challenge::write_confusion(tally.confusion, settings.picture);
   return (settings.strict && outcome.fell) || (settings.all_right && !outcome.all_right) ? 1 : 0;
 }

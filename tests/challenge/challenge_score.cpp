@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "challenge/challenge_score.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <set>
@@ -76,7 +77,16 @@ std::string compare_size(const nlohmann::json& j, const std::string& effect,
   return {};
 }
 
-Outcome print_table(const std::map<std::string, Count>& counts, const Sizes& s) {
+double Gains::add(double before, double after, double without) {
+  const double share = (before * before - after * after) / (before * before - without * without);
+  ++all;
+  sum += share;
+  least = std::min(least, share);
+  return share;
+}
+
+Outcome print_table(const std::map<std::string, Count>& counts, const Sizes& s,
+                    const Gains& gains) {
   fmt::print("\n{:14} {:>6} {:>7} {:>7} {:>8} {:>12}\n", "", "cases", "right", "wrong", "claimed",
              "unexplained");
   Outcome o;
@@ -94,6 +104,9 @@ Outcome print_table(const std::map<std::string, Count>& counts, const Sizes& s) 
         "the size {:.1f} % rms\n",
         s.all, 100.0 * s.covered / s.all, std::sqrt(s.squares / s.all),
         100.0 * std::sqrt(s.shares / s.all));
+  if (gains.all > 0)
+    fmt::print("{} gains on report blocks over those of one who knows: mean {:.4f}, least {:.4f}\n",
+               gains.all, gains.sum / gains.all, gains.least);
   return o;
 }
 

@@ -46,12 +46,22 @@ struct Sizes {
 std::string compare_size(const nlohmann::json& diagnosis, const std::string& effect,
                          const std::string& parameter, double hidden, Sizes& sizes);
 
+/// What the report blocks gained over what they gain where nothing is hidden, the same noise.
+struct Gains {
+  int all = 0;
+  double sum = 0.0, least = 1.0;
+  /// @param before, after  rms on the report blocks; @param without  the same of the twin without
+  ///   effects: what one who knows the causes leaves
+  double add(double before, double after, double without);
+};
+
 struct Outcome {
   bool fell = false;  ///< a wrong name, a claim on nothing, or something outside explained
   bool all_right = true;
 };
-/// Prints a line for each kind of case, and the sizes.
-Outcome print_table(const std::map<std::string, Count>& counts, const Sizes& sizes);
+/// Prints a line for each kind of case, the sizes and the gains.
+Outcome print_table(const std::map<std::string, Count>& counts, const Sizes& sizes,
+                    const Gains& gains = {});
 
 /// Drawn as SVG.
 void write_confusion(const Confusion& table, const std::string& file);

@@ -5,6 +5,8 @@
 //   for nothing hidden: nothing may be named or left; outside: nothing named, something left sizes
 //   against the stated standard error, only under the name that was hidden
 
+#include <cmath>
+
 #include <gmock/gmock.h>
 
 #include "challenge/challenge_score.hpp"
@@ -79,6 +81,16 @@ TEST(ChallengeScore, SizesOverTheirStandardErrors) {
   compare_size(j, "b", "size", 3.0, sizes);
   EXPECT_EQ(sizes.all, 2);
   EXPECT_EQ(sizes.covered, 1);
+}
+
+TEST(ChallengeScore, GainsAreSharesOfWhatOneWhoKnowsGains) {
+  Gains g;
+  // Of 0.05 that is hidden over 0.05 of noise nine tenths are taken away.
+  EXPECT_NEAR(g.add(std::sqrt(0.005), std::sqrt(0.00275), 0.05), 0.9, 1e-12);
+  EXPECT_NEAR(g.add(0.1, 0.05, 0.05), 1.0, 1e-12);
+  EXPECT_EQ(g.all, 2);
+  EXPECT_NEAR(g.sum, 1.9, 1e-12);
+  EXPECT_NEAR(g.least, 0.9, 1e-12);
 }
 
 }  // namespace

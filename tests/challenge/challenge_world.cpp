@@ -173,6 +173,11 @@ World draw_world(const Options& options, Draw& d) {
   w.noise.sigma = options.noise * d.uniform(0.03, 0.08);
   w.noise.rough *= options.noise;
   w.noise.wavy *= options.noise;
+  if (options.wavy_mm >= 0.0) {
+    w.noise.rough = 0.0;
+    w.noise.wavy = options.wavy_mm;
+    w.noise.wavy_length = options.wavy_length_mm;
+  }
   w.summary += fmt::format(" | passes along {} noise {:.3f} rough {:.3f}/{:.2f} wavy {:.4f}/{:.0f}",
                            w.along_x ? "x" : "y", w.noise.sigma, w.noise.rough,
                            w.noise.rough_length, w.noise.wavy, w.noise.wavy_length);

@@ -15,6 +15,7 @@
 #include <map>
 #include <utility>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
@@ -102,7 +103,7 @@ TEST_F(Sheet, PutsPicturesRowByRow) {
   for (int i = 0; i < 5; ++i) {
     // The second one is twice as high as the others.
     job.pictures.push_back(
-        exr("p" + std::to_string(i) + ".exr",
+        exr(fmt::format("p{}.exr", i),
             Grid<float>(i == 1 ? 80 : 40, 40, 0.1F * static_cast<float>(i + 1))));
     job.captions.emplace_back();
   }

@@ -245,9 +245,9 @@ TEST_F(View, RefusesFoldersWithNothingToShow) {
 TEST_F(View, SaysWhatTheFolderHolds) {
   fs::create_directories(folder / "lod/tiles/0/0");
   fs::create_directories(folder / "s1000/backplot");
-  for (const char* name :
-       {"lod/tileset.json", "lod/lod.json", "lod/stones.json", "s1000/stones.json",
-        "s1000/backplot/paths.json", "manifest.json", "report.html", "lod/tiles/0/0/tileset.json"})
+  for (const char* name : {"lod/tileset.json", "lod/tileset_implicit.json", "lod/lod.json",
+                           "lod/stones.json", "s1000/stones.json", "s1000/backplot/paths.json",
+                           "manifest.json", "report.html", "lod/tiles/0/0/tileset.json"})
     ASSERT_TRUE(write_file(folder / name, "{}"));
   ASSERT_TRUE(heightmap::write_model_field(plane(), folder / "s1000/deviation.tif"));
   ASSERT_TRUE(write_file(folder / "s1000/scene.toml",
@@ -283,6 +283,17 @@ TEST_F(View, SaysWhatTheFolderHolds) {
   EXPECT_NEAR(up[0], 0.0, 1e-12);
   EXPECT_NEAR(up[1], 0.8, 1e-12);
   EXPECT_NEAR(up[2], 0.6, 1e-12);
+}
+
+TEST_F(View, TakesAnImplicitTilesetWhereItIsTheOnlyOne) {
+  fs::create_directories(folder / "lod");
+  for (const char* name : {"lod/tileset_implicit.json", "lod/lod.json", "lod/stones.json"})
+    ASSERT_TRUE(write_file(folder / name, "{}"));
+  const json j = json::parse(ask("GET /maquette.json").body);
+  EXPECT_EQ(j["tilesets"],
+            json::parse(R"([{"path": "lod/tileset_implicit.json", "lod": "lod/lod.json",
+                             "stones": "lod/stones.json"}])"));
+  EXPECT_EQ(j["plans"], json::array());
 }
 
 TEST_F(View, KnowsPhotographsAndTrajectories) {

@@ -215,11 +215,14 @@ Result<std::string> view_contents_json(const fs::path& folder) {
   for (const fs::path& file : files_of(folder)) {
     const std::string name = file.filename().string();
     const fs::path here = file.parent_path();
-    if (name == "tileset.json") {
+    // The implicit tileset is the same tiles once more: shown where it is the only one.
+    if (name == "tileset.json" ||
+        (name == "tileset_implicit.json" && !fs::exists(here / "tileset.json", ec))) {
       j["tilesets"].push_back({{"path", relative_name(folder, file)},
                                {"lod", name_if_there(folder, here / "lod.json")},
                                {"stones", name_if_there(folder, here / "stones.json")}});
-    } else if (name == "stones.json" && !fs::exists(here / "tileset.json", ec)) {
+    } else if (name == "stones.json" && !fs::exists(here / "tileset.json", ec) &&
+               !fs::exists(here / "tileset_implicit.json", ec)) {
       j["plans"].push_back(relative_name(folder, file));
     } else if (name == "paths.json") {
       j["paths"].push_back(relative_name(folder, file));

@@ -6,7 +6,9 @@
 ///
 /// JSON, schema maquette.view/1; paths are relative to the folder, with slashes:
 ///   name       of the folder
-///   tilesets   [{path, lod, stones}]: what `maquette lod` has written; stones is null or a plan
+///   tilesets   [{path, lod, stones}]: what `maquette lod` has written, tileset.json or, where that
+///   is
+///              missing, tileset_implicit.json; stones is null or a plan
 ///   fields     [{path, kind, unit, nodes, spacing_mm, origin_mm}]: rasters in the model frame.
 ///              kind: "height", "signed" (deviations; zero is the middle), "positive"
 ///   plans      stones.json outside of tilesets

@@ -91,6 +91,39 @@ void prune(json& tile, int deepest, std::vector<std::string>& uris) {
     tile["children"] = std::move(kept);
 }
 
+/// Names an implicit quadtree's tiles one by one, from (x, y) at a depth on: boxes are halved
+/// across, errors as well (3D Tiles 1.1, implicit tiling).
+void name_tiles(json& tile, const std::set<std::string>& uris, int depth, int x, int y) {
+  const auto uri_of = [](int d, int i, int j) {
+    return fmt::format("tiles/{}/{}/{}.glb", d, i, j);
+  };
+  tile["content"] = {{"uri", uri_of(depth, x, y)}};
+  const auto box = tile.at("boundingVolume").at("box").get<std::array<double, 12>>();
+  for (const int j : {0, 1})
+    for (const int i : {0, 1}) {
+      if (!uris.contains(uri_of(depth + 1, 2 * x + i, 2 * y + j))) continue;
+      auto quarter = box;
+      quarter[0] += (i == 0 ? -0.5 : 0.5) * box[3];
+      quarter[1] += (j == 0 ? -0.5 : 0.5) * box[7];
+      quarter[3] *= 0.5;
+      quarter[7] *= 0.5;
+      json child{{"boundingVolume", {{"box", quarter}}},
+                 {"geometricError", 0.5 * tile.at("geometricError").get<double>()},
+                 {"refine", "REPLACE"}};
+      name_tiles(child, uris, depth + 1, 2 * x + i, 2 * y + j);
+      tile["children"].push_back(std::move(child));
+    }
+}
+
+void name_implicit_tiles(json& tree, const json& lod) {
+  for (json& tile : tree.at("root").at("children")) {
+    if (tile.erase("implicitTiling") == 0) continue;
+    std::set<std::string> uris;
+    for (const json& t : lod.at("tiles")) uris.insert(t.at("uri").get<std::string>());
+    name_tiles(tile, uris, 0, 0, 0);
+  }
+}
+
 struct Tileset {
   json entry, tree, lod;       // of the contents, tileset.json and lod.json
   fs::path folder;             // relative
@@ -108,6 +141,7 @@ std::optional<Tileset> read_tileset(const fs::path& root, const json& entry) {
   t.tree = json::parse(*tree, nullptr, false);
   const json whole = json::parse(*lod, nullptr, false);
   try {
+    name_implicit_tiles(t.tree, whole);
     // What the page reads; the list of all tiles is longer than the coarse ones.
     for (const char* key :
          {"nodes", "spacing_mm", "x0_mm", "y0_mm", "tile_quads", "scale_denominator", "levels"})

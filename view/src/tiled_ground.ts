@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What `maquette lod` has written, streamed by 3d-tiles-renderer. Heights come from the finest tile
-// at the place, whatever level is on the screen.
+// What `maquette lod` has written, streamed by 3d-tiles-renderer: with all tiles named in
+// tileset.json, or as the implicit quadtree of tileset_implicit.json and its subtrees. Heights come
+// from the finest tile at the place, whatever level is on the screen.
 
 import * as THREE from 'three';
 import { TilesRenderer } from '3d-tiles-renderer';
+import { ImplicitTilingPlugin } from '3d-tiles-renderer/plugins';
 import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { MeshoptDecoder } from 'three/addons/libs/meshopt_decoder.module.js';
@@ -73,7 +75,7 @@ export class TiledGround implements Surface {
   private constructor(entry: TilesetEntry, private readonly lod: Lod, root: Tile, gltf: GLTFLoader,
     material: GroundMaterial, told: (problem: string) => void, changed: () => void) {
     this.name = entry.path;
-    this.folder = entry.path.slice(0, entry.path.length - 'tileset.json'.length);
+    this.folder = entry.path.slice(0, entry.path.lastIndexOf('/') + 1);
     const box = root.boundingVolume?.box ?? [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1];
     const width = (lod.nodes[0] - 1) * lod.spacing_mm, depth = (lod.nodes[1] - 1) * lod.spacing_mm;
     this.box = { low: [lod.x0_mm, lod.y0_mm, 1000 * (box[2]! - Math.abs(box[11]!))],
@@ -87,6 +89,7 @@ export class TiledGround implements Surface {
 
     this.tiles = new TilesRenderer(fileUrl(entry.path));
     this.tiles.errorTarget = kErrorPixels;
+    this.tiles.registerPlugin(new ImplicitTilingPlugin());
     if (carries) this.tiles.registerPlugin(kInPage);
     this.tiles.manager.addHandler(/\.(gltf|glb)$/, gltf);
     const events = this.tiles as unknown as { addEventListener(name: string, f: (event: never) => void): void };

@@ -136,12 +136,6 @@ struct Mask {
   std::size_t background = 0;
 };
 
-const Grid<float>* channel_of(const LoadedImage& image, std::string_view wanted) {
-  for (std::size_t k = 0; k < image.names.size(); ++k)
-    if (image.names[k] == wanted) return &image.channels[k];
-  return nullptr;
-}
-
 /// Everything within `reach` of a 1 along rows, then along columns; both go through memory row by
 /// row.
 void widen(Grid<std::uint8_t>& g, int reach) {

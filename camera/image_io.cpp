@@ -222,6 +222,16 @@ std::uint8_t srgb8(double linear) {
   return static_cast<std::uint8_t>(std::lround(255.0 * srgb_of_linear(linear)));
 }
 
+const Grid<float>* channel_of(const LoadedImage& image, std::string_view name) {
+  for (std::size_t k = 0; k < image.names.size(); ++k)
+    if (image.names[k] == name) return &image.channels[k];
+  return nullptr;
+}
+
+Grid<float>* channel_of(LoadedImage& image, std::string_view name) {
+  return const_cast<Grid<float>*>(channel_of(std::as_const(image), name));
+}
+
 std::string_view text_in(const Metadata& metadata, std::string_view key) {
   for (const auto& [name, value] : metadata)
     if (name == key) return value;

@@ -62,6 +62,9 @@ struct LoadedImage {
   double highest = 0.0;  ///< whole number that 1 stands for in the file; 0: floating point
   Metadata metadata{};   ///< those of our keys that the file has
 };
+/// nullptr: it has none of that name.
+[[nodiscard]] const Grid<float>* channel_of(const LoadedImage& image, std::string_view name);
+[[nodiscard]] Grid<float>* channel_of(LoadedImage& image, std::string_view name);
 /// CORE_FILE_NOT_FOUND; CAMERA_IMAGE_NOT_READABLE: no image, or a damaged one;
 /// CAMERA_IMAGE_FORMAT: a deep, volume or too large image. Alpha is a channel like any
 /// other and multiplies nothing.

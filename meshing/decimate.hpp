@@ -15,12 +15,13 @@
 /// Accuracy measured at every node with the mesh as it is given out. To a count, beside the
 ///          program hmm (greedy insertion) with as many triangles, on fractal ground and on DEMs
 ///          of Mars and the Moon: rms 0.51 to 0.67 of its (0.65 at a million triangles of 16 nodes
-///          each), largest error 0.40 to 0.93, once 1.04. To a bound: rms 0.76 to 0.84 of greedy
-///          insertion's. OpenMesh's quadrics turn 2 to 5 of a hundred triangles over (tools/bench
-///          meshing).
-/// Cost     To a count of a million 0.6 of hmm's time (4.4 us of processor time a triangle of 16
-///          nodes where hmm took 8), of fewer triangles about as much as hmm. To a bound 2 to 5
-///          us. 57 to 60 MiB a million triangles beside the field, the result's 23 among them.
+///          each), largest error 0.40 to 0.93, once 1.04 (both on heights as floats; the program,
+///          which takes 16 bits, has three times our largest at a million). To a bound: rms 0.76 to
+///          0.84 of greedy insertion's. OpenMesh's quadrics turn 2 to 5 of a hundred triangles over
+///          (tools/bench meshing).
+/// Cost     To a count of a million 4.4 us of processor time a triangle of 16 nodes, 0.74 of what
+///          the program hmm takes; of fewer triangles about as much as hmm. To a bound 2 to 5 us.
+///          57 to 60 MiB a million triangles beside the field, the result's 23 among them.
 
 #include <cstdint>
 

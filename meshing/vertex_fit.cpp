@@ -159,8 +159,7 @@ class VertexFit {
     float dx = 0.0F, dy = 0.0F;
     if (freely) {
       auto [rows, cols] = sideways(s, count);
-      for (int half = 0; (rows != 0 || cols != 0) && half < 4; ++half, rows /= 2, cols /= 2) {
-        if (half == 3) break;
+      for (int half = 0; (rows != 0 || cols != 0) && half < 3; ++half, rows /= 2, cols /= 2) {
         Vertex there = at;
         there.row += rows;
         there.col += cols;

@@ -30,14 +30,12 @@ constexpr double kStrip = 0.075, kLetters = 0.05, kLeastStripPx = 18.0, kLeastLe
 
 /// R, G, B, or three times the one band there is.
 std::array<const Grid<float>*, 3> colours_of(const camera::LoadedImage& image) {
-  std::array<const Grid<float>*, 3> bands{};
-  for (std::size_t i = 0; i < image.names.size(); ++i)
-    for (std::size_t b = 0; b < 3; ++b)
-      if (image.names[i] == std::string(1, "RGB"[b])) bands[b] = &image.channels[i];
+  std::array<const Grid<float>*, 3> bands{camera::channel_of(image, "R"),
+                                          camera::channel_of(image, "G"),
+                                          camera::channel_of(image, "B")};
   if (std::find(bands.begin(), bands.end(), nullptr) == bands.end()) return bands;
-  bands.fill(&image.channels[0]);
-  for (std::size_t i = 0; i < image.names.size(); ++i)
-    if (image.names[i] == "Y") bands.fill(&image.channels[i]);
+  const Grid<float>* y = camera::channel_of(image, "Y");
+  bands.fill(y != nullptr ? y : &image.channels[0]);
   return bands;
 }
 

@@ -36,11 +36,7 @@ Result<std::vector<double>> numbers_in(const RenderedLight& light, std::string_v
 
 Result<RenderedLight> read_rendered_light(const std::filesystem::path& path) {
   MAQUETTE_TRY(camera::LoadedImage image, camera::read_image(path));
-  const auto find = [&](std::string_view name) -> Grid<float>* {
-    for (std::size_t k = 0; k < image.names.size(); ++k)
-      if (image.names[k] == name) return &image.channels[k];
-    return nullptr;
-  };
+  const auto find = [&](std::string_view name) { return camera::channel_of(image, name); };
   RenderedLight light;
   camera::Frame& frame = light.frame;
   if (Grid<float>* r = find("R"), *g = find("G"), *b = find("B"); r && g && b) {

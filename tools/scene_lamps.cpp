@@ -101,7 +101,7 @@ Result<camera::Lamp> lamp_of(const SceneLamp& l, const Filters& filters, double 
 Result<camera::Bands> white_radiance_of(const SceneLamp& l, const camera::Lamp& lamp,
                                         const Filters& filters) {
   const auto preset = preset_of(l);
-  double lux = given(l.illuminance_lux, NAN, 0.0);
+  double lux = std::isnan(l.illuminance_lux) ? 0.0 : l.illuminance_lux;
   if (std::isnan(l.illuminance_lux) && preset && preset->luminous_flux_lm > 0.0 &&
       !lamp.sun_diameter_deg) {
     const double even =

@@ -58,22 +58,27 @@ Local to_local(const LodTileMesh& tile, const LodLattice& lattice, bool with_nor
 }
 
 Json frame_of(const LodTileMesh& tile, const LodLattice& lattice, const LodTileError& error,
-              const LodAssetOptions& options, const Local& local) {
-  const double step_m = kMetresPerMillimetre * lattice.step_mm;
+              const LodAssetOptions& options, LodContentScale content, const Local& local) {
+  const double wide_m = content.horizontal * kMetresPerMillimetre * lattice.step_mm;
+  const double high_m = content.vertical * kMetresPerMillimetre * lattice.step_mm;
+  const Vec3 step_m{wide_m, high_m, wide_m};
   Json json;
-  json["asset"] = gltf_asset({{"origin", "the field's south-western node, at model z = 0"},
-                              {"scale_denominator", options.scale_denominator},
-                              {"level", tile.key.level},
-                              {"max_vertical_error_mm", error.vertical_mm}});
+  json["asset"] = gltf_asset(
+      {{"origin", "the field's south-western node, at model z = 0"},
+       {"scale_denominator", options.scale_denominator},
+       {"metres_per_model_metre", {content.horizontal, content.vertical}},
+       {"level", tile.key.level},
+       {"max_vertical_error_m", content.vertical * kMetresPerMillimetre * error.vertical_mm}});
   json["scene"] = 0;
   json["scenes"] = {{{"nodes", {0}}}};
-  Json translation = Json::array();
-  for (const std::int64_t o : local.origin) translation.push_back(step_m * static_cast<double>(o));
+  const auto [x, y, z] = local.origin;
   json["nodes"] = {
       {{"name", fmt::format("level {} tile {} {}", tile.key.level, tile.key.x, tile.key.y)},
        {"mesh", 0},
-       {"translation", std::move(translation)},
-       {"scale", {step_m, step_m, step_m}}}};
+       {"translation",
+        {step_m.x * static_cast<double>(x), step_m.y * static_cast<double>(y),
+         step_m.z * static_cast<double>(z)}},
+       {"scale", {step_m.x, step_m.y, step_m.z}}}};
   json["materials"] = {Json::parse(material_json(options.material))};
   json["meshes"] = {
       {{"primitives", {{{"attributes", {{"POSITION", 0}}}, {"indices", 1}, {"material", 0}}}}}};
@@ -144,8 +149,10 @@ std::vector<bool> outline(const LodTileMesh& tile) {
 Result<GlbContent> encode_draco(const LodTileMesh& tile, const Local& in_gltf_axes,
                                 const LodAssetOptions& options, Json json) {
   const Local local = with_up_as_x(in_gltf_axes);
-  json["nodes"][0]["rotation"] = kUpFromX;
-  PositionGrid grid;  // a step of 1 from 0
+  Json& node = json["nodes"][0];
+  node["rotation"] = kUpFromX;
+  node["scale"] = {node["scale"][1], node["scale"][2], node["scale"][0]};  // before it turns
+  PositionGrid grid;                                                       // a step of 1 from 0
   grid.bits = 1;
   const float widest = *std::max_element(local.max.begin(), local.max.end());
   while (static_cast<float>((std::uint32_t{1} << grid.bits) - 1) < widest) ++grid.bits;
@@ -313,9 +320,10 @@ std::string material_json(LodMaterial material) {
 }
 
 Result<GlbContent> encode_lod_tile(const LodTileMesh& tile, const LodLattice& lattice,
-                                   const LodTileError& error, const LodAssetOptions& options) {
+                                   const LodTileError& error, const LodAssetOptions& options,
+                                   LodContentScale content) {
   const Local local = to_local(tile, lattice, options.normals);
-  Json json = frame_of(tile, lattice, error, options, local);
+  Json json = frame_of(tile, lattice, error, options, content, local);
   switch (options.compression) {
     case LodCompression::draco:
       return encode_draco(tile, local, options, std::move(json));

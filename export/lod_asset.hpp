@@ -5,8 +5,9 @@
 /// One tile as a glTF 2.0 binary in memory.
 ///
 /// Positions are whole numbers of the set's lattice from the tile's own origin (north-western
-/// corner, lowest height); the node's scale is the lattice's step in metres, its translation that
-/// origin. So a vertex that two tiles share is step * (the same whole number) in both, and floats
+/// corner, lowest height); the node's scale is the lattice's step in metres (of the content: at
+/// model size, or full size where LodContentScale says so), its translation that origin. So a
+/// vertex that two tiles share is step * (the same whole number) in both, and floats
 /// hold all coordinates exactly (below 2^24). y is up, x east, z south.
 ///
 ///   draco    KHR_draco_mesh_compression, quantised on the lattice itself: decoding gives back the
@@ -42,6 +43,12 @@ struct LodAssetOptions {
   double scale_denominator = 1000.0;  ///< recorded
 };
 
+/// Metres of the content for a metre of the model: 1 at model size; 1000 for the full size of a
+/// model 1:1000, and upwards less by its exaggeration.
+struct LodContentScale {
+  double horizontal = 1.0, vertical = 1.0;
+};
+
 struct GlbContent {
   std::string json;
   std::vector<char> binary;  ///< a multiple of four bytes
@@ -53,6 +60,7 @@ struct GlbContent {
 /// EXPORT_LIBRARY_FAILED: Draco or meshoptimizer gave up.
 [[nodiscard]] Result<GlbContent> encode_lod_tile(const LodTileMesh& tile, const LodLattice& lattice,
                                                  const LodTileError& error,
-                                                 const LodAssetOptions& options);
+                                                 const LodAssetOptions& options,
+                                                 LodContentScale content = {});
 
 }  // namespace maquette::exporting

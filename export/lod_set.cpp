@@ -24,7 +24,7 @@ using Json = nlohmann::ordered_json;
 /// A step above this share of the spacing turns slopes into stairs; as in gltf.cpp.
 constexpr double kCoarsestStep = 0.25;
 /// Goes up when tiles of the same heights and options get other bytes.
-constexpr int kTileVersion = 3;
+constexpr int kTileVersion = 4;
 
 Result<void> check_options(const heightmap::ModelField& field, const LodSetOptions& o) {
   const auto bad = [](const std::string& what) { return fail(kOptionOutOfRange, what); };
@@ -34,16 +34,9 @@ Result<void> check_options(const heightmap::ModelField& field, const LodSetOptio
     return bad(fmt::format("tiles of {} quads: 16 to 1024 expected", o.tile_quads));
   if (o.asset.normal_bits < 4 || o.asset.normal_bits > 16)
     return bad(fmt::format("{} bits a normal: 4 to 16 expected", o.asset.normal_bits));
-  if (!(o.asset.scale_denominator > 0.0) || !std::isfinite(o.asset.scale_denominator))
-    return bad(fmt::format("scale 1:{}: more than 0 expected", o.asset.scale_denominator));
   if (o.max_error && !(o.max_error->value() > 0.0))
     return bad(fmt::format("an error of {} mm: more than 0 expected", o.max_error->value()));
-  if (o.place && (!(std::fabs(o.place->latitude_deg) <= 90.0) ||
-                  !(std::fabs(o.place->longitude_deg) <= 360.0) ||
-                  !std::isfinite(o.place->height_m) || !(o.place->exaggeration > 0.0)))
-    return bad(fmt::format("latitude {}, longitude {}, height {} m, exaggeration {}",
-                           o.place->latitude_deg, o.place->longitude_deg, o.place->height_m,
-                           o.place->exaggeration));
+  MAQUETTE_TRY_VOID(check_place(o.place, o.asset.scale_denominator));
   if (field.z_mm.rows() < 2 || field.z_mm.cols() < 2)
     return fail(kEmptyMesh, "levels need 2 x 2 nodes at least");
   return {};
@@ -53,11 +46,13 @@ std::string key_of(const heightmap::ModelField& field, const LodSetOptions& o) {
   const auto heights = field.z_mm.cells();
   const std::string content =
       sha256({reinterpret_cast<const char*>(heights.data()), heights.size() * sizeof(heights[0])});
-  return sha256(fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {}", kTileVersion, content,
+  const LodContentScale scale = content_scale(o);
+  return sha256(fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {} {} {}", kTileVersion, content,
                             field.z_mm.rows(), field.z_mm.cols(), field.spacing.value(),
                             o.position_bits, o.tile_quads, static_cast<int>(o.filter),
                             name(o.asset.compression), name(o.asset.material), o.asset.normals,
-                            o.asset.normal_bits, o.asset.scale_denominator));
+                            o.asset.normal_bits, o.asset.scale_denominator, scale.horizontal,
+                            scale.vertical));
 }
 
 Result<void> make_folder(const fs::path& folder) {
@@ -123,7 +118,7 @@ Result<LodTileReport> make_one(const LodPyramid& pyramid, const LodLattice& latt
     return report;
   }
   MAQUETTE_TRY(const GlbContent content,
-               encode_lod_tile(tile, lattice, report.error, options.asset));
+               encode_lod_tile(tile, lattice, report.error, options.asset, content_scale(options)));
   MAQUETTE_TRY(report.bytes, write_glb_content(content, path));
   return report;
 }
@@ -239,11 +234,11 @@ Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
   Box3 stones_at;
   if (!stones.empty()) {
     const Vec3 corner{field.x0.value(), field.y0.value(), 0.0};
-    stones_at = stones_box(stones, corner);
+    stones_at = stones_box(stones, corner, content_scale(options));
     report.outputs.push_back(folder / "stones.glb");
-    MAQUETTE_TRY(
-        report.stones_bytes,
-        write_glb_content(encode_stones(stones, corner, options.asset), report.outputs.back()));
+    MAQUETTE_TRY(report.stones_bytes, write_glb_content(encode_stones(stones, corner, options.asset,
+                                                                      content_scale(options)),
+                                                        report.outputs.back()));
   }
   for (const auto& [path, content] : subtree_files(report, field))
     MAQUETTE_TRY_VOID(put(path, content));
@@ -253,6 +248,29 @@ Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
   MAQUETTE_TRY_VOID(put("lod.json", to_json(report, options, field)));
   run.progress(1.0);
   return report;
+}
+
+Result<void> check_place(const std::optional<LodPlace>& place, double scale_denominator) {
+  if (!(scale_denominator > 0.0) || !std::isfinite(scale_denominator))
+    return fail(kOptionOutOfRange,
+                fmt::format("scale 1:{}: more than 0 expected", scale_denominator));
+  if (place && (!(std::fabs(place->latitude_deg) <= 90.0) ||
+                !(std::fabs(place->longitude_deg) <= 360.0) || !std::isfinite(place->height_m) ||
+                !(place->exaggeration > 0.0) || !std::isfinite(place->exaggeration)))
+    return fail(
+        kOptionOutOfRange,
+        fmt::format("latitude {}, longitude {}, height {} m, exaggeration {}", place->latitude_deg,
+                    place->longitude_deg, place->height_m, place->exaggeration));
+  return {};
+}
+
+LodContentScale content_scale(const std::optional<LodPlace>& place, double scale_denominator) {
+  if (!place) return {};
+  return {scale_denominator, scale_denominator / place->exaggeration};
+}
+
+LodContentScale content_scale(const LodSetOptions& options) {
+  return content_scale(options.place, options.asset.scale_denominator);
 }
 
 std::string to_json(const LodSetReport& report, const LodSetOptions& options,
@@ -269,7 +287,9 @@ std::string to_json(const LodSetReport& report, const LodSetOptions& options,
             {"spacing_mm", field.spacing.value()},
             {"x0_mm", field.x0.value()},
             {"y0_mm", field.y0.value()},
-            {"scale_denominator", options.asset.scale_denominator}};
+            {"scale_denominator", options.asset.scale_denominator},
+            {"metres_per_model_metre",
+             {content_scale(options).horizontal, content_scale(options).vertical}}};
   std::uint64_t bytes = 0, triangles = 0;
   for (std::size_t level = 0; level < report.levels.size(); ++level) {
     const LodLevelReport& l = report.levels[level];

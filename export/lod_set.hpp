@@ -8,13 +8,16 @@
 /// Gives   tiles/DEPTH/X/Y.glb     depth 0 is the coarsest, X and Y from the south-western corner
 ///         tileset.json            explicit: each tile with its box and its measured error
 ///         tileset_implicit.json   the same tiles as an implicit quadtree,
-///         subtrees/DEPTH/X/Y.subtree stones.glb              stones of equal shape as instances
-///         (EXT_mesh_gpu_instancing) lod.json                lattice, errors and bytes by level; of
-///         each tile
+///         subtrees/DEPTH/X/Y.subtree
+///         stones.glb              stones of equal shape as instances (EXT_mesh_gpu_instancing)
+///         lod.json                lattice, errors (of the model, mm) and bytes by level; of each
+///                                 tile
 /// Frame   of a tileset: metres at model size, x east, y north, z up, origin at the field's
 ///         south-western node and the model's z = 0 (glTF inside is y up, as 3D Tiles asks). With a
-///         place on a body the root's transform carries that to the body's fixed frame at full
-///         size.
+///         place on a body everything is in metres at full size, and the root's transform, which
+///         turns and moves but does not scale, carries that to the body's fixed frame. (Were the
+///         scale in the transform, geometricError would have to be read scaled by it, as 3D Tiles
+///         1.1 has it, "tile transforms": CesiumJS does that, 3d-tiles-renderer does not.)
 /// Errors  geometricError of a tile is not less than the vertical distance of what a decoder gets
 ///         to the full surface, measured everywhere (lod_tile.hpp), and not less than any child's.
 ///         With implicit tiling it halves from level to level, so the root's is as large as that
@@ -92,6 +95,14 @@ struct LodSetReport {
                                                  const LodSetOptions& options,
                                                  const std::filesystem::path& folder,
                                                  const RunContext& run = {});
+
+/// 1 without a place; with one what makes the model as large as what it shows.
+[[nodiscard]] LodContentScale content_scale(const std::optional<LodPlace>& place,
+                                            double scale_denominator);
+[[nodiscard]] LodContentScale content_scale(const LodSetOptions& options);
+/// EXPORT_OPTION_OUT_OF_RANGE: a latitude, an exaggeration or a scale that cannot be.
+[[nodiscard]] Result<void> check_place(const std::optional<LodPlace>& place,
+                                       double scale_denominator);
 
 /// lod.json
 [[nodiscard]] std::string to_json(const LodSetReport& report, const LodSetOptions& options,

@@ -92,11 +92,12 @@ std::size_t add_rock(Json& json, Buffer& buffer, const PlacedStone& stone) {
 }  // namespace
 
 GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
-                         const LodAssetOptions& options) {
+                         const LodAssetOptions& options, LodContentScale content) {
   Json json;
-  json["asset"] = gltf_asset({{"scale_denominator", options.scale_denominator}});
+  json["asset"] = gltf_asset({{"scale_denominator", options.scale_denominator},
+                              {"metres_per_model_metre", {content.horizontal, content.vertical}}});
   json["scene"] = 0;
-  json["scenes"] = {{{"nodes", Json::array()}}};
+  Json top = Json::array();
   json["nodes"] = Json::array();
   json["meshes"] = Json::array();
   json["materials"] = {Json::parse(material_json(options.material))};
@@ -133,9 +134,17 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
           {"ROTATION", buffer.add(rotations, kFloat, count, "VEC4", 0)},
           {"SCALE", buffer.add(scales, kFloat, count, "VEC3", 0)}};
     }
-    json["scenes"][0]["nodes"].push_back(json["nodes"].size());
+    top.push_back(json["nodes"].size());
     json["nodes"].push_back(std::move(node));
   }
+  if (content.horizontal != 1.0 || content.vertical != 1.0) {
+    Json all{{"name", "stones"},
+             {"scale", {content.horizontal, content.vertical, content.horizontal}},
+             {"children", std::move(top)}};
+    top = {json["nodes"].size()};
+    json["nodes"].push_back(std::move(all));
+  }
+  json["scenes"] = {{{"nodes", std::move(top)}}};
   if (instanced) {
     json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
     json["extensionsRequired"] = {"EXT_mesh_gpu_instancing"};
@@ -146,15 +155,19 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
   return {json.dump(), std::move(buffer.bytes)};
 }
 
-Box3 stones_box(std::span<const PlacedStone> stones, Vec3 corner_mm) {
+Box3 stones_box(std::span<const PlacedStone> stones, Vec3 corner_mm, LodContentScale content) {
+  const auto placed = [&](Vec3 model_mm) {
+    const Vec3 m = kMetresPerMillimetre * (model_mm - corner_mm);
+    return Vec3{content.horizontal * m.x, content.horizontal * m.y, content.vertical * m.z};
+  };
   Box3 box;
   for (const PlacedStone& stone : stones) {
     const Box3 one = meshing::stone_mesh(stone).bounds();
-    box.add(kMetresPerMillimetre * (one.min - corner_mm));
-    box.add(kMetresPerMillimetre * (one.max - corner_mm));
+    box.add(placed(one.min));
+    box.add(placed(one.max));
   }
   // Poses are stored as floats.
-  const double slack = 1e-6 * std::max(1.0, norm(box.max - box.min));
+  const double slack = 1e-6 * std::max(content.horizontal, norm(box.max - box.min));
   box.min += Vec3{-slack, -slack, -slack};
   box.max += Vec3{slack, slack, slack};
   return box;

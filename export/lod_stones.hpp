@@ -13,12 +13,15 @@
 
 namespace maquette::exporting {
 
-/// Metres, y up, relative to `corner_mm` (x, y) and the model's z = 0; normals smooth.
+/// Metres of the content, y up, relative to `corner_mm` (x, y) and the model's z = 0; normals
+/// smooth. What is not at model size hangs from one node that has the content's scale.
 /// @pre at least one stone
 [[nodiscard]] GlbContent encode_stones(std::span<const meshing::PlacedStone> stones, Vec3 corner_mm,
-                                       const LodAssetOptions& options);
+                                       const LodAssetOptions& options,
+                                       LodContentScale content = {});
 
 /// Of the stones, in the tileset's frame (metres, z up).
-[[nodiscard]] Box3 stones_box(std::span<const meshing::PlacedStone> stones, Vec3 corner_mm);
+[[nodiscard]] Box3 stones_box(std::span<const meshing::PlacedStone> stones, Vec3 corner_mm,
+                              LodContentScale content = {});
 
 }  // namespace maquette::exporting

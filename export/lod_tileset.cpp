@@ -37,20 +37,22 @@ class Tree {
     double error_m = 0.0;
   };
 
-  Tree(const LodSetReport& report, const heightmap::ModelField& field)
+  Tree(const LodSetReport& report, const heightmap::ModelField& field, LodContentScale content)
       : rows_(field.z_mm.rows()), cols_(field.z_mm.cols()), lattice_(report.lattice) {
-    const double step = kMetresPerMillimetre * lattice_.step_mm;
+    const double step = content.horizontal * kMetresPerMillimetre * lattice_.step_mm;
+    const double high = content.vertical * kMetresPerMillimetre * lattice_.step_mm;
     const double quad = step * lattice_.steps_per_quad;
+    width_ = quad * static_cast<double>(lattice_.tile_quads << (report.levels.size() - 1));
     top_ = static_cast<int>(report.levels.size()) - 1;
     for (const LodTileReport& t : report.tiles) {
       const std::ptrdiff_t width = lattice_.tile_quads << t.key.level;
       Node node;
-      node.error_m = kMetresPerMillimetre * t.error.vertical_mm;
+      node.error_m = content.vertical * kMetresPerMillimetre * t.error.vertical_mm;
       node.box.add({quad * static_cast<double>(t.key.x * width) - step,
-                    quad * static_cast<double>(t.key.y * width) - step, step * (t.lowest - 1)});
+                    quad * static_cast<double>(t.key.y * width) - step, high * (t.lowest - 1)});
       node.box.add({quad * static_cast<double>(std::min((t.key.x + 1) * width, cols_ - 1)) + step,
                     quad * static_cast<double>(std::min((t.key.y + 1) * width, rows_ - 1)) + step,
-                    step * (t.highest + 1)});
+                    high * (t.highest + 1)});
       nodes_[{t.key.level, t.key.x, t.key.y}] = node;
     }
     for (int level = 1; level <= top_; ++level)  // finest are complete; then those above them
@@ -88,13 +90,10 @@ class Tree {
   }
   /// The whole square of the quadtree, so that halving it gives boxes that contain each tile.
   [[nodiscard]] Box3 square() const {
-    const double width = kMetresPerMillimetre * lattice_.step_mm *
-                         static_cast<double>(lattice_.steps_per_quad) *
-                         static_cast<double>(lattice_.tile_quads << top_);
     Box3 box = root().box;
     // Not a step larger: halving would take that from the children's inner sides.
     box.min.x = box.min.y = 0.0;
-    box.max.x = box.max.y = width;
+    box.max.x = box.max.y = width_;
     return box;
   }
   /// Halved at each level it stays above every tile's error.
@@ -109,6 +108,7 @@ class Tree {
   std::ptrdiff_t rows_, cols_;
   LodLattice lattice_;
   int top_ = 0;
+  double width_ = 0.0;  ///< of the quadtree's square, metres
   std::map<std::tuple<int, std::ptrdiff_t, std::ptrdiff_t>, Node> nodes_;
 };
 
@@ -129,6 +129,7 @@ std::string tileset(const Tree& tree, Json terrain, double terrain_error_m, cons
                      {"frame",
                       "x east, y north, z up; origin at the field's south-western node, "
                       "model z = 0"},
+                     {"size", options.place ? "full" : "model"},
                      {"scale_denominator", options.asset.scale_denominator}}}};
   if (options.place) {
     root["transform"] = fixed_from_tileset(*options.place, field, options.asset.scale_denominator);
@@ -234,26 +235,24 @@ std::array<double, 16> fixed_from_tileset(const LodPlace& place, const heightmap
   const Vec3 north = cross(up, east);
   const Vec3 foot = radius * Vec3{std::cos(centric) * std::cos(lon),
                                   std::cos(centric) * std::sin(lon), std::sin(centric)};
-  const double wide = scale_denominator, high = scale_denominator / place.exaggeration;
-  const double half = 0.5 * kMetresPerMillimetre * field.spacing.value();
+  const double half = 0.5 * scale_denominator * kMetresPerMillimetre * field.spacing.value();
   const double x = half * static_cast<double>(field.z_mm.cols() - 1);
   const double y = half * static_cast<double>(field.z_mm.rows() - 1);
-  const Vec3 origin = foot + place.height_m * up - (wide * x) * east - (wide * y) * north;
-  const Vec3 i = wide * east, j = wide * north, k = high * up;
-  return {i.x, i.y, i.z, 0.0, j.x,      j.y,      j.z,      0.0,
-          k.x, k.y, k.z, 0.0, origin.x, origin.y, origin.z, 1.0};
+  const Vec3 origin = foot + place.height_m * up - x * east - y * north;
+  return {east.x, east.y, east.z, 0.0, north.x,  north.y,  north.z,  0.0,
+          up.x,   up.y,   up.z,   0.0, origin.x, origin.y, origin.z, 1.0};
 }
 
 std::string explicit_tileset(const LodSetReport& report, const LodSetOptions& options,
                              const heightmap::ModelField& field, const Box3& stones) {
-  const Tree tree(report, field);
+  const Tree tree(report, field, content_scale(options));
   return tileset(tree, tree.json(tree.top(), 0, 0), tree.root().error_m, tree.root().box, options,
                  field, stones);
 }
 
 std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
                              const heightmap::ModelField& field, const Box3& stones) {
-  const Tree tree(report, field);
+  const Tree tree(report, field, content_scale(options));
   const double error = tree.halving_error_m();
   Json terrain{{"boundingVolume", json_box(tree.square())},
                {"geometricError", error},
@@ -269,7 +268,7 @@ std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& op
 
 std::map<std::string, std::string> subtree_files(const LodSetReport& report,
                                                  const heightmap::ModelField& field) {
-  const Tree tree(report, field);
+  const Tree tree(report, field, {});  // which tiles there are
   std::map<std::string, std::string> files;
   for (int depth = 0; depth <= tree.top(); depth += kSubtreeLevels)
     for (std::ptrdiff_t y = 0; y < std::ptrdiff_t{1} << depth; ++y)

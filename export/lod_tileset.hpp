@@ -23,7 +23,7 @@ namespace maquette::exporting {
 [[nodiscard]] std::map<std::string, std::string> subtree_files(const LodSetReport& report,
                                                                const heightmap::ModelField& field);
 
-/// To the body's fixed frame from the tileset's: column-major, metres.
+/// To the body's fixed frame from the tileset's at full size: column-major, metres; rigid.
 [[nodiscard]] std::array<double, 16> fixed_from_tileset(const LodPlace& place,
                                                         const heightmap::ModelField& field,
                                                         double scale_denominator);

@@ -22,7 +22,9 @@
 //                                       downwards and hold each tile's; subtrees name the same
 //                                       tiles
 //   place on a body ................... against GeographicLib-free closed forms on a sphere, and
-//                                       the normal of the ellipsoid
+//                                       the normal of the ellipsoid; the transform is rigid, boxes
+//                                       and errors are metres at full size, and an engine of floats
+//                                       keeps 1 um of the model
 //   stones ............................ instances decode to stone_mesh, floats apart
 //   same bytes for any thread count; a second run keeps every tile, other options none
 //   each error code
@@ -659,8 +661,9 @@ Box3 content_box(const fs::path& path) {
   const auto at = node["translation"].get<std::array<double, 3>>();
   for (const char* bound : {"min", "max"}) {
     const auto v = a[bound].get<std::array<double, 3>>();
-    const Vec3 p = Vec3{at[0], at[1], at[2]} +
-                   node["scale"][0].get<double>() * turned(node, {v[0], v[1], v[2]});
+    const auto s = node["scale"].get<std::array<double, 3>>();
+    const Vec3 p =
+        Vec3{at[0], at[1], at[2]} + turned(node, {s[0] * v[0], s[1] * v[1], s[2] * v[2]});
     box.add({p.x, -p.z, p.y});
   }
   return box;
@@ -770,7 +773,7 @@ TEST(LodSet, TilesetsHoldTheirTiles) {
 
 TEST(LodSet, StandsOnItsBody) {
   const ModelField f = plane(33, 65);
-  const double half_x = 16e-3, half_y = 8e-3;  // metres to the middle
+  const double half_x = 16.0, half_y = 8.0;  // metres to the middle
   const auto at = [](const std::array<double, 16>& m, double x, double y, double z) {
     return Vec3{m[0] * x + m[4] * y + m[8] * z + m[12], m[1] * x + m[5] * y + m[9] * z + m[13],
                 m[2] * x + m[6] * y + m[10] * z + m[14]};
@@ -778,13 +781,13 @@ TEST(LodSet, StandsOnItsBody) {
   // A sphere: up is away from its middle, whatever the place.
   LodPlace place{*heightmap::body_by_name("moon"), -43.3, 348.8, 120.0, 2.0};
   auto m = fixed_from_tileset(place, f, 1000.0);
-  const Vec3 middle = at(m, half_x, half_y, 0.0), above = at(m, half_x, half_y, 0.010);
+  const Vec3 middle = at(m, half_x, half_y, 0.0), above = at(m, half_x, half_y, 5.0);
   EXPECT_NEAR(norm(middle), 1737400.0 + 120.0, 1e-6);
-  EXPECT_NEAR(norm(above), 1737400.0 + 120.0 + 5.0, 1e-6);  // 10 mm, 1:1000, twice as high
+  EXPECT_NEAR(norm(above), 1737400.0 + 120.0 + 5.0, 1e-6);
   EXPECT_NEAR(std::asin(middle.z / norm(middle)) * 180.0 / std::numbers::pi, -43.3, 1e-10);
   EXPECT_NEAR(std::atan2(middle.y, middle.x) * 180.0 / std::numbers::pi, -11.2, 1e-10);
-  const Vec3 east = at(m, half_x + 1e-3, half_y, 0.0) - middle;
-  const Vec3 north = at(m, half_x, half_y + 1e-3, 0.0) - middle;
+  const Vec3 east = at(m, half_x + 1.0, half_y, 0.0) - middle;
+  const Vec3 north = at(m, half_x, half_y + 1.0, 0.0) - middle;
   EXPECT_NEAR(norm(east), 1.0, 1e-9);
   EXPECT_NEAR(norm(cross(east, north) - (1.0 / norm(middle)) * middle), 0.0, 1e-8);
   EXPECT_NEAR(east.z, 0.0, 1e-9);
@@ -797,7 +800,7 @@ TEST(LodSet, StandsOnItsBody) {
   EXPECT_NEAR((p.x * p.x + p.y * p.y) / a2 + p.z * p.z / b2, 1.0, 1e-12);
   EXPECT_NEAR(std::atan2(p.z, std::hypot(p.x, p.y)) * 180.0 / std::numbers::pi, -5.4, 1e-10);
   const Vec3 gradient = normalized(Vec3{p.x / a2, p.y / a2, p.z / b2});
-  EXPECT_NEAR(norm(normalized(at(m, half_x, half_y, 1.0) - p) - gradient), 0.0, 1e-9);
+  EXPECT_NEAR(norm(normalized(at(m, half_x, half_y, 1000.0) - p) - gradient), 0.0, 1e-9);
   // The tileset says so.
   const ScratchFolder scratch;
   LodSetOptions options = small_tiles();
@@ -808,6 +811,86 @@ TEST(LodSet, StandsOnItsBody) {
             std::vector<double>(m.begin(), m.end()));
   EXPECT_EQ(tileset["extensions"]["3DTILES_ellipsoid"]["radii"],
             json({3396190.0, 3396190.0, 3376200.0}));
+}
+
+TEST(LodSet, OnABodyEverythingIsAtFullSize) {
+  // 1.8 m of a model 1:1000, its heights twice what they were; a spacing that floats round.
+  const ModelField f = relief(20, 4001, 0.45);
+  for (const auto compression :
+       {LodCompression::draco, LodCompression::meshopt, LodCompression::plain}) {
+    const ScratchFolder scratch;
+    LodSetOptions options;
+    options.asset.compression = compression;
+    options.place = LodPlace{*heightmap::body_by_name("moon"), -43.3, 348.8, 120.0, 2.0};
+    const auto report = write_lod_set(f, {}, options, scratch.path());
+    ASSERT_THAT(report, Succeeds());
+    const json lod = json::parse(*read_file(scratch / "lod.json"));
+    EXPECT_EQ(lod["metres_per_model_metre"], json({1000.0, 500.0}));
+    Walked walked;
+    double worst_m = 0.0;
+    for (const json& t : lod["tiles"]) {
+      const double metres = 500.0 * 1e-3 * t["max_vertical_error_mm"].get<double>();
+      walked.measured_m[t["uri"]] = metres * (1.0 - 1e-12);
+      worst_m = std::max(worst_m, metres);
+    }
+    for (const char* name : {"tileset.json", "tileset_implicit.json"}) {
+      const json tileset = json::parse(*read_file(scratch / name));
+      EXPECT_EQ(tileset["asset"]["extras"]["size"], "full");
+      const auto m = tileset["root"]["transform"].get<std::array<double, 16>>();
+      std::array<Vec3, 3> axes{};
+      for (std::size_t k = 0; k < 3; ++k) axes[k] = {m[4 * k], m[4 * k + 1], m[4 * k + 2]};
+      // Rigid, to a double's rounding: nothing that a renderer may or may not scale errors by.
+      for (std::size_t k = 0; k < 3; ++k) {
+        EXPECT_NEAR(norm(axes[k]), 1.0, 1e-14);
+        EXPECT_NEAR(dot(axes[k], axes[(k + 1) % 3]), 0.0, 1e-14);
+      }
+      EXPECT_NEAR(dot(cross(axes[0], axes[1]), axes[2]), 1.0, 1e-14);
+      const json& terrain = tileset["root"]["children"][0];
+      const bool implicit = terrain.contains("implicitTiling");
+      const double error = terrain["geometricError"];
+      EXPECT_GE(error, worst_m * (1.0 - 1e-12));
+      if (implicit) {
+        for (const LodTileReport& t : report->tiles)
+          EXPECT_GE(std::ldexp(error, t.key.level + 1 - static_cast<int>(report->levels.size())),
+                    500.0 * 1e-3 * t.error.vertical_mm * (1.0 - 1e-12));
+        continue;
+      }
+      EXPECT_NEAR(error, worst_m, 1e-12 * worst_m);
+      walk(tileset["root"], scratch.path(), walked);
+      const Box3 box = box_of(terrain["boundingVolume"]);
+      const double step = report->lattice.step_mm;  // a metre for each mm
+      EXPECT_NEAR(box.max.x - box.min.x, 1800.0 + 2.0 * step, 1e-9);
+    }
+    EXPECT_EQ(walked.uris.size(), report->tiles.size());
+    // What an engine that places nodes in floats makes of it: 1 um of the model is 1 mm.
+    const auto pyramid = LodPyramid::create(f, lod_levels(f, options.tile_quads));
+    const int top = pyramid->levels() - 1;
+    double off_m = 0.0;
+    for (const LodTileReport& t : report->tiles) {
+      const LodTileMesh tile = make_lod_tile(*pyramid, report->lattice, t.key);
+      const json node = read_glb(scratch.path() / lod_tile_uri(top - t.key.level, t.key.x, t.key.y))
+                            .head["nodes"][0];
+      const auto at = node["translation"].get<std::array<float, 3>>();
+      const auto s = node["scale"].get<std::array<float, 3>>();
+      const Vec3 turn = turned(
+          node, {static_cast<double>(s[0]), static_cast<double>(s[1]), static_cast<double>(s[2])});
+      const Float3 scale{static_cast<float>(turn.x), static_cast<float>(turn.y),
+                         static_cast<float>(turn.z)};
+      for (const LodVertex& v : tile.vertices) {
+        const std::int64_t k = report->lattice.steps_per_quad;
+        const Float3 local{static_cast<float>((v.col - tile.cols.front()) * k),
+                           static_cast<float>(v.height - t.lowest),
+                           static_cast<float>((tile.rows.back() - v.row) * k)};
+        const std::array<double, 3> truth{0.45 * v.col, 0.5 * report->lattice.step_mm * v.height,
+                                          -0.45 * v.row};
+        for (std::size_t i = 0; i < 3; ++i)
+          off_m = std::max(off_m,
+                           std::fabs(static_cast<double>(at[i] + scale[i] * local[i]) - truth[i]));
+      }
+    }
+    EXPECT_LT(off_m, 1e-3);
+    EXPECT_GT(off_m, 0.0) << "floats of 1.8 km round";
+  }
 }
 
 std::vector<meshing::PlacedStone> some_stones(const ModelField& f) {
@@ -875,6 +958,33 @@ TEST(LodSet, StonesLieInTheirPoses) {
   EXPECT_EQ(asset.head["nodes"].size(), 2U);
   const json tileset = json::parse(*read_file(scratch / "tileset.json"));
   EXPECT_EQ(tileset["root"]["children"][1]["content"]["uri"], "stones.glb");
+}
+
+TEST(LodSet, StonesOnABodyHangFromItsScale) {
+  const ModelField f = plane(130, 130);
+  const ScratchFolder model, body;
+  const auto stones = some_stones(f);
+  LodSetOptions options = small_tiles();
+  ASSERT_THAT(write_lod_set(f, stones, options, model.path()), Succeeds());
+  options.place = LodPlace{*heightmap::body_by_name("moon"), 10.0, 20.0, 0.0, 2.0};
+  ASSERT_THAT(write_lod_set(f, stones, options, body.path()), Succeeds());
+  const Asset small = read_glb(model / "stones.glb"), full = read_glb(body / "stones.glb");
+  // The same bytes and nodes under one more.
+  EXPECT_EQ(full.binary, small.binary);
+  const json& nodes = full.head["nodes"];
+  ASSERT_EQ(nodes.size(), small.head["nodes"].size() + 1);
+  for (std::size_t i = 0; i + 1 < nodes.size(); ++i) EXPECT_EQ(nodes[i], small.head["nodes"][i]);
+  EXPECT_EQ(full.head["scenes"][0]["nodes"], json({nodes.size() - 1}));
+  EXPECT_EQ(nodes.back()["scale"], json({1000.0, 500.0, 1000.0}));
+  EXPECT_EQ(nodes.back()["children"], small.head["scenes"][0]["nodes"]);
+  const auto box = [](const fs::path& folder) {
+    return box_of(
+        json::parse(*read_file(folder / "tileset.json"))["root"]["children"][1]["boundingVolume"]);
+  };
+  const Box3 of_model = box(model.path()), of_body = box(body.path());
+  // Each with a slack of about a millionth of its size.
+  EXPECT_NEAR(of_body.max.x, 1000.0 * of_model.max.x, 2e-3);
+  EXPECT_NEAR(of_body.max.z, 500.0 * of_model.max.z, 2e-3);
 }
 
 std::map<std::string, std::string> hashes(const fs::path& folder) {

@@ -6,6 +6,8 @@
 //   the picture is right: seen straight from above, no pixel of the background shines through the
 //   terrain, whichever levels meet; and the terrain ends where the site ends
 //   no message on the console
+//   of folders of one compression all choose the same levels: what lies on a body at full size those
+//   that the model does
 
 import { createServer } from 'node:http';
 import { existsSync, readFileSync, statSync } from 'node:fs';
@@ -50,7 +52,7 @@ await new Promise((resolve) => { server.listen(0, '127.0.0.1', resolve); });
 const chromium = await browser();
 
 /** Runs in the page. */
-async function show({ tileset, size, root }) {
+async function show({ tileset, size, scale, root }) {
   const THREE = await import('three');
   const { GLTFLoader } = await import('three/addons/loaders/GLTFLoader.js');
   const { DRACOLoader } = await import('three/addons/loaders/DRACOLoader.js');
@@ -77,13 +79,17 @@ async function show({ tileset, size, root }) {
   tiles.manager.addHandler(/\.(gltf|glb)$/, gltf);
   const failed = [];
   tiles.addEventListener('load-error', (event) => failed.push(String(event.error ?? event.url)));
-  tiles.group.rotation.x = -Math.PI / 2; // a tileset is z up
+  // A tileset is z up, and may lie on a body.
+  const { root: { transform } } = await (await fetch(tileset)).json();
+  tiles.group.matrixAutoUpdate = false;
+  tiles.group.matrix.makeRotationX(-Math.PI / 2);
+  if (transform) tiles.group.matrix.multiply(new THREE.Matrix4().fromArray(transform).invert());
   scene.add(tiles.group);
   scene.updateMatrixWorld(true);
   // From above one corner of the site: near tiles are fine, far ones coarse.
   const [w, h] = size;
   const middle = box.getCenter(new THREE.Vector3());
-  const chooser = new THREE.PerspectiveCamera(70, 1, 0.001, 100);
+  const chooser = new THREE.PerspectiveCamera(70, 1, 0.001 * scale, 100 * scale);
   chooser.position.set(0.1 * w, box.max.y + 0.15 * w, -0.1 * h);
   chooser.lookAt(0.45 * w, middle.y, -0.45 * h);
   chooser.updateMatrixWorld();
@@ -109,8 +115,8 @@ async function show({ tileset, size, root }) {
   scene.traverse((o) => { if (o.isInstancedMesh) instances.push(o.count); });
 
   // All levels that were chosen, from straight above with the chooser far away: everything is there.
-  const above = new THREE.OrthographicCamera(-0.55 * w, 0.55 * w, 0.55 * h, -0.55 * h, 0.001, 100);
-  above.position.set(0.5 * w, box.max.y + 1, -0.5 * h);
+  const above = new THREE.OrthographicCamera(-0.55 * w, 0.55 * w, 0.55 * h, -0.55 * h, 0.001 * scale, 100 * scale);
+  above.position.set(0.5 * w, box.max.y + scale, -0.5 * h);
   above.up.set(0, 0, -1);
   above.lookAt(0.5 * w, 0, -0.5 * h);
   above.updateMatrixWorld();
@@ -149,10 +155,12 @@ async function show({ tileset, size, root }) {
 
 const wanted = process.argv.slice(2);
 let loaded = 0;
+const choices = new Map();
 for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
   folder = path;
   const lod = JSON.parse(readFileSync(join(folder, 'lod.json')));
-  const size = lod.nodes.map((n) => 1e-3 * lod.spacing_mm * (n - 1));
+  const scale = lod.metres_per_model_metre[0];
+  const size = lod.nodes.map((n) => 1e-3 * scale * lod.spacing_mm * (n - 1));
   for (const name of ['tileset.json', 'tileset_implicit.json']) {
     const tab = await chromium.newPage({ viewport: { width: 800, height: 800 } });
     const said = [];
@@ -163,7 +171,7 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
     });
     tab.on('pageerror', (e) => said.push(String(e)));
     await tab.goto(`http://127.0.0.1:${server.address().port}/`);
-    const seen = await tab.evaluate(show, { tileset: `/data/${name}`, size, root: '/data/tiles/0/0/0.glb' });
+    const seen = await tab.evaluate(show, { tileset: `/data/${name}`, size, scale, root: '/data/tiles/0/0/0.glb' });
     const what = `${folder}/${name}`;
     loaded += 1;
     expect(said.length === 0, `${what}: the console says ${said.slice(0, 3)}`);
@@ -171,7 +179,10 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
     expect(seen.visible > 0, `${what}: nothing is visible`);
     if (lod.levels.length > 2) expect(seen.levels.length > 1, `${what}: levels ${seen.levels} only`);
     const [min, max] = seen.box;
-    const near = (a, b) => Math.abs(a - b) < 1e-6;
+    const near = (a, b) => Math.abs(a - b) < 1e-6 * scale;
+    const choice = [name, lod.compression].join(), chosen = [seen.levels.sort(), seen.visible, seen.holes.map((h) => h[3])].join();
+    if (!choices.has(choice)) choices.set(choice, chosen);
+    expect(choices.get(choice) === chosen, `${what}: levels and tiles are ${chosen}, of another set of the same surface ${choices.get(choice)}`);
     expect(near(min[0], 0) && near(max[0], size[0]) && near(max[2], 0) && near(min[2], -size[1]),
       `${what}: the coarsest tile covers ${seen.box}`);
     for (const [target, through, outside, tiles] of seen.holes) {

@@ -59,7 +59,8 @@ function openEdges(tiles) {
 let count = 0;
 for (const folder of process.argv.slice(2)) {
   const lod = JSON.parse(readFileSync(join(folder, 'lod.json')));
-  const step = 1e-3 * lod.step_mm;
+  // Metres of a step: at model size, or full size on a body.
+  const [wide, high] = lod.metres_per_model_metre.map((m) => 1e-3 * m * lod.step_mm), steps = [wide, high, wide];
   const boxes = new Map();
   const walk = (tile) => {
     if (tile.content) boxes.set(tile.content.uri, tile.boundingVolume.box);
@@ -76,7 +77,7 @@ for (const folder of process.argv.slice(2)) {
     const inside = await unpack(glb);
     await valid(plainAgain(glb, inside), `${path}, unpacked`, lod.compression === 'meshopt');
     const p = turned(glb.json.nodes[0], inside.attributes.POSITION);
-    const origin = glb.json.nodes[0].translation.map((t) => Math.round(t / step));
+    const origin = glb.json.nodes[0].translation.map((t, k) => Math.round(t / steps[k]));
     const uri = relative(folder, path);
     const box = boxes.get(uri);
     expect(box !== undefined, `${uri} is not in tileset.json`);
@@ -88,8 +89,8 @@ for (const folder of process.argv.slice(2)) {
     for (let i = 0; i < p.length; i += 3) {
       whole &&= Number.isInteger(p[i]) && Number.isInteger(p[i + 1]) && Number.isInteger(p[i + 2]);
       const [x, y, z] = [p[i] + origin[0], p[i + 1] + origin[1], p[i + 2] + origin[2]];
-      inBox &&= Math.abs(x * step - box[0]) <= box[3] && Math.abs(-z * step - box[1]) <= box[7] &&
-        Math.abs(y * step - box[2]) <= box[11];
+      inBox &&= Math.abs(x * wide - box[0]) <= box[3] && Math.abs(-z * wide - box[1]) <= box[7] &&
+        Math.abs(y * high - box[2]) <= box[11];
       corners.push(`${x},${y},${z}`);
     }
     expect(whole, `${uri}: positions are not whole numbers`);

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// node view_implicit.mjs MAQUETTE LOD [FOLDER]: a folder of `maquette lod` whose only tileset is the
-// implicit one, in a real browser; pictures go to FOLDER
+// node view_implicit.mjs MAQUETTE LOD BODY [FOLDER]: a folder of `maquette lod` whose only tileset is
+// the implicit one, and one that lies on a body (BODY, of the same design), in a real browser;
+// pictures go to FOLDER
 //   subtrees and tiles are asked for, nothing on the console
 //   the picture is that of the explicit tileset    seen from above, where errors choose fine levels
 //   a click and a profile say the same heights
 //   exported, tiles are named one by one: the same picture from the disk, as far down as fits
+//   on the body at full size, heights halved: as many tiles, the same picture, click and profile
 
 import { cpSync, rmSync } from 'node:fs';
 import { join, resolve } from 'node:path';
 import { look } from './looking.mjs';
 import { expect, finish } from './packages.mjs';
 
-const [maquette, lodFolder, pictures] = process.argv.slice(2);
+const [maquette, lodFolder, bodyFolder, pictures] = process.argv.slice(2);
 const { serve, run, tab, still, ask, differ, shot, whole, close } = await look(maquette, pictures);
 
 const folder = `${lodFolder}_implicit`;
@@ -50,15 +52,24 @@ const alike = async (what, other) => {
   const share = await differ(explicit.page, explicit.picture, other.picture);
   expect(share < 0.02, `${what}: ${share} of the picture differs`);
   // A pixel is a tenth of a mm; the place of a click is on the triangles that are drawn.
+  expect(other.profile === explicit.profile, `${what}: ${other.profile}; explicit: ${explicit.profile}`);
   other.clicks.forEach((place, i) => expect(Math.hypot(...place.map((v, k) => v - explicit.clicks[i][k])) < 0.05,
     `${what}: ${place}, the explicit tileset ${explicit.clicks[i]}`));
 };
 await alike('implicit', implicit);
-expect(implicit.profile === explicit.profile, `implicit: ${implicit.profile}; explicit: ${explicit.profile}`);
 
 const { code, err } = await run('view', folder, '--export', 'implicit.html', '--quiet');
 expect(code === 0, `export: ${code} ${err}`);
 await alike('exported', await seen(`file://${resolve('implicit.html')}`, 'implicit_export'));
 
+const onBody = await seen(await serve(bodyFolder), 'body');
+await alike('on the body', onBody);
+// Errors and distances are metres of one size: levels are chosen as those of the model.
+expect(names(onBody.asked, '.glb') === names(explicit.asked, '.glb'),
+  `on the body ${names(onBody.asked, '.glb')} tiles are asked for, of the model ${names(explicit.asked, '.glb')}`);
+const halved = await run('view', bodyFolder, '--export', 'body.html', '--quiet');
+expect(halved.code === 0, `export: ${halved.code} ${halved.err}`);
+await alike('on the body, exported', await seen(`file://${resolve('body.html')}`, 'body_export'));
+
 await close();
-finish('the implicit tileset');
+finish('the implicit tileset, and one on a body');

@@ -146,6 +146,8 @@ std::optional<Tileset> read_tileset(const fs::path& root, const json& entry) {
     for (const char* key :
          {"nodes", "spacing_mm", "x0_mm", "y0_mm", "tile_quads", "scale_denominator", "levels"})
       t.lod[key] = whole.at(key);
+    if (whole.contains("metres_per_model_metre"))  // sets of earlier versions: 1
+      t.lod["metres_per_model_metre"] = whole["metres_per_model_metre"];
     const std::size_t levels = t.lod["levels"].size();
     for (std::size_t depth = 0; depth < levels; ++depth) {
       json pruned = t.tree.at("root");

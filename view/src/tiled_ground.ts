@@ -20,7 +20,7 @@ import type { Box, Heights, Hit, Surface } from './surface';
 
 interface Lod {
   nodes: [number, number]; spacing_mm: number; x0_mm: number; y0_mm: number; tile_quads: number;
-  scale_denominator: number; levels: { level: number; depth: number; max_vertical_error_mm: number }[];
+  scale_denominator: number; metres_per_model_metre?: [number, number]; levels: { level: number; depth: number; max_vertical_error_mm: number }[];
 }
 /** Heights at the nodes of the field; of a coarser tile (an exported page may have no finer ones) its triangles. */
 type FineTile = { cols: number; rows: number; values: Float32Array } | THREE.Object3D;
@@ -78,8 +78,10 @@ export class TiledGround implements Surface {
     this.folder = entry.path.slice(0, entry.path.lastIndexOf('/') + 1);
     const box = root.boundingVolume?.box ?? [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1];
     const width = (lod.nodes[0] - 1) * lod.spacing_mm, depth = (lod.nodes[1] - 1) * lod.spacing_mm;
-    this.box = { low: [lod.x0_mm, lod.y0_mm, 1000 * (box[2]! - Math.abs(box[11]!))],
-      high: [lod.x0_mm + width, lod.y0_mm + depth, 1000 * (box[2]! + Math.abs(box[11]!))] };
+    const [wide, high] = lod.metres_per_model_metre ?? [1, 1]; // across and upwards
+    this.mm = [1000 / wide, 1000 / high];
+    this.box = { low: [lod.x0_mm, lod.y0_mm, this.mm[1] * (box[2]! - Math.abs(box[11]!))],
+      high: [lod.x0_mm + width, lod.y0_mm + depth, this.mm[1] * (box[2]! + Math.abs(box[11]!))] };
     const finest = lod.levels[0]!;
     const left = finest.level > 0 ? `; the ${finest.level} finest are not in this page` : '';
     const off = finest.max_vertical_error_mm;
@@ -107,8 +109,8 @@ export class TiledGround implements Surface {
       changed();
     });
     // Metres at the south-western node to mm of the model; a tileset on a body's ellipsoid is taken back.
-    const tiles = this.tiles.group;
-    const model = new THREE.Matrix4().makeTranslation(lod.x0_mm, lod.y0_mm, 0).scale(new THREE.Vector3(1000, 1000, 1000));
+    const tiles = this.tiles.group, [across, up] = this.mm;
+    const model = new THREE.Matrix4().makeTranslation(lod.x0_mm, lod.y0_mm, 0).scale(new THREE.Vector3(across, across, across));
     if (root.transform) {
       model.multiply(new THREE.Matrix4().fromArray(root.transform).invert());
       this.note += ' It lies on the body; here it is shown as the model.';
@@ -116,23 +118,45 @@ export class TiledGround implements Surface {
     tiles.matrixAutoUpdate = false;
     tiles.matrix.copy(model);
     this.group.add(tiles);
+    this.group.scale.z = up / across; // of heights at full size: what makes them the model's again
   }
   private readonly folder: string;
+  private readonly mm: [number, number]; // of the model for a metre of the content, across and upwards
   private readonly within: string;
 
-  update(camera: THREE.PerspectiveCamera, width: number, height: number): boolean {
+  /** The camera as it stands before heights that an exaggeration has been taken out of; the renderer
+      wants one scale in all directions (as does stage.ts). */
+  private flattened(camera: THREE.PerspectiveCamera, times: number): THREE.Camera {
+    const c = this.chooser;
+    c.matrixWorld.makeScale(1, 1, 1 / times).multiply(camera.matrixWorld);
+    c.matrixWorldInverse.copy(c.matrixWorld).invert();
+    c.projectionMatrix.copy(camera.projectionMatrix);
+    c.projectionMatrixInverse.copy(camera.projectionMatrixInverse);
+    return c;
+  }
+  private readonly chooser = new THREE.PerspectiveCamera();
+
+  update(seen: THREE.PerspectiveCamera, width: number, height: number): boolean {
+    const times = this.group.scale.z, camera = times === 1 ? seen : this.flattened(seen, times);
+    if (times !== 1) this.stretch(1);
     if (this.camera !== camera) {
       if (this.camera) this.tiles.deleteCamera(this.camera);
       this.tiles.setCamera(camera);
       this.camera = camera;
     }
-    this.tiles.setResolution(camera, width, height);
+    this.tiles.setResolution(camera, width * times, height * times);
     this.tiles.update();
+    if (times !== 1) this.stretch(times);
     const s = (this.tiles as unknown as { stats: Record<string, number> }).stats;
     const loading = (s.downloading ?? 0) + (s.parsing ?? 0) + (s.queued ?? 0) > 0;
     const shown = this.tiles.visibleTiles.size > 0 || (s.failed ?? 0) > 0;
     this.busy = loading || !shown;
     return this.busy;
+  }
+
+  private stretch(times: number): void {
+    this.group.scale.z = times;
+    this.group.updateMatrixWorld(true);
   }
 
   meet(ray: THREE.Raycaster, exaggeration: number): Hit | null {
@@ -172,10 +196,10 @@ export class TiledGround implements Surface {
       throw new Error(`${path}: ${error.message}`);
     });
     if (there instanceof THREE.Object3D) {
-      const down = new THREE.Vector3(0, -1, 0), far = 1000; // m
-      const from = new THREE.Vector3(1e-3 * x * this.lod.spacing_mm, far, -1e-3 * y * this.lod.spacing_mm);
+      const [across, up] = this.mm, down = new THREE.Vector3(0, -1, 0), far = 1e6 / up; // a km of the model
+      const from = new THREE.Vector3(x * this.lod.spacing_mm / across, far, -y * this.lod.spacing_mm / across);
       const hit = new THREE.Raycaster(from, down).intersectObject(there, true)[0];
-      return hit ? 1000 * hit.point.y : null;
+      return hit ? up * hit.point.y : null;
     }
     const z = heightOn(there.values, there.cols, there.rows, x - column * q, y - row * q);
     return Number.isNaN(z) ? null : z;
@@ -199,14 +223,14 @@ export class TiledGround implements Surface {
     const cols = Math.min(q, lod.nodes[0] - 1 - column) + 1, rows = Math.min(q, lod.nodes[1] - 1 - row) + 1;
     const values = new Float32Array(cols * rows).fill(NaN);
     const scene = await this.scene(path);
-    const place = new THREE.Vector3();
+    const place = new THREE.Vector3(), [across, up] = this.mm;
     scene.traverse((o) => {
       if (!(o instanceof THREE.Mesh)) return;
       const at = o.geometry.getAttribute('position');
       for (let i = 0; i < at.count; i += 1) {
         place.fromBufferAttribute(at, i).applyMatrix4(o.matrixWorld); // m, y up, north is -z
-        const c = Math.round(1000 * place.x / lod.spacing_mm) - column, r = Math.round(-1000 * place.z / lod.spacing_mm) - row;
-        if (c >= 0 && r >= 0 && c < cols && r < rows) values[r * cols + c] = 1000 * place.y;
+        const c = Math.round(across * place.x / lod.spacing_mm) - column, r = Math.round(-across * place.z / lod.spacing_mm) - row;
+        if (c >= 0 && r >= 0 && c < cols && r < rows) values[r * cols + c] = up * place.y;
       }
       o.geometry.dispose();
     });

@@ -1,9 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "export/glb_file.hpp"
 
+#include <fstream>
+
 #include "export/limits.hpp"
 
 namespace maquette::exporting {
+namespace {
+
+constexpr std::uint32_t kMagic = 0x46546C67;  ///< "glTF"
+constexpr std::uint32_t kVersion = 2;
+
+}  // namespace
 
 Result<std::uint64_t> write_glb_head(AtomicFile& file, std::string json, std::uint64_t binary_bytes,
                                      const std::filesystem::path& path) {
@@ -14,8 +22,8 @@ Result<std::uint64_t> write_glb_head(AtomicFile& file, std::string json, std::ui
     const auto word = static_cast<std::uint32_t>(value);
     file.write(&word, sizeof word);
   };
-  put(0x46546C67);  // "glTF"
-  put(2);
+  put(kMagic);
+  put(kVersion);
   put(total);
   put(json.size());
   put(0x4E4F534A);  // "JSON"
@@ -23,6 +31,21 @@ Result<std::uint64_t> write_glb_head(AtomicFile& file, std::string json, std::ui
   put(binary_bytes);
   put(0x004E4942);  // "BIN"
   return total;
+}
+
+std::optional<std::uint64_t> whole_glb_bytes(const std::filesystem::path& path) {
+  std::error_code ec;
+  const auto size = std::filesystem::file_size(path, ec);
+  std::array<unsigned char, 12> head{};
+  std::ifstream file(path, std::ios::binary);
+  if (ec || !file.read(reinterpret_cast<char*>(head.data()), head.size())) return std::nullopt;
+  const auto word = [&](std::size_t i) {
+    std::uint32_t value = 0;
+    for (std::size_t k = 4; k-- > 0;) value = value << 8 | head[4 * i + k];
+    return value;
+  };
+  if (word(0) != kMagic || word(1) != kVersion || word(2) != size) return std::nullopt;
+  return size;
 }
 
 std::vector<Float3> gltf_normals(const TriMesh& mesh) {

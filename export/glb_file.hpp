@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,10 @@ inline constexpr double kMetresPerMillimetre = 1e-3;
 [[nodiscard]] Result<std::uint64_t> write_glb_head(AtomicFile& file, std::string json,
                                                    std::uint64_t binary_bytes,
                                                    const std::filesystem::path& path);
+
+/// Bytes of a file that says in its header that it has as many; nothing of one that was cut off,
+/// has another container's header or is not there.
+[[nodiscard]] std::optional<std::uint64_t> whole_glb_bytes(const std::filesystem::path& path);
 
 /// The way a model vector goes into glTF: x east -> x, z up -> y, y north -> -z. No unit.
 [[nodiscard]] constexpr Vec3 gltf_axes(Vec3 v) {

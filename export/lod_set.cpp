@@ -111,9 +111,9 @@ Result<LodTileReport> make_one(const LodPyramid& pyramid, const LodLattice& latt
     report.lowest = std::min(report.lowest, v.height);
     report.highest = std::max(report.highest, v.height);
   }
-  std::error_code ec;
-  if (const auto there = fs::file_size(path, ec); !ec) {  // whole, since files appear whole
-    report.bytes = there;
+  // Files appear whole, but may have been cut off since, as by a copy that was stopped.
+  if (const auto there = whole_glb_bytes(path)) {
+    report.bytes = *there;
     report.kept = true;
     return report;
   }

@@ -24,7 +24,8 @@
 ///         takes.
 /// Boxes   contain content and children, and are a step larger on each side.
 /// Work    tiles in parallel, each file whole or not at all. A run that was stopped goes on: tiles
-///         of the same heights, options and version are kept. Same bytes for any number of threads.
+///         of the same heights, options and version are kept if they are as long as their header
+///         says. Same bytes for any number of threads.
 /// Memory  a third of the heights more, and one tile a thread.
 ///
 /// 3D Tiles 1.1, OGC 22-025r4; body other than Earth: extension 3DTILES_ellipsoid.

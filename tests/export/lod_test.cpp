@@ -26,8 +26,8 @@
 //                                       and errors are metres at full size, and an engine of floats
 //                                       keeps 1 um of the model
 //   stones ............................ instances decode to stone_mesh, floats apart
-//   same bytes for any thread count; a second run keeps every tile, other options none
-//   each error code
+//   same bytes for any thread count; a second run keeps every tile that is whole, other options
+//   none each error code
 
 #include <cstring>
 #include <map>
@@ -1018,6 +1018,16 @@ TEST(LodSet, IsTheSameForAnyThreadsAndGoesOn) {
   EXPECT_EQ(std::count_if(again->tiles.begin(), again->tiles.end(),
                           [](const auto& t) { return !t.kept; }),
             2);
+  EXPECT_EQ(hashes(many.path()), before);
+  // One that was cut off, one that is longer than it says, one without a header: made again.
+  fs::resize_file(many / "tiles/1/0/0.glb", 1000);
+  fs::resize_file(many / "tiles/2/0/1.glb", fs::file_size(many / "tiles/2/0/1.glb") + 4);
+  fs::resize_file(many / "tiles/3/2/2.glb", 0);
+  const auto mended = write_lod_set(f, some_stones(f), options, many.path());
+  ASSERT_THAT(mended, Succeeds());
+  EXPECT_EQ(std::count_if(mended->tiles.begin(), mended->tiles.end(),
+                          [](const auto& t) { return !t.kept; }),
+            3);
   EXPECT_EQ(hashes(many.path()), before);
   options.asset.normals = false;
   const auto other = write_lod_set(f, some_stones(f), options, many.path());

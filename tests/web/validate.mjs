@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// node validate.mjs FOLDER...: each folder that `maquette lod` has written
+// node validate.mjs FOLDER...: each folder that `maquette lod` has written; of one without lod.json
+// (maquette export) the first two, on each .glb
 //   Khronos' validator ........ no error, no warning, on every .glb
 //   inside the payload ........ unpacked by the official decoder, written plainly, validated again:
 //                               indices in range, min and max as stated, normals of length one
@@ -8,9 +9,10 @@
 //   no crack, by what was decoded: tiles of one level, and of two levels that alternate like the
 //                               fields of a chess board, welded by step * number: every edge has two
 //                               triangles but on the outline
+//   material .................. is there, and as the folder's name says if that is one
 //   boxes ..................... every decoded vertex lies in the box of its tile
 
-import { readFileSync, readdirSync, statSync } from 'node:fs';
+import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
 import { join, relative } from 'node:path';
 
 import { plainAgain, readGlb, turned, unpack } from './glb.mjs';
@@ -58,6 +60,17 @@ function openEdges(tiles) {
 
 let count = 0;
 for (const folder of process.argv.slice(2)) {
+  if (!existsSync(join(folder, 'lod.json'))) {
+    const glbs = files(folder);
+    expect(glbs.length > 0, `${folder} has no .glb`);
+    for (const path of glbs) {
+      count += 1;
+      const bytes = readFileSync(path), glb = readGlb(new Uint8Array(bytes));
+      await valid(bytes, path, false);
+      await valid(plainAgain(glb, await unpack(glb)), `${path}, unpacked`, false);
+    }
+    continue;
+  }
   const lod = JSON.parse(readFileSync(join(folder, 'lod.json')));
   // Metres of a step: at model size, or full size on a body.
   const [wide, high] = lod.metres_per_model_metre.map((m) => 1e-3 * m * lod.step_mm), steps = [wide, high, wide];
@@ -74,7 +87,9 @@ for (const folder of process.argv.slice(2)) {
     await valid(bytes, path, false);
     if (path.endsWith('stones.glb')) continue;
     const glb = readGlb(new Uint8Array(bytes));
-    const inside = await unpack(glb);
+    const inside = await unpack(glb), material = glb.json.materials[0].name;
+    expect(material === (['regolith', 'foil'].includes(folder) ? folder : 'paint'), `${path}: the material is ${material}`);
+    expect((lod.normal_bits > 0) === Boolean(inside.attributes.NORMAL), `${path}: normals`);
     await valid(plainAgain(glb, inside), `${path}, unpacked`, lod.compression === 'meshopt');
     const p = turned(glb.json.nodes[0], inside.attributes.POSITION);
     const origin = glb.json.nodes[0].translation.map((t, k) => Math.round(t / steps[k]));

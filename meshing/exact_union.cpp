@@ -8,44 +8,37 @@
 #include <algorithm>
 #include <cmath>
 
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/connected_components.h>
 #include <CGAL/Polygon_mesh_processing/corefinement.h>
 #include <CGAL/Polygon_mesh_processing/measure.h>
 #include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
 #include <CGAL/Polygon_mesh_processing/self_intersections.h>
-#include <CGAL/Surface_mesh.h>
 #include <fmt/format.h>
 
+#include "meshing/coordinate_rounding.hpp"
 #include "meshing/detail/patch_soundness.hpp"
+#include "meshing/detail/union_mesh.hpp"
 
 namespace maquette::meshing::detail {
 namespace {
 
 namespace pmp = CGAL::Polygon_mesh_processing;
 using heightmap::ModelField;
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+using Kernel = UnionKernel;
+using Mesh = UnionMesh;
 using Vertex = Mesh::Vertex_index;
-using Halfedge = Mesh::Halfedge_index;
 using Face = Mesh::Face_index;
 
-Vec3 place(const Mesh& mesh, Vertex v) {
-  const auto& p = mesh.point(v);
-  return {p.x(), p.y(), p.z()};
-}
-
-std::array<Vec3, 3> corners_of(const Mesh& mesh, Face f) {
-  const Halfedge h = mesh.halfedge(f);
-  return {place(mesh, mesh.source(h)), place(mesh, mesh.target(h)),
-          place(mesh, mesh.target(mesh.next(h)))};
-}
-
-enum class Tidy { to_first, to_last, not_at_all };
-
-auto order_of(Vec3 p) {
-  return std::array{p.y, p.x, p.z};
-}
+/// Ways to make the united mesh fit for use, the best first.
+struct Attempt {
+  bool for_files;  ///< vertices where files can have them, and proven as files will have it
+  bool tidied, keep_first;
+};
+constexpr Attempt kAttempts[] = {{true, true, true},
+                                 {true, true, false},
+                                 {false, true, true},
+                                 {false, true, false},
+                                 {false, false, true}};
 
 /// The cells under the stones and one more on each side, as far as the field goes.
 CellBlock block_under(const ModelField& field, const StoneCluster& cluster) {
@@ -119,10 +112,11 @@ class TerrainBlock {
 };
 
 /// @return empty if CGAL takes it for no manifold mesh or it cuts itself
-Mesh body_of(const TriMesh& stone, Vec3 shift) {
+Mesh body_of(const TriMesh& stone, Vec3 shift, CoordinateRounding rounding) {
   std::vector<Kernel::Point_3> points;
   for (const Vec3& v : stone.vertices_mm) {
-    const Vec3 p = v + shift;
+    const Vec3 p =
+        Vec3{rounded(v.x, rounding), rounded(v.y, rounding), rounded(v.z, rounding)} + shift;
     points.emplace_back(p.x, p.y, p.z);
   }
   std::vector<std::array<std::size_t, 3>> faces;
@@ -134,120 +128,21 @@ Mesh body_of(const TriMesh& stone, Vec3 shift) {
   return mesh;
 }
 
-// ---- short edges ---------------------------------------------------------------
-
-Vec3 area_vector(Vec3 a, Vec3 b, Vec3 c) {
-  return cross(b - a, c - a);
+/// With the coordinates that a file will have, so that these are what is united; a stone that they
+/// spoil has its own.
+Mesh body_of(const TriMesh& stone, Vec3 shift, bool near) {
+  Mesh mesh;
+  if (near) mesh = body_of(stone, shift, CoordinateRounding::float32);
+  return mesh.is_empty() ? body_of(stone, shift, CoordinateRounding::none) : mesh;
 }
 
-/// Where `from` goes to `to`: false if a triangle that stays would turn over.
-bool can_move(const Mesh& mesh, Vertex from, Vertex to, Vec3 place_of_both) {
-  for (const Halfedge h : CGAL::halfedges_around_target(from, mesh)) {
-    if (mesh.is_border(h)) continue;
-    const Vertex a = mesh.target(mesh.next(h)), b = mesh.source(h);
-    if (a == to || b == to) continue;  // goes away
-    const Vec3 pa = place(mesh, a), pb = place(mesh, b);
-    const Vec3 before = area_vector(place(mesh, from), pa, pb);
-    const Vec3 after = area_vector(place_of_both, pa, pb);
-    if (!(dot(before, after) > 0.0)) return false;
-  }
-  return true;
-}
-
-/// Of an edge or a triangle, whatever way it is turned.
-template <std::size_t n>
-auto key_of(std::array<Vec3, n> corners) {
-  std::sort(corners.begin(), corners.end(),
-            [](Vec3 a, Vec3 b) { return order_of(a) < order_of(b); });
-  std::array<std::array<double, 3>, n> key;
-  for (std::size_t i = 0; i < n; ++i) key[i] = order_of(corners[i]);
-  return key;
-}
-
-/// Collapses edges shorter than kShortestEdge_mm. Nodes stay where they are, of two other ends the
-/// first or the last. In the order of their places: CGAL numbers them by where they lie in memory.
-void collapse_short_edges(Mesh& mesh, const TerrainBlock& terrain, bool keep_first) {
-  constexpr int kRounds = 4;
-  const auto length = [&](Mesh::Edge_index e) {
-    return norm(place(mesh, mesh.vertex(e, 0)) - place(mesh, mesh.vertex(e, 1)));
-  };
-  for (int round = 0; round < kRounds; ++round) {
-    std::vector<Mesh::Edge_index> edges;
-    for (const auto e : mesh.edges())
-      if (length(e) < kShortestEdge_mm) edges.push_back(e);
-    const auto key = [&](Mesh::Edge_index e) {
-      return key_of(std::array{place(mesh, mesh.vertex(e, 0)), place(mesh, mesh.vertex(e, 1))});
-    };
-    std::sort(edges.begin(), edges.end(), [&](auto a, auto b) { return key(a) < key(b); });
-    bool any = false;
-    for (const auto e : edges) {
-      if (mesh.is_removed(e) || !(length(e) < kShortestEdge_mm)) continue;
-      const Vertex a = mesh.vertex(e, 0), b = mesh.vertex(e, 1);
-      const Vec3 pa = place(mesh, a), pb = place(mesh, b);
-      const auto stays = [&](Vec3 p) {
-        return terrain.node_at(p) != Patch::kNotANode || terrain.is_base(p);
-      };
-      if (stays(pa) && stays(pb)) continue;
-      const bool keep_a = stays(pa) || (!stays(pb) && (order_of(pa) < order_of(pb)) == keep_first);
-      const Vec3 kept = keep_a ? pa : pb;
-      if (!CGAL::Euler::does_satisfy_link_condition(e, mesh) || !can_move(mesh, a, b, kept) ||
-          !can_move(mesh, b, a, kept))
-        continue;
-      const Vertex v = CGAL::Euler::collapse_edge(e, mesh);
-      mesh.point(v) = {kept.x, kept.y, kept.z};
-      any = true;
-    }
-    if (!any) return;
-  }
-}
-
-double lowest_height(Vec3 a, Vec3 b, Vec3 c) {
-  const double longest = std::fmax(norm(b - a), std::fmax(norm(c - b), norm(a - c)));
-  return norm(area_vector(a, b, c)) / longest;
-}
-
-/// Turns the longest edge of triangles lower than kLowestTriangle_mm, which moves the surface by no
-/// more than that.
-void turn_flat_triangles(Mesh& mesh) {
-  constexpr int kRounds = 4;
-  const auto height_of = [&](Face f) {
-    const auto [a, b, c] = corners_of(mesh, f);
-    return lowest_height(a, b, c);
-  };
-  for (int round = 0; round < kRounds; ++round) {
-    std::vector<Face> flat;
-    for (const Face f : mesh.faces())
-      if (height_of(f) < kLowestTriangle_mm) flat.push_back(f);
-    std::sort(flat.begin(), flat.end(), [&](Face a, Face b) {
-      return key_of(corners_of(mesh, a)) < key_of(corners_of(mesh, b));
-    });
-    bool any = false;
-    for (const Face f : flat) {
-      const double low = height_of(f);
-      if (!(low < kLowestTriangle_mm)) continue;  // was turned as another one's neighbour
-      Halfedge longest = mesh.halfedge(f);
-      for (const Halfedge h : CGAL::halfedges_around_face(mesh.halfedge(f), mesh)) {
-        const auto length = [&](Halfedge e) {
-          return norm(place(mesh, mesh.source(e)) - place(mesh, mesh.target(e)));
-        };
-        if (length(h) > length(longest)) longest = h;
-      }
-      const Halfedge other = mesh.opposite(longest);
-      const Vertex a = mesh.source(longest), b = mesh.target(longest),
-                   c = mesh.target(mesh.next(longest)), d = mesh.target(mesh.next(other));
-      const Vec3 pa = place(mesh, a), pb = place(mesh, b), pc = place(mesh, c), pd = place(mesh, d);
-      if (mesh.halfedge(c, d) != Mesh::null_halfedge()) continue;
-      // The neighbour's plane is that of both, as c lies on its edge.
-      const Vec3 normal = area_vector(pb, pa, pd);
-      if (!(dot(area_vector(pc, pa, pd), normal) > 0.0) ||
-          !(dot(area_vector(pb, pc, pd), normal) > 0.0) ||
-          !(std::fmin(lowest_height(pc, pa, pd), lowest_height(pb, pc, pd)) > low))
-        continue;
-      CGAL::Euler::flip_edge(longest, mesh);
-      any = true;
-    }
-    if (!any) return;
-  }
+bool is_near(const StoneCluster& cluster) {
+  const auto near = [](double x) { return std::abs(x) <= kFarthestRounded_mm; };
+  return std::all_of(cluster.stones.begin(), cluster.stones.end(), [&](const TriMesh* stone) {
+    const Box3 box = stone->bounds();
+    return near(box.min.x) && near(box.max.x) && near(box.min.y) && near(box.max.y) &&
+           near(box.min.z) && near(box.max.z);
+  });
 }
 
 // ---- the sheet -------------------------------------------------------------------
@@ -330,9 +225,10 @@ Result<ExactUnion> unite_exactly(const ModelField& surface, const StoneCluster& 
   const TerrainBlock terrain(surface, cluster);
   Mesh whole = terrain.solid();
   const auto faces_before = whole.number_of_faces();
+  const bool near = is_near(cluster);
   double times = 0.0;  // each stone a little farther, so that they move against each other, too
   for (const TriMesh* stone : cluster.stones) {
-    Mesh body = body_of(*stone, (times += 1.0) * shift);
+    Mesh body = body_of(*stone, (times += 1.0) * shift, near);
     if (body.is_empty()) return ExactUnion{{}, "a stone cuts itself or is no manifold"};
     if (!pmp::corefine_and_compute_union(whole, body, whole))
       return ExactUnion{{}, "they touch in a line or a point only"};
@@ -341,20 +237,26 @@ Result<ExactUnion> unite_exactly(const ModelField& surface, const StoneCluster& 
   if (!keep_outer_shell(whole, terrain)) return fail(kNotASolid, std::string(kHangsInTheAir));
   whole.collect_garbage();
   if (whole.number_of_faces() == faces_before) return ExactUnion{};  // all is buried
+  const Stays stays = [&terrain](Vec3 p) {
+    return terrain.node_at(p) != Patch::kNotANode || terrain.is_base(p);
+  };
   // What is tidied may come to cut a neighbour in a narrow crevice: then it is tidied the other
   // way, or left as it is.
   ExactUnion united;
-  for (const Tidy how : {Tidy::to_first, Tidy::to_last, Tidy::not_at_all}) {
+  for (const Attempt& attempt : kAttempts) {
+    if (attempt.for_files && !near) continue;
     Mesh tidied = whole;
-    if (how != Tidy::not_at_all) {
-      collapse_short_edges(tidied, terrain, how == Tidy::to_first);
-      turn_flat_triangles(tidied);
-      tidied.collect_garbage();
-    }
-    united.patch = {};
-    united.why_not = take_sheet(tidied, terrain, united.patch);
-    if (united.why_not.empty() && pmp::does_self_intersect<CGAL::Parallel_if_available_tag>(tidied))
+    if (attempt.tidied) tidy(tidied, stays, attempt.keep_first);
+    united = {};
+    united.spoilt_in_files = near && !attempt.for_files;
+    if (attempt.for_files) {
+      round_places(tidied, stays);
+      tidy(tidied, stays, attempt.keep_first);
+      if (!mend_for_files(tidied, stays, attempt.keep_first)) continue;
+    } else if (pmp::does_self_intersect<CGAL::Parallel_if_available_tag>(tidied)) {
       united.why_not = "rounding made triangles cut each other";
+    }
+    if (united.why_not.empty()) united.why_not = take_sheet(tidied, terrain, united.patch);
     std::vector<Vec3> no_goal = united.patch.mesh.vertices_mm;
     if (united.why_not.empty())
       united.why_not = keep_manifold_sheet(surface, united.patch, no_goal);

@@ -11,21 +11,21 @@
 ///
 /// grid_solid    plain terrain; the top's vertices are the field's nodes, bit for
 ///               bit, with the field's own diagonals.
-/// volume_solid  union of terrain and stones, facet by facet with exact predicates (CGAL):
-///               what is left of the field's triangles and of the stones', and the line
-///               where they meet, sharp. Pockets of air under a stone are filled. Where
-///               that is no manifold (stones that only touch, or cut themselves):
-///               OpenVDB narrow-band level set filled straight from the height grid,
-///               stones united by CSG with a fillet of 1.5 voxels (so that no crevice is
-///               too narrow for the mesh to follow), dual contouring, then vertices moved
-///               onto the stones or straight up or down onto the triangulated
-///               terrain, and a Delaunay triangulation that joins them to the nodes;
-///               run.warn tells. Cells without stones: as grid_solid. Walls and base are
-///               exact planes.
+/// volume_solid  union of terrain and stones, facet by facet with exact predicates (CGAL): what is
+///               left of the field's triangles and of the stones', and the line where they meet,
+///               sharp. Pockets of air under a stone are filled. Where that is no manifold (stones
+///               that cut themselves): OpenVDB narrow-band level set filled straight from the
+///               height grid, stones united by CSG with a fillet of 1.5 voxels (no crevice too
+///               narrow for the mesh), dual contouring, vertices moved onto stones or, straight up
+///               or down, terrain, a Delaunay triangulation that joins them to the nodes; run.warn
+///               tells. Cells without stones: as grid_solid. Walls and base are exact planes.
 ///
-/// Accuracy of volume_solid: nodes to the bit; every point of the top lies on terrain or
-/// stone to 1e-3 mm (edges shorter than that are collapsed) and 1e-5 mm a stone of a group
-/// (what they are shifted by where they only touch). By level set: away from stones (more than 5
+/// Accuracy of volume_solid: nodes to the bit, all other vertices where 32 bits hold them; every
+/// point of the top lies on terrain or stone to 1e-3 mm (edges shorter than that are collapsed),
+/// that rounding (1e-4 mm a metre from the origin, 2e-4 at two) and 1e-5 mm a stone of a group
+/// (what they are shifted by where they only touch); few, beside slivers that rounding would turn
+/// over, to 8e-3 mm. The mesh is sound with the coordinates that STL, OBJ and 3MF make of it, too;
+/// run.warn tells where it is not. By level set: away from stones (more than 5
 /// voxels and two spacings) the field's own triangles; vertices of the seam lie within half a voxel
 /// of terrain or stone; all others on one of the two, except where that would let triangles cut
 /// each other. The certificate measures it (MeshCheckOptions::stones).

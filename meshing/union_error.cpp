@@ -5,13 +5,14 @@
 #include <bit>
 #include <cmath>
 #include <memory>
-#include <unordered_set>
+#include <unordered_map>
 #include <vector>
 
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_reduce.h>
 
 #include "core/random.hpp"
+#include "meshing/coordinate_rounding.hpp"
 #include "meshing/detail/stone_cap.hpp"
 
 namespace maquette::meshing::detail {
@@ -21,6 +22,8 @@ using heightmap::ModelField;
 
 /// Heights are interpolated in double: at a metre they err by less.
 constexpr double kOnFacet_mm = 1e-9;
+/// The farthest that a union moves a stone's vertex to where 32 bits hold it.
+constexpr double kRounded_mm = 1e-3;
 
 struct PlaceHash {
   std::size_t operator()(const Vec3& v) const {
@@ -29,6 +32,12 @@ struct PlaceHash {
               mix64(std::bit_cast<std::uint64_t>(v.y) ^ mix64(std::bit_cast<std::uint64_t>(v.z)))));
   }
 };
+
+/// The union has stones' vertices where 32 bits hold them.
+Vec3 in_32_bits(Vec3 v) {
+  constexpr auto kTo = CoordinateRounding::float32;
+  return {rounded(v.x, kTo), rounded(v.y, kTo), rounded(v.z, kTo)};
+}
 
 /// Stones by the squares of the plan that they reach into; a box tree each.
 class NearStones {
@@ -39,7 +48,7 @@ class NearStones {
       boxes_.push_back(stone.bounds());
       const TriMesh* const body = &stone;
       trees_.push_back(std::make_unique<StoneDistance>(std::span<const TriMesh* const>(&body, 1)));
-      vertices_.insert(stone.vertices_mm.begin(), stone.vertices_mm.end());
+      for (const Vec3& v : stone.vertices_mm) vertices_.try_emplace(in_32_bits(v), v);
       const Vec3 size = boxes_.back().max - boxes_.back().min;
       widest = std::fmax(widest, std::fmax(size.x, size.y));
     }
@@ -59,7 +68,13 @@ class NearStones {
           bins_(r, c).push_back(i);
   }
 
-  [[nodiscard]] bool has_vertex(Vec3 p) const { return vertices_.contains(p); }
+  /// Distance to a stone's vertex that p is but for rounding; INFINITY if there is none.
+  [[nodiscard]] double from_vertex_mm(Vec3 p) const {
+    const auto found = vertices_.find(in_32_bits(p));
+    if (found == vertices_.end()) return INFINITY;
+    const double distance = norm(p - found->second);
+    return distance <= kRounded_mm ? distance : INFINITY;
+  }
 
   /// Distance, if it is below `most_mm`; else INFINITY.
   [[nodiscard]] double distance_mm(Vec3 p, double most_mm) const {
@@ -84,7 +99,7 @@ class NearStones {
 
   std::vector<Box3> boxes_;
   std::vector<std::unique_ptr<StoneDistance>> trees_;
-  std::unordered_set<Vec3, PlaceHash> vertices_;
+  std::unordered_map<Vec3, Vec3, PlaceHash> vertices_;  ///< by their places in 32 bits
   double reach_mm_ = 0.0, bin_mm_ = 1.0;
   Vec3 origin_;
   Grid<std::vector<std::uint32_t>> bins_;
@@ -146,13 +161,14 @@ UnionError union_error(const TriMesh& solid, const ModelField& field,
   Sums sums = all(solid.vertices_mm.size(), [&](std::size_t i, Sums& sum) {
     const Vec3 v = solid.vertices_mm[i];
     if (v.z == base_z) return;
-    if (near.has_vertex(v)) {
+    const double off = off_at(v);
+    if (const double stone = near.from_vertex_mm(v); stone < INFINITY) {
       kind[i] = Kind::stone;
       ++sum.error.on_stones;
+      sum.error.max_mm = std::fmax(sum.error.max_mm, std::fmin(off, stone));
       return;
     }
     if (is_node(v)) kind[i] = Kind::node;
-    const double off = off_at(v);
     const double stone = off <= kOnFacet_mm ? INFINITY : near.distance_mm(v, off);
     sum.error.max_mm = std::fmax(sum.error.max_mm, std::fmin(off, stone));
     if (stone < off) {

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -159,11 +160,21 @@ Result<void> check_memory(const ModelField& field, std::span<const TriMesh> ston
 Result<Patch> mesh_cluster(const ModelField& surface, const StoneCluster& cluster, double voxel_mm,
                            double memory_bytes, const RunContext& run) {
   std::string not_exact;
+  std::optional<Patch> in_memory_only;
   for (const Vec3 shift : kShifts_mm) {
     if (run.stopped()) return fail(kCancelled, "meshing stones was stopped");
     MAQUETTE_TRY(auto united, detail::unite_exactly(surface, cluster, shift));
-    if (united.why_not.empty()) return std::move(united.patch);
+    if (united.why_not.empty() && !united.spoilt_in_files) return std::move(united.patch);
+    if (united.why_not.empty() && !in_memory_only) in_memory_only = std::move(united.patch);
     not_exact = std::move(united.why_not);
+  }
+  if (in_memory_only) {
+    run.warn(
+        fmt::format("stones near cell row {}, column {}: their mesh is sound with 64 bits only; as "
+                    "STL or 3MF it may be refused (move the stones by 0.01 mm, or the origin "
+                    "nearer)",
+                    in_memory_only->block.row0, in_memory_only->block.col0));
+    return std::move(*in_memory_only);
   }
   Error why{kNotASolid, not_exact};
   for (const Try& attempt : kTries) {

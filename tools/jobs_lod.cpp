@@ -39,6 +39,21 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
       fmt::format("{} levels, {} tiles, {}, {:.3f} bytes a triangle", report->levels.size(),
                   report->tiles.size(), human_bytes(figures["bytes"].get<double>()),
                   figures["bytes_per_triangle"].get<double>());
+  if (job.heightmap_quads) {
+    const exporting::HeightmapOptions maps{.tile_quads = *job.heightmap_quads,
+                                           .filter = job.options.filter,
+                                           .scale_denominator = job.options.asset.scale_denominator,
+                                           .place = job.options.place};
+    auto made = exporting::write_heightmaps(field, maps, folder / "heightmaps", run);
+    if (!made) return tl::unexpected(std::move(made.error()).within(job.design.string()));
+    figures["heightmaps"] = json::parse(exporting::to_json(*made, maps));
+    result.outputs.push_back(folder / "heightmaps" / "heights.json");
+    result.outputs.push_back(folder / "heightmaps" / "heights.tif");
+    result.note +=
+        fmt::format("; heightmaps of {} nodes a side, {}, rounded by {:.3g} mm at most",
+                    *job.heightmap_quads + 1, human_bytes(static_cast<double>(made->bytes)),
+                    1e3 * made->levels[0].rounding_m);
+  }
   if (kept > 0) result.note += fmt::format(" ({} tiles were there)", kept);
   result.figures_json = figures.dump();
   return result;

@@ -17,7 +17,8 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
     std::string compression = "draco", material = "paint", body;
     exporting::LodSetOptions set;
     exporting::LodPlace place;
-    bool no_normals = false;
+    bool no_normals = false, heightmaps = false;
+    std::ptrdiff_t heightmap_quads = 512;
     double max_error_mm = NAN;
   };
   auto o = std::make_shared<Options>();
@@ -46,6 +47,14 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
       ->check(CLI::IsMember({"paint", "regolith", "foil"}));
   app->add_option("--scale", o->set.asset.scale_denominator, "N of 1:N, recorded")
       ->capture_default_str();
+  auto* heightmaps = app->add_flag("--heightmaps", o->heightmaps,
+                                   "for engines, too: OUT/heightmaps with 16-bit PNG and RAW in "
+                                   "levels, a Cloud-Optimized GeoTIFF "
+                                   "and heights.json, which says what a number is");
+  app->add_option("--heightmap-quads", o->heightmap_quads,
+                  "edge of a heightmap, a power of two; it has one node more")
+      ->capture_default_str()
+      ->needs(heightmaps);
   auto* body = app->add_option("--body", o->body,
                                "moon or mars: the tileset is put there at full "
                                "size")
@@ -70,6 +79,7 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
           if (o->compression == name(c)) job.options.asset.compression = c;
         for (const auto m : {LodMaterial::paint, LodMaterial::regolith, LodMaterial::foil})
           if (o->material == name(m)) job.options.asset.material = m;
+        if (o->heightmaps) job.heightmap_quads = o->heightmap_quads;
         if (!std::isnan(o->max_error_mm)) job.options.max_error = Millimetres{o->max_error_mm};
         if (!o->body.empty()) {
           job.options.place = o->place;

@@ -5,11 +5,11 @@
 //   loads; nothing on the console, nothing asked of another host
 //   a click gives the place and the height       the file's height there, within the stated error
 //   sun and exaggeration change the picture; dark and light; each control has a name
-//   stones, profile, link, screenshot, keyboard
-//   a run's folder: deviation colours, brush, toolpath, both surfaces, camera frame
+//   stones, profile, link (the same picture), screenshot, keyboard
+//   a run's folder: deviation colours, brush (typed, and dragged over the histogram), toolpath, both surfaces, camera frame
 //   photographs of a case and poses of a trajectory: clicked, stepped through, looked from
 //   residuals of a diagnosis, before and after: one scale, side by side, without a surface too
-//   a damaged and a missing tile are said and the rest works; no WebGL 2 is said
+//   a damaged, a missing and a damaged coarsest tile are said and the rest works; no WebGL 2 is said
 
 import { cpSync, readFileSync, rmSync, truncateSync } from 'node:fs';
 import { join } from 'node:path';
@@ -86,9 +86,11 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await whole(page, 'profile');
 
   await page.waitForTimeout(600);
-  const link = await page.evaluate(() => location.href);
+  const linked = await shot(page, 'linked'), link = await page.evaluate(() => location.href);
   const other = await tab(link);
   await still(other);
+  // Over the ground one says the place that was clicked, the other what to do: under two hundredths of the picture.
+  expect(await differ(page, linked, await shot(other, 'link')) < 0.03, `${link} shows another picture`);
   await other.waitForTimeout(600);
   expect(await other.evaluate(() => location.href) === link, `${link} became ${await other.evaluate(() => location.href)}`);
   expect(other.said.length === 0, `the console says ${other.said}`);
@@ -134,6 +136,26 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   await page.locator('#brush-low').press('Tab');
   expect(await differ(page, coloured, await shot(page, 'brush')) > 0.1, 'the brush changes nothing');
   await whole(page, 'brush_page');
+  // Dragged over the histogram: what was passed keeps its colour; a click lets all have theirs.
+  await page.click('#brush-all');
+  await page.locator('#histogram').scrollIntoViewIfNeeded();
+  const span = await page.locator('#histogram').boundingBox(), most = +(await page.inputValue('#limit'));
+  const over = (share) => [span.x + share * span.width, span.y + 0.5 * span.height];
+  await page.mouse.move(...over(0.85));
+  await page.mouse.down();
+  for (const share of [0.8, 0.7, 0.6]) await page.mouse.move(...over(share));
+  await page.mouse.up();
+  for (const [id, share] of [['#brush-low', 0.6], ['#brush-high', 0.85]]) {
+    const typed = +(await page.inputValue(id)), meant = most * (2 * share - 1);
+    // A pixel of the histogram, and three digits.
+    expect(Math.abs(typed - meant) < 2 * most / span.width + 0.005 * most, `dragged to ${share} of ±${most}: ${id} is ${typed}`);
+  }
+  expect(await differ(page, coloured, await shot(page, 'brush_dragged')) > 0.1, 'dragging changes nothing');
+  const keep = /([\d.]+) % of the places/.exec(await page.locator('#histogram').getAttribute('aria-label'));
+  expect(keep && +keep[1] > 0 && +keep[1] < 100, `of the dragged span is said: ${keep}`);
+  await page.mouse.click(...over(0.3));
+  expect(await page.inputValue('#brush-low') === '' && await page.inputValue('#brush-high') === '', 'a click does not let go of the span');
+  expect(await differ(page, coloured, await shot(page, 'brush_gone')) < 0.01, 'after a click colours are others');
   const { text, place } = await ask(page, 380, 350);
   const [z] = await (await fetch(`${runUrl}profile?file=s1000/surface.tif&from=${place[0]},${place[1]}&to=0,0&count=1`)).json().then((j) => j.values);
   // Three decimals, and the slope of a stone's side between 0.5 um of x and y.
@@ -305,6 +327,20 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   const [z] = await design(place.slice(0, 2), place.slice(0, 2), 1);
   expect(text.includes('stone') || Math.abs(place[2] - z) < kHeight, `beside damaged tiles: ${text}, the design is ${z}`);
   await page.context().close();
+
+  // The coarsest tile of all: finer ones take its place.
+  const rootless = `${lodFolder}_rootless`;
+  cpSync(lodFolder, rootless, { recursive: true });
+  truncateSync(join(rootless, 'tiles/0/0/0.glb'), 200);
+  const bare = await tab(await serve(rootless), { expected: ['Failed to load', 'DRACOLoader', 'RangeError'] });
+  await bare.waitForFunction(() => document.querySelector('#problems').textContent.includes('tiles/0/0/0.glb cannot be shown'));
+  await still(bare);
+  await bare.click('#above');
+  await still(bare);
+  const there = await ask(bare, cx + 190, cy - 190), [zThere] = await design(there.place.slice(0, 2), there.place.slice(0, 2), 1);
+  expect(there.text.includes('stone') || Math.abs(there.place[2] - zThere) < kHeight, `without the coarsest tile: ${there.text}, the design is ${zThere}`);
+  await whole(bare, 'rootless');
+  await bare.context().close();
 
   const blind = await tab(lodUrl, { before: () => {
     const get = HTMLCanvasElement.prototype.getContext;

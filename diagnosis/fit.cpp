@@ -17,9 +17,12 @@ struct Small {
   std::array<MatrixXd, kGroups> gram;
   std::array<double, kGroups> count{};
   struct Top {
-    std::vector<MatrixXd> gram;
+    MatrixXd grams;  // by theta, side by side
     std::vector<double> log_det;
     double count = 0.0;
+    [[nodiscard]] auto gram(std::size_t theta) const {
+      return grams.middleCols(static_cast<Index>(theta) * grams.rows(), grams.rows());
+    }
   };
   std::array<Top, kTops> top;
   std::vector<double> ratio;  // by theta
@@ -42,12 +45,17 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
   MAQUETTE_CHECK(!std::isnan(s.gram[0].sum()), "columns without answers are fitted");
   for (std::size_t u = 0; u < kTops; ++u) {
     Small::Top& top = s.top[u];
-    top.gram.assign(bank.theta.size(), MatrixXd::Zero(n, n));
+    top.grams = MatrixXd::Zero(n, n * static_cast<Index>(bank.theta.size()));
     top.log_det.assign(bank.theta.size(), 0.0);
     for (const TopSums* from : tops_of(bank, sets, u)) {
       top.count += static_cast<double>(from->weight.size());
       for (std::size_t t = 0; t < bank.theta.size(); ++t) {
-        top.gram[t] += from->gram[t](at, at);
+        auto to = top.grams.middleCols(static_cast<Index>(t) * n, n);
+        const MatrixXd& all = from->gram[t];
+        for (Index j = 0; j < n; ++j) {
+          const double* column = &all(0, at[static_cast<std::size_t>(j)]);
+          for (Index i = 0; i < n; ++i) to(i, j) += column[at[static_cast<std::size_t>(i)]];
+        }
         top.log_det[t] += from->log_det[t];
       }
     }
@@ -57,10 +65,13 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
   return s;
 }
 
-double rss(const MatrixXd& gram, const VectorXd& b) {
+/// @param gram  products of columns, the residual last; symmetric
+template <class Gram>
+double rss(const Gram& gram, const VectorXd& b) {
   const Index p = b.size();
-  return std::fmax(
-      0.0, gram(p, p) - 2.0 * b.dot(gram.col(p).head(p)) + b.dot(gram.topLeftCorner(p, p) * b));
+  double sum = gram(p, p);
+  for (Index j = 0; j < p; ++j) sum += b(j) * (b.dot(gram.col(j).head(p)) - 2.0 * gram(j, p));
+  return std::fmax(0.0, sum);
 }
 
 constexpr double kLeastVariance = 1e-12;  // a nanometre: exact data keep finite logarithms
@@ -98,7 +109,8 @@ struct Information {
 };
 /// Degrees of freedom that nuisances of such an inverse information take of data with such sums and
 /// variance.
-double taken(const MatrixXd& inverse, const MatrixXd& gram, double variance) {
+template <class Gram>
+double taken(const MatrixXd& inverse, const Gram& gram, double variance) {
   return inverse.cwiseProduct(gram.topLeftCorner(inverse.rows(), inverse.cols())).sum() / variance;
 }
 
@@ -116,13 +128,13 @@ struct TopFit {
 /// @param rounds  0: good to a few tenths of the objective, at a third of the cost
 TopFit fit_top(const Small::Top& top, std::size_t t, double ratio, const VectorXd& b,
                const MatrixXd& rest, int rounds) {
-  const double squares = rss(top.gram[t], b);
-  const auto own = top.gram[t].topLeftCorner(rest.rows(), rest.cols());
+  const double squares = rss(top.gram(t), b);
+  const auto own = top.gram(t).topLeftCorner(rest.rows(), rest.cols());
   TopFit f;
   f.variance = std::fmax(kLeastVariance, squares / top.count);
   for (int round = 0; round < rounds; ++round) {
     const MatrixXd inverse = Information(rest + own / f.variance).inverse();
-    const double free = std::fmax(1.0, top.count - taken(inverse, top.gram[t], f.variance));
+    const double free = std::fmax(1.0, top.count - taken(inverse, top.gram(t), f.variance));
     f.variance = std::fmax(kLeastVariance, squares / free);
   }
   f.objective = top.log_det[t] + top.count * std::log(f.variance) + squares / f.variance +
@@ -137,8 +149,8 @@ constexpr double kHopeless = 50.0;
 constexpr double kRough = 2.0;
 
 /// Of the process that a fit has.
-const MatrixXd& top_gram(const Small& s, const Fit& f, std::size_t u) {
-  return s.top[u].gram[static_cast<std::size_t>(f.theta[u])];
+auto top_gram(const Small& s, const Fit& f, std::size_t u) {
+  return s.top[u].gram(static_cast<std::size_t>(f.theta[u]));
 }
 
 /// Coefficients given the noise. @param a  the normal equations' matrix
@@ -146,7 +158,7 @@ void solve_given_noise(const Small& s, Fit& f, MatrixXd& a) {
   const Index p = s.gram[0].rows() - 1;
   a = MatrixXd::Zero(p, p);
   VectorXd b = VectorXd::Zero(p);
-  const auto add = [&](const MatrixXd& gram, double variance) {
+  const auto add = [&](const auto& gram, double variance) {
     a += gram.topLeftCorner(p, p) / variance;
     b += gram.col(p).head(p) / variance;
   };
@@ -179,11 +191,11 @@ void improve(const Small& s, Fit& f, bool free, MatrixXd& a) {
     if (!(top.count > 0.0)) continue;
     known -= top_gram(s, f, u).topLeftCorner(n, n) / f.top_variance[u];
     const auto held = static_cast<std::size_t>(f.theta[u]);
-    std::vector<double> plain(top.gram.size(), INFINITY);
-    for (std::size_t t = free ? 0 : held; t < (free ? top.gram.size() : held + 1); ++t)
+    std::vector<double> plain(top.log_det.size(), INFINITY);
+    for (std::size_t t = free ? 0 : held; t < (free ? top.log_det.size() : held + 1); ++t)
       plain[t] = top.log_det[t] +
                  top.count * std::log(std::fmax(kLeastVariance,
-                                                rss(top.gram[t], f.coefficients) / top.count));
+                                                rss(top.gram(t), f.coefficients) / top.count));
     const double limit = *std::min_element(plain.begin(), plain.end()) + kHopeless;
     std::vector<double> rough(plain.size(), INFINITY);
     if (free)
@@ -223,7 +235,7 @@ void roughly(const Small& s, Fit& f) {
   for (int round = 0; round < 2; ++round) {
     solve_given_noise(s, f, a);
     f.objective = 0.0;
-    const auto take = [&](const MatrixXd& gram, double count, double& variance) {
+    const auto take = [&](const auto& gram, double count, double& variance) {
       variance = std::fmax(kLeastVariance, rss(gram, f.coefficients) / count);
       f.objective += count * std::log(variance);
     };
@@ -259,7 +271,7 @@ Fit fit(const Bank& bank, const std::vector<int>& model, const std::vector<int>&
         std::fmax(kLeastVariance, s.count[g] > 0.0 ? s.gram[g](p, p) / s.count[g] : 1.0);
   for (std::size_t u = 0; u < kTops; ++u)
     start.top_variance[u] =
-        std::fmax(kLeastVariance, s.top[u].gram[0](p, p) / std::fmax(1.0, s.top[u].count));
+        std::fmax(kLeastVariance, s.top[u].grams(p, p) / std::fmax(1.0, s.top[u].count));
   // There are several optima: a drift is a cause, or a long process. One start for each process
   // (with one ratio alone a longer curve once had less gain than the shorter that it holds), the
   // best two followed to rest.
@@ -302,8 +314,7 @@ Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& f, int
   MatrixXd a = MatrixXd::Zero(p + 1, p + 1);
   for (std::size_t g = 0; g < kGroups; ++g) a += s.gram[g] / f.variance[g];
   for (std::size_t u = 0; u < kTops; ++u)
-    if (s.top[u].count > 0.0)
-      a += s.top[u].gram[static_cast<std::size_t>(f.theta[u])] / f.top_variance[u];
+    if (s.top[u].count > 0.0) a += top_gram(s, f, u) / f.top_variance[u];
   Beside b;
   b.absorbed = solve(a.topLeftCorner(p - 1, p - 1), a.col(p - 1).head(p - 1), nullptr);
   b.information = std::fmax(1e-12 * a(p - 1, p - 1),

@@ -2,6 +2,7 @@
 #include "diagnosis/detail/levelled_changes.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -41,14 +42,24 @@ void unmove(const std::vector<Observation>& all, const SetUpPlaces& places,
     const Vec3 along = level_along(o), turn = (1.0 / half) * cross(o.place - centre, along);
     return Row{along.x, along.y, along.z, turn.x, turn.y, turn.z};
   };
-  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(6, 6), b = Eigen::MatrixXd::Zero(6, 1);
-  for (const std::uint32_t i : places.at) {
+  // Stripes are fixed: sums do not depend on threads.
+  constexpr std::size_t kStripes = 16;
+  const std::size_t n = places.at.size();
+  std::array<Eigen::Matrix<double, 6, 7>, kStripes> sums;  // and the changes
+  const auto each = [&](const auto& work) {
+    oneapi::tbb::parallel_for(std::size_t{0}, kStripes, [&](std::size_t s) {
+      for (std::size_t k = s * n / kStripes; k < (s + 1) * n / kStripes; ++k) work(s, places.at[k]);
+    });
+  };
+  for (auto& sum : sums) sum.setZero();
+  each([&](std::size_t s, std::uint32_t i) {
     const Row r = row(all[i]);
-    a += r * r.transpose();
-    b += change[i] * r;
-  }
-  const Eigen::MatrixXd motion = ridge_solve(a, b, 1e-10);
-  for (const std::uint32_t i : places.at) change[i] -= row(all[i]).dot(motion.col(0));
+    sums[s].leftCols<6>() += r * r.transpose();
+    sums[s].col(6) += change[i] * r;
+  });
+  for (std::size_t s = 1; s < kStripes; ++s) sums[0] += sums[s];
+  const Eigen::MatrixXd motion = ridge_solve(sums[0].leftCols<6>(), sums[0].col(6), 1e-10);
+  each([&](std::size_t, std::uint32_t i) { change[i] -= row(all[i]).dot(motion.col(0)); });
 }
 
 void add_mean(const std::vector<Observation>& all, const SetUpPlaces& places,

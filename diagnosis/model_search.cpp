@@ -211,14 +211,17 @@ Screen screen(const Bank& bank, const std::vector<Member>& members, const std::v
   std::array<Eigen::MatrixXd, 2> sum;
   for (const int set : sets)
     for (std::size_t g = 0; g < kGroups; ++g)
-      details += bank.weight[g] / f.variance[g] * bank.sets[static_cast<std::size_t>(set)].gram[g];
+      details += bank.weight[g] / f.variance[g] *
+                 bank.sets[static_cast<std::size_t>(set)].gram[g].topLeftCorner(n, n);
   for (int white = 0; white < 2; ++white) {
     Eigen::MatrixXd& all = sum[static_cast<std::size_t>(white)] = details;
     for (std::size_t u = 0; u < kTops; ++u) {
       const Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[u])];
       for (const TopSums* top : tops_of(bank, sets, u))
-        all += (white == 1 ? top->gram[0] / (f.top_variance[u] * (1.0 + theta.ratio))
-                           : top->gram[static_cast<std::size_t>(f.theta[u])] / f.top_variance[u]);
+        all += (white == 1
+                    ? top->gram[0].topLeftCorner(n, n) / (f.top_variance[u] * (1.0 + theta.ratio))
+                    : top->gram[static_cast<std::size_t>(f.theta[u])].topLeftCorner(n, n) /
+                          f.top_variance[u]);
     }
   }
   Screen s;

@@ -115,6 +115,7 @@ struct CutChange {
   Vec3 tip_per_mm{};   ///< by how much more elsewhere with each mm of way; small changes need none
   bool bends = false;  ///< within kBendReach_mm of the way `tip_per_mm` jumps
   double runout_mm = 0.0;  ///< its axis turns about the spindle's at that distance
+  [[nodiscard]] bool turns() const { return dot(tip_per_mm, tip_per_mm) > 0.0; }
   CutChange& operator+=(const CutChange& o) {
     tip_mm += o.tip_mm;
     radius_mm += o.radius_mm;
@@ -131,14 +132,21 @@ struct CutChange {
 /// Of all balls that a runout turns to a place, seen from the ball's middle along -n, the nearest:
 /// it comes no nearer than above it, and the swept body is flat below.
 [[nodiscard]] inline Vec3 towards_place(Vec3 n, double radius_mm, double runout_mm) {
+  if (runout_mm == 0.0) return {};
   const double plan = std::hypot(n.x, n.y);
-  if (runout_mm == 0.0 || !(plan > 0.0)) return {};
+  if (!(plan > 0.0)) return {};
   const double nearer = std::fmin(radius_mm, runout_mm / plan);
   return {-nearer * n.x, -nearer * n.y, 0.0};
 }
 
 /// Rise a length of the steepest pass whose slope is taken from its command and displacement.
 inline constexpr double kSteepPass = 0.8;
+
+/// rise_mm to first order in `tip_mm` (runout included) and radius. Undersides are convex, in the
+/// place and in the radius, so a pass whose direction does not change rises by no less.
+[[nodiscard]] inline double first_order_rise_mm(Vec3 n, Vec3 tip_mm, const CutChange& c) {
+  return dot(n, tip_mm) / n.z + c.radius_mm * (1.0 - 1.0 / n.z);
+}
 
 /// By how much a pass leaves its surface higher where its ball has the normal `n`, upwards, mm. The
 /// pass is straight there: its ball sweeps a cylinder along the feed, and the lower of the two
@@ -151,14 +159,15 @@ inline constexpr double kSteepPass = 0.8;
   const double length = norm(along);
   Vec3 f = length > 1e-9 ? (1.0 / length) * along : Vec3{};
   // Only of passes along the surface: a plunge or lift whose axis stands still has no direction.
-  if (length > 1e-9 && std::abs(s.feed.z) < kSteepPass) f = normalized(f + c.tip_per_mm);
+  if (length > 1e-9 && std::abs(s.feed.z) < kSteepPass && c.turns())
+    f = normalized(f + c.tip_per_mm);
   const auto across = [&](Vec3 v) { return v - dot(v, f) * f; };
   const Vec3 up = across({0.0, 0.0, 1.0});
   const Vec3 tip = c.tip_mm + towards_place(n, radius_mm, c.runout_mm);
   const Vec3 from = across(-radius_mm * n - tip - Vec3{0.0, 0.0, c.radius_mm});
   const double r = radius_mm + c.radius_mm, a = dot(up, up), b = dot(from, up),
                d = dot(from, from) - r * r, root = b * b - a * d;
-  if (!(root > 0.0) || !(r > 0.0)) return dot(n, tip) / n.z + c.radius_mm * (1.0 - 1.0 / n.z);
+  if (!(root > 0.0) || !(r > 0.0)) return first_order_rise_mm(n, tip, c);
   return d / (std::sqrt(root) - b);
 }
 
@@ -168,22 +177,29 @@ inline constexpr double kSteepPass = 0.8;
 template <class Change>
 [[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change) {
   if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
-  const auto rise = [&](const CutState& s, Vec3 n, double above_mm) {
+  double lowest = INFINITY;
+  const auto let_in = [&](const CutState& s, Vec3 n, double above_mm) {
     const CutChange c = change(s, n);
+    if (!c.bends && !c.turns()) {
+      const Vec3 tip = c.tip_mm + towards_place(n, radius_mm, c.runout_mm);
+      if (above_mm + first_order_rise_mm(n, tip, c) >= lowest) return;
+    }
     if (c.bends && o.pass) {
       const double height = o.pass->height_mm(
           s, o.place.x, o.place.y, radius_mm + c.radius_mm, [&](const CutState& at) {
             const CutChange there = change(at, n);
             return there.tip_mm + towards_place(n, radius_mm, there.runout_mm);
           });
-      if (std::isfinite(height)) return height - o.place.z;
+      if (std::isfinite(height)) {
+        lowest = std::fmin(lowest, height - o.place.z);
+        return;
+      }
     }
-    return above_mm + rise_mm(s, n, radius_mm, c);
+    lowest = std::fmin(lowest, above_mm + rise_mm(s, n, radius_mm, c));
   };
-  double lowest = rise(o, o.normal, 0.0);
+  let_in(o, o.normal, 0.0);
   if (o.rivals)
-    for (const Rival& r : *o.rivals)
-      lowest = std::fmin(lowest, rise(r.state, r.normal, r.above_mm));
+    for (const Rival& r : *o.rivals) let_in(r.state, r.normal, r.above_mm);
   return lowest * dot(o.along, o.normal) * o.normal.z;
 }
 

@@ -47,7 +47,7 @@ MatrixXd total(const Sums& sums, std::size_t set, std::size_t scale) {
   return all;
 }
 
-/// Heights of a process as means over cells see them, white part 1; that of a Gaussian process is
+/// Heights of a process of ratio 1 as means over cells see them; that of a Gaussian process is
 /// nearly Gaussian again.
 MatrixXd process(const TopSums& s, const Theta& theta, double cell_mm) {
   const auto m = static_cast<Index>(s.weight.size());
@@ -55,14 +55,13 @@ MatrixXd process(const TopSums& s, const Theta& theta, double cell_mm) {
   const double own = theta.length_mm * theta.length_mm,
                wide = own + (theta.gauss ? cell_mm * cell_mm / 6.0 : 0.0);
   MatrixXd c = MatrixXd::Zero(m, m);
-  if (theta.ratio == 0.0) return c;
   for (Index i = 0; i < m; ++i)
     for (Index j = 0; j <= i; ++j) {
       if (s.which[at(i)] != s.which[at(j)]) continue;
       const Vec3 d = s.centre[at(i)] - s.centre[at(j)];
-      const double r = std::hypot(d.x, d.y) / std::sqrt(wide);
-      c(i, j) = theta.ratio * own / wide * s.rise[at(i)] * s.rise[at(j)] *
-                (theta.gauss ? std::exp(-0.5 * r * r) : std::exp(-r));
+      const double r2 = (d.x * d.x + d.y * d.y) / wide;
+      c(i, j) = own / wide * s.rise[at(i)] * s.rise[at(j)] *
+                std::exp(theta.gauss ? -0.5 * r2 : -std::sqrt(r2));
       c(j, i) = c(i, j);
     }
   return c;
@@ -90,20 +89,42 @@ MatrixXd best_plane(const MatrixXd& z) {
   return z.completeOrthogonalDecomposition().pseudoInverse();
 }
 
-/// Of means over cells. A process has no plane: that is where the part lies, which the poses say.
-/// One as long as the part would let their height be said by how slopes differ within cells, and
-/// 0.002 mm that a simulation is wrong by on slopes becomes 0.1 mm of height.
-MatrixXd covariance(const TopSums& s, const Theta& theta, double cell_mm) {
-  const auto m = static_cast<Index>(s.weight.size());
-  MatrixXd c = process(s, theta, cell_mm);
-  if (theta.ratio > 0.0) {
-    const MatrixXd z = planes(s), fit = best_plane(z);
-    c -= z * (fit * c);
-    c -= (c * fit.transpose()) * z.transpose();
-  }
-  const double mean = s.points() / static_cast<double>(m);
-  for (Index i = 0; i < m; ++i) c(i, i) += mean / s.weight[static_cast<std::size_t>(i)];
+/// Of a process of ratio 1, mm. A process has no plane: that is where the part lies, which the
+/// poses say. One as long as the part would let their height be said by how slopes differ within
+/// cells, and 0.002 mm that a simulation is wrong by on slopes becomes 0.1 mm of height.
+MatrixXd without_plane(MatrixXd c, const MatrixXd& plane, const MatrixXd& fit) {
+  c -= plane * (fit * c);
+  c -= (c * fit.transpose()) * plane.transpose();
   return c;
+}
+
+/// Cholesky's factors of the means' covariances: white, and a process in several ratios to it.
+void factorise(TopSums& sums, std::vector<Points::Top>& parts, const std::vector<Theta>& theta,
+               double cell_mm) {
+  const auto rows = static_cast<Index>(sums.weight.size());
+  const double mean = sums.points() / static_cast<double>(rows);
+  const MatrixXd plane = planes(sums), fit = best_plane(plane);
+  // Thetas of one process follow each other.
+  std::vector<std::size_t> begin;
+  for (std::size_t t = 0; t < theta.size(); ++t)
+    if (t == 0 || theta[t].gauss != theta[t - 1].gauss ||
+        theta[t].length_mm != theta[t - 1].length_mm)
+      begin.push_back(t);
+  begin.push_back(theta.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, begin.size() - 1, [&](std::size_t k) {
+    MatrixXd smooth = MatrixXd::Zero(rows, rows);
+    if (theta[begin[k]].ratio > 0.0)
+      smooth = without_plane(process(sums, theta[begin[k]], cell_mm), plane, fit);
+    for (std::size_t t = begin[k]; t < begin[k + 1]; ++t) {
+      MatrixXd c = theta[t].ratio * smooth;
+      for (Index i = 0; i < rows; ++i) c(i, i) += mean / sums.weight[static_cast<std::size_t>(i)];
+      const Eigen::LLT<MatrixXd> llt(c);
+      Points::Top& top = parts[t];
+      top.factor = llt.matrixLLT();
+      for (Index i = 0; i < rows; ++i) sums.log_det[t] += 2.0 * std::log(top.factor(i, i));
+      top.white = MatrixXd(rows, 0);
+    }
+  });
 }
 
 /// Means of the cells of a set (kSets: of all), or differences between their set-ups.
@@ -138,8 +159,9 @@ void each_top(Bank& bank, const Work& work) {
 Eigen::Matrix3d plane_covariance(const Bank& bank, const Fit& fit, double cell_mm) {
   const TopSums& means = *tops_of(bank, kAll, 0).front();
   const MatrixXd plane = best_plane(planes(means));
-  return fit.top_variance[0] * plane *
-         process(means, bank.theta[static_cast<std::size_t>(fit.theta[0])], cell_mm) *
+  const Theta& theta = bank.theta[static_cast<std::size_t>(fit.theta[0])];
+  if (theta.ratio == 0.0) return Eigen::Matrix3d::Zero();
+  return fit.top_variance[0] * theta.ratio * plane * process(means, theta, cell_mm) *
          plane.transpose();
 }
 
@@ -226,8 +248,8 @@ void exchange_residuals(Bank& bank, const std::vector<double>& residual,
   });
   // Whoever reads an answer that was not asked for sees it.
   each_gram(bank, [&](MatrixXd& gram) {
-    gram.col(k).setConstant(NAN);
-    gram.row(k).setConstant(NAN);
+    gram.col(k).head(k + 1).setConstant(NAN);
+    gram.row(k).head(k + 1).setConstant(NAN);
   });
   for (std::size_t set = 0; set < kSets; ++set)
     for (std::size_t g = 0; g < kGroups; ++g)
@@ -267,7 +289,7 @@ Answers answers_of(Bank& bank) {
   const Points& p = *bank.points;
   const Index k = bank.y();
   Answers a{p.residual, p.answered, {}, {}};
-  each_gram(bank, [&](MatrixXd& gram) { a.products.emplace_back(gram.col(k)); });
+  each_gram(bank, [&](MatrixXd& gram) { a.products.emplace_back(gram.col(k).head(k + 1)); });
   each_top(bank, [&](TopSums&, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
     for (const Points::Top& top : parts) a.white.push_back(top.white_y);
   });
@@ -283,16 +305,43 @@ void restore_answers(Bank& bank, const Answers& a) {
   std::size_t next = 0;
   each_gram(bank, [&](MatrixXd& gram) {
     const VectorXd& products = a.products[next++];
-    gram.col(k).setConstant(NAN);
+    gram.col(k).head(k).setConstant(NAN);
     gram.col(k).head(then) = products.head(then);
     gram(k, k) = products(then);
-    gram.row(k) = gram.col(k).transpose();
+    gram.row(k).head(k) = gram.col(k).head(k).transpose();
   });
   next = 0;
   each_top(bank, [&](TopSums&, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
     for (Points::Top& top : parts) top.white_y = a.white[next++];
   });
 }
+
+namespace {
+
+/// Columns come a few at a time: room for a quarter more, that sums need not move each time.
+Index with_room(Index columns) {
+  return columns + columns / 4;
+}
+
+/// Adds columns behind the first `before`, and moves the residual behind them.
+/// @param more  products of the new columns: with those before, themselves, the residual
+void widen(MatrixXd& gram, Index before, const MatrixXd& more) {
+  const Index m = more.cols(), k = before + m;
+  if (gram.rows() < k + 1) {
+    MatrixXd wide(with_room(k) + 1, with_room(k) + 1);
+    wide.topLeftCorner(before + 1, before + 1) = gram.topLeftCorner(before + 1, before + 1);
+    gram = std::move(wide);
+  }
+  gram(k, k) = gram(before, before);
+  gram.row(k).head(before) = gram.row(before).head(before).eval();
+  gram.block(0, before, before, m) = more.topRows(before);
+  gram.block(before, before, m, m) = more.middleRows(before, m);
+  gram.block(before, 0, m, before) = more.topRows(before).transpose();
+  gram.row(k).segment(before, m) = more.row(k);
+  gram.col(k).head(k) = gram.row(k).head(k).transpose();
+}
+
+}  // namespace
 
 void add_columns(Bank& bank, const std::vector<Observation>& all,
                  const std::vector<Column>& columns) {
@@ -328,23 +377,13 @@ void add_columns(Bank& bank, const std::vector<Observation>& all,
     }
   });
   const Index k = before + m;
-  const auto widened = [&](const MatrixXd& old, const MatrixXd& more) {
-    MatrixXd wide(k + 1, k + 1);
-    wide.topLeftCorner(before, before) = old.topLeftCorner(before, before);
-    wide.middleCols(before, m) = more;
-    wide.block(before, 0, m, before) = more.topRows(before).transpose();
-    wide.row(k).head(before) = old.row(before).head(before);
-    wide(k, k) = old(before, before);
-    wide.col(k).head(k) = wide.row(k).head(k).transpose();
-    return wide;
-  };
   for (std::size_t set = 0; set < kSets; ++set) {
     SetSums& s = bank.sets[set];
     for (std::size_t g = 0; g < kGroups; ++g) {
       MatrixXd more = total(sums, set, g);
       more.middleRows(before, m).triangularView<Eigen::StrictlyUpper>() =
           MatrixXd(more.middleRows(before, m).transpose());
-      s.gram[g] = widened(s.gram[g], more);
+      widen(s.gram[g], before, more);
     }
     for (TopSums& top : s.top)
       if (top.weight.empty())
@@ -355,14 +394,16 @@ void add_columns(Bank& bank, const std::vector<Observation>& all,
              const MatrixXd means = means_of(p, block, set, u, sum.weight.size());
              oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
                Points::Top& top = parts[t];
-               const MatrixXd white = top.factor.triangularView<Eigen::Lower>().solve(means);
+               if (top.white.cols() < k)
+                 top.white.conservativeResize(Eigen::NoChange, with_room(k));
+               auto white = top.white.middleCols(before, m);
+               white = means;
+               top.factor.triangularView<Eigen::Lower>().solveInPlace(white);
                MatrixXd more(k + 1, m);
-               more.topRows(before).noalias() = top.white.transpose() * white;
+               more.topRows(before).noalias() = top.white.leftCols(before).transpose() * white;
                more.middleRows(before, m).noalias() = white.transpose() * white;
                more.row(k) = top.white_y.transpose() * white;
-               sum.gram[t] = widened(sum.gram[t], more);
-               top.white.conservativeResize(Eigen::NoChange, k);
-               top.white.rightCols(m) = white;
+               widen(sum.gram[t], before, more);
              });
            });
   p.blocks.push_back(std::move(block));
@@ -386,14 +427,7 @@ Bank sum_up(const std::vector<Observation>& all, const std::vector<Column>& nuis
   start(bank.joint);
   each_top(bank, [&](TopSums& sums, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
     parts.resize(bank.theta.size());
-    const auto rows = static_cast<Index>(sums.weight.size());
-    oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
-      const Eigen::LLT<MatrixXd> llt(covariance(sums, bank.theta[t], layout.cell_mm));
-      Points::Top& top = parts[t];
-      top.factor = llt.matrixLLT();
-      for (Index i = 0; i < rows; ++i) sums.log_det[t] += 2.0 * std::log(top.factor(i, i));
-      top.white = MatrixXd(rows, 0);
-    });
+    factorise(sums, parts, bank.theta, layout.cell_mm);
   });
   std::vector<double> residual(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) residual[i] = all[i].residual_mm;

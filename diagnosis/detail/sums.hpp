@@ -81,13 +81,14 @@ struct TopSums {
   std::vector<Vec3> centre;          ///< of the cell
   std::vector<double> rise;          ///< what a point higher by 1 adds: mean z of `along`
   std::vector<std::uint32_t> which;  ///< difference: between the first `which` set-ups and the next
-  std::vector<Eigen::MatrixXd> gram;  ///< over the covariance, by theta
+  std::vector<Eigen::MatrixXd> gram;  ///< over the covariance, by theta; with room, as below
   std::vector<double> log_det;
   [[nodiscard]] double points() const;  ///< sum of the weights
 };
 
 struct SetSums {
-  std::array<Eigen::MatrixXd, kGroups> gram;  ///< columns, the residual last
+  /// Products of the columns, the residual behind them: the upper left y() + 1; the rest is room.
+  std::array<Eigen::MatrixXd, kGroups> gram;
   std::array<double, kGroups> count{};        ///< degrees of freedom
   std::array<TopSums, kTops> top;
 };

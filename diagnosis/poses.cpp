@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include <fmt/format.h>
 #include <Eigen/Dense>
@@ -19,6 +18,9 @@ namespace {
 constexpr double kLeastPattern_mm = 0.03;  // what careful registration leaves is below this
 constexpr double kLeastPose_mm = 0.002;    // no pose is believed to be better
 constexpr double kNoPose_mm = 1e3;         // nothing is known of it
+/// Components that the data say less well (the height of marks probed in plan) are no evidence:
+/// neither of a pattern, nor of how well the others were registered.
+constexpr double kKnown_mm = kLeastPattern_mm;
 // A turn that all set-ups share, in standard errors of what the fit knows and of what they differ
 // by: one of two independent ones is so by chance in 3 % of all cases.
 constexpr double kSharedOfKnown = 5.0, kSharedOfSpread = 40.0;
@@ -50,19 +52,26 @@ Size size_of(const Eigen::VectorXd& pose, const Eigen::MatrixXd& weight,
   return {b(last), std::sqrt(std::fmax(0.0, lu.inverse()(last, last))), rest.dot(weight * rest)};
 }
 
+/// @param known  covariance of the poses' components, mm^2
+bool is_known(const Eigen::MatrixXd& known, Eigen::Index component) {
+  return known(component, component) < kKnown_mm * kKnown_mm;
+}
+
 /// Do all set-ups lean the same way? Registrations do not agree in that: the part leans.
 /// @param pose  six components a set-up @param known  their covariance
 bool share_a_turn(const Eigen::VectorXd& pose, const Eigen::MatrixXd& known) {
-  const Eigen::Index n = pose.size() / 6;
-  if (n < 2) return false;
   for (const Eigen::Index k : {3, 4}) {  // about x and y
+    std::vector<Eigen::Index> at;
+    for (Eigen::Index i = k; i < pose.size(); i += 6)
+      if (is_known(known, i)) at.push_back(i);
+    if (at.size() < 2) continue;
     double mean = 0.0, variance = 0.0, spread = 0.0;
-    const auto count = static_cast<double>(n);
-    for (Eigen::Index s = 0; s < n; ++s) {
-      mean += pose(6 * s + k) / count;
-      for (Eigen::Index t = 0; t < n; ++t) variance += known(6 * s + k, 6 * t + k) / count / count;
+    const auto count = static_cast<double>(at.size());
+    for (const Eigen::Index i : at) {
+      mean += pose(i) / count;
+      for (const Eigen::Index j : at) variance += known(i, j) / count / count;
     }
-    for (Eigen::Index s = 0; s < n; ++s) spread += std::pow(pose(6 * s + k) - mean, 2);
+    for (const Eigen::Index i : at) spread += std::pow(pose(i) - mean, 2);
     const double error = std::sqrt(spread / (count * (count - 1.0)));
     if (std::abs(mean) > kSharedOfKnown * std::sqrt(std::fmax(0.0, variance)) &&
         std::abs(mean) > kSharedOfSpread * error)
@@ -151,22 +160,40 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
     Eigen::MatrixXd weight;
   };
   std::vector<Found> found;
-  const Eigen::MatrixXd known = fit.covariance.topLeftCorner(size, size);
-  Eigen::VectorXd is_turn(size);
-  for (Eigen::Index i = 0; i < size; ++i) is_turn(i) = i % 6 < 3 ? 0.0 : 1.0;
-  const double turns = is_turn.sum(),
-               freedom = static_cast<double>(size) - turns - 1.0 - static_cast<double>(free.cols());
+  const Eigen::MatrixXd all_known = fit.covariance.topLeftCorner(size, size);
+  // Set-ups whose height is known: both patterns are mostly that. Others (marks probed in plan) say
+  // nothing of them, and were put where they are in another way.
+  std::vector<Eigen::Index> kept;
+  std::size_t kept_set_ups = 0;
+  for (Eigen::Index s = 0; s < size; s += 6) {
+    if (!is_known(all_known, s + 2)) continue;
+    ++kept_set_ups;
+    for (Eigen::Index i = s; i < s + 6; ++i)
+      if (is_known(all_known, i)) kept.push_back(i);
+  }
+  const Eigen::VectorXd whole_pose = pose;
+  const auto count = static_cast<Eigen::Index>(kept.size());
+  pose = Eigen::VectorXd(whole_pose(kept));
+  free = Eigen::MatrixXd(free(kept, Eigen::all));
+  for (Pattern& pattern : patterns) pattern.along = Eigen::VectorXd(pattern.along(kept));
+  const Eigen::MatrixXd known = all_known(kept, kept);
+  Eigen::VectorXd is_turn(count);
+  for (Eigen::Index i = 0; i < count; ++i)
+    is_turn(i) = kept[static_cast<std::size_t>(i)] % 6 < 3 ? 0.0 : 1.0;
+  const double turns = is_turn.sum(), freedom = static_cast<double>(count) - turns - 1.0 -
+                                                static_cast<double>(free.cols());
   const auto with_errors = [&](double shift_mm, double turn_mm) {
     Eigen::MatrixXd c = known;
     c.diagonal() +=
         (is_turn * turn_mm * turn_mm + (1.0 - is_turn.array()).matrix() * shift_mm * shift_mm);
     return c;
   };
-  const double turn_error = least_error(turns, [&](double error) {
+  const auto misfit_of_turns = [&](double error) {
     // Of turns alone: the inverse of a block is that of all where nothing else is known.
     const Eigen::MatrixXd w = with_errors(kNoPose_mm, error).inverse();
     return pose.cwiseProduct(is_turn).dot(w * pose.cwiseProduct(is_turn));
-  });
+  };
+  const double turn_error = turns > 0.0 ? least_error(turns, misfit_of_turns) : kLeastPose_mm;
   for (std::size_t k = 0; k < patterns.size() && freedom > 0.0; ++k) {
     const auto at = [&](double error) {
       return Eigen::MatrixXd(with_errors(error, turn_error).inverse());
@@ -192,7 +219,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       found[0].p < kClaimLevel) {
     Found& best = found[0];
     // What makes the part lean has to make the pattern, too: turns are no longer thought wrong.
-    const bool leans = share_a_turn(pose, known);
+    const bool leans = share_a_turn(whole_pose, all_known);
     if (leans) {
       best.weight = with_errors(best.shift_error_mm, kLeastPose_mm).inverse();
       best.size = size_of(pose, best.weight, free, patterns[best.pattern].along);
@@ -213,7 +240,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
         if (form.columns.size() != 1) continue;
         const Beside b = beside(bank, model, fit, bank.index.at(form.columns[0].key));
         // Both together: (pose - c absorbed)' W (pose - c absorbed) + information (c - estimate)^2.
-        const Eigen::VectorXd along = b.absorbed.head(size);
+        const Eigen::VectorXd along = b.absorbed(kept);
         const double curvature = along.dot(best.weight * along) + b.information;
         const double value =
             (along.dot(best.weight * pose) + b.information * b.estimate) / curvature;
@@ -256,7 +283,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       c.separate_by = other.separate_by;
       if (own - least < 4.0 * kEquivalent) c.equivalent.push_back(patterns[best.pattern].effect);
     }
-    if (n == 1) c.equivalent.push_back("scanner.registration");
+    if (kept_set_ups == 1) c.equivalent.push_back("scanner.registration");
     if (leans && instead.empty()) {  // a height says nothing of why the part leans
       d.notes.push_back(
           fmt::format("all measurements stand off alike by {:.3f} mm ({}) and lean the same way: "
@@ -272,20 +299,25 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
   if (n < 2) return;
   std::size_t worst = 0;
   double p_value = 1.0, size_mm = 0.0;
-  const boost::math::fisher_f law(3.0, 3.0 * static_cast<double>(n - 1));
   for (std::size_t s = 0; s < n; ++s) {
     double largest_mm = 0.0, logarithms = 0.0, least = 1.0;
     for (const Eigen::Index part : {0, 3}) {
-      std::vector<double> squares(n);
-      for (std::size_t k = 0; k < n; ++k)
-        squares[k] = pose.segment(static_cast<Eigen::Index>(6 * k) + part, 3).squaredNorm() / 3.0;
-      const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
-      const double others =
-          std::fmax(kLeastPose_mm * kLeastPose_mm, (all - squares[s]) / static_cast<double>(n - 1));
-      const double p = boost::math::cdf(boost::math::complement(law, squares[s] / others));
+      double own = 0.0, others = 0.0;
+      int of_own = 0, of_others = 0;
+      for (Eigen::Index i = 0; i < size; ++i) {
+        if (i % 6 / 3 != part / 3 || !is_known(all_known, i)) continue;
+        const bool its = i / 6 == static_cast<Eigen::Index>(s);
+        (its ? own : others) += whole_pose(i) * whole_pose(i);
+        ++(its ? of_own : of_others);
+      }
+      if (of_own == 0 || of_others == 0) continue;
+      own /= of_own;
+      others = std::fmax(kLeastPose_mm * kLeastPose_mm, others / of_others);
+      const boost::math::fisher_f law(of_own, of_others);
+      const double p = boost::math::cdf(boost::math::complement(law, own / others));
       least = std::fmin(least, p);
       logarithms -= 2.0 * std::log(std::fmax(1e-300, p));
-      largest_mm = std::fmax(largest_mm, std::sqrt(squares[s]));
+      largest_mm = std::fmax(largest_mm, std::sqrt(own));
     }
     const double p =
         3.0 * static_cast<double>(n) * std::fmin(least, chi_squared_tail(logarithms, 4));

@@ -156,11 +156,13 @@ std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
 
 /// Have rows with heights been measured along the surface, too? A touched point whose ball has been
 /// taken off lies on the normal through its nominal place; along the surface it says nothing, or
-/// how well that place was approached. A mark scatters there as it does along the normal, beside
+/// how well that place was approached. One touched from above has its nominal x and y, and what it
+/// is off in z is partly along a slope. A mark scatters there as it does along the normal, beside
 /// what moves all of them alike.
 bool are_marks(const std::vector<ProbeRow>& rows, const SimulatedSurface& surface) {
   constexpr double kLeast = 0.3, kMost = 20.0;  // of the stated standard deviation
   std::vector<std::array<double, 6>> found;     // 1, x, y; sideways x and y; sigma
+  std::vector<double> in_plan;
   for (const ProbeRow& row : rows) {
     const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
     if (!place || !row.z_mm) continue;
@@ -169,8 +171,9 @@ bool are_marks(const std::vector<ProbeRow>& rows, const SimulatedSurface& surfac
     const Vec3 sideways = d - dot(d, place->normal) * place->normal;
     found.push_back({1.0, row.x_nominal_mm, row.y_nominal_mm, sideways.x, sideways.y,
                      row.sigma_mm.value_or(kProbeSigma_mm)});
+    in_plan.push_back(std::hypot(d.x, d.y) / found.back()[5]);
   }
-  if (found.size() < 4) return false;
+  if (found.size() < 4 || !(median(std::move(in_plan)) > kLeast)) return false;
   Eigen::MatrixXd all(static_cast<Eigen::Index>(found.size()), 6);
   for (std::size_t i = 0; i < found.size(); ++i)
     all.row(static_cast<Eigen::Index>(i)) =

@@ -257,6 +257,11 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
                            std::vector<Confirmed>& confirmed) {
   constexpr double kShift_mm = 0.03;  // registration is rarely better
   constexpr double kLess = 1.0 / 3.0;
+  // What a shift costs in -2 log likelihood: Student's t of that scale, three degrees of freedom,
+  // for a scan may have been moved for once.
+  const auto unlikely = [](double mm) {
+    return 4.0 * std::log1p(mm * mm / (3.0 * kShift_mm * kShift_mm));
+  };
   // The report blocks say nothing about names.
   const std::vector<int> sets{kChoose, kConfirm};
   for (std::size_t k = 0; k < confirmed.size(); ++k) {
@@ -267,7 +272,7 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
     };
     const double moved = shift_mm(residuals.fit_of(members));
     if (!(moved > kShift_mm)) break;  // of all members together
-    double best = objective(members) + kEquivalent;
+    double best = objective(members) + kEquivalent + unlikely(moved);
     const auto others = without(members, k);
     residuals.about(others);
     const double linear = objective(members);
@@ -275,13 +280,14 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
     for (const Candidate& other : search.candidates) {
       if (has(members, other.effect) || !may_join(others, other.effect)) continue;
       const auto found = best_form(bank, others, other, sets, true, beside);
-      if (!(found.objective < linear + kCloseGain * kEquivalent)) continue;
+      if (!(found.objective < linear + kCloseGain * kEquivalent + unlikely(moved))) continue;
       auto instead = others;
       instead.insert(instead.begin() + static_cast<std::ptrdiff_t>(k),
                      {other.effect, other.forms[found.form]});
       residuals.about_alone(instead);
-      if (const double its = objective(instead);
-          its < best && shift_mm(residuals.fit_of(instead)) < kLess * moved) {
+      const double its_shift = shift_mm(residuals.fit_of(instead));
+      if (const double its = objective(instead) + unlikely(its_shift);
+          its < best && its_shift < kLess * moved) {
         best = its;
         confirmed[k].member = instead[k];
       }

@@ -37,7 +37,7 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
 
 /// Of causes that the rest of the data cannot tell apart the one that needs no shift of the scans:
 /// a smaller ball whose tip was held leaves them where their files say, the film that looks the
-/// same raises them all.
+/// same raises them all. The larger the shift that is spared, the less likely the data may be.
 /// @param shift_mm  how far the poses of a fit are from those of the files
 void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& residuals,
                            const std::function<double(const Fit&)>& shift_mm,

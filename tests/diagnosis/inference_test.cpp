@@ -306,6 +306,24 @@ TEST(Inference, GivesNoNameToDents) {
   EXPECT_EQ(d->verdict, "unexplained");
 }
 
+// A smooth process holds a bulge of 0.2 mm over a fifth of the part at a small price, and the
+// verdict was "consistent". Unevenness of 0.02 mm has no such place.
+TEST(Inference, ABulgeIsNoSmoothNoise) {
+  const auto bulge = [](const Observation& o) {
+    const double u = (o.place.x - 112.0) / 19.0, v = (o.place.y - 48.0) / 32.0;
+    return 0.2 * std::exp(-u * u - v * v) * o.normal.z;
+  };
+  const auto d = diagnose(part(55, {}, bulge), 1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty());
+  EXPECT_EQ(d->verdict, "unexplained");
+  for (const std::uint64_t seed : {61U, 62U, 63U}) {
+    const auto uneven = diagnose(part(seed, {0.05, 0.02, 20.0, 0.02}, nothing), 1);
+    ASSERT_TRUE(uneven.has_value());
+    EXPECT_EQ(uneven->verdict, "consistent") << seed;
+  }
+}
+
 TEST(Inference, FindsABowBesideAWaveThatShowsFarBetter) {
   // Chatter of 20 um gains a hundred times what the bow does, for smooth unevenness is like a bow
   // and nothing is like chatter; and the bow has the strongest lines of the path's periodogram.

@@ -124,6 +124,7 @@ Field cut_of(const World& w, const std::vector<Hidden>& hidden) {
         }
         if (q2 >= radius * radius) continue;
         double& z = cut.at(r, c);
+        if (s.p.z + q2 / (2.0 * radius) >= z) continue;  // the ball is above that
         z = std::min(z, s.p.z + radius - std::sqrt(radius * radius - q2));
       }
   }

@@ -20,7 +20,9 @@ namespace challenge {
 using maquette::Vec3;
 inline constexpr double kPi = 3.14159265358979323846;
 inline constexpr double kSide = 160.0, kStep = 0.5;  // design
-inline constexpr double kCell = 0.2;                 // cut surface
+// Cut surface. At 0.2 mm the ridges between passes were so flat that 0.18 mm of lost motion was
+// found 15 % too small, 3 % at 0.08 mm.
+inline constexpr double kCell = 0.1;
 inline constexpr double kBall = 3.0;
 inline constexpr double kFeed = 3000.0;
 

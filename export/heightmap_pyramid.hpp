@@ -5,9 +5,8 @@
 /// A surface as heightmaps that game engines load, in levels, and as one Cloud-Optimized GeoTIFF.
 ///
 /// Takes   ModelField, millimetres, no voids
-/// Gives   DEPTH/X/Y.png   16 bit, rows from the north (as Unreal reads them); depth 0 is one tile
-/// of
-///                         everything, X and Y count from the south-western corner
+/// Gives   DEPTH/X/Y.png   16 bit, rows from the north (as Unreal reads them); depth 0 is one
+///                         tile of everything, X and Y count from the south-western corner
 ///         DEPTH/X/Y.raw   the same numbers, 16 bit little endian, rows from the south (as Unity
 ///                         reads them)
 ///         heights.tif     heights as float32, tiled, with overviews (GDAL's COG driver): in the
@@ -21,8 +20,7 @@
 ///         has it (engines cut each square into two triangles, which differ from that by up to a
 ///         quarter of the square's twist).
 /// Tiles   have 2^n + 1 nodes a side. Neighbours of one level have the nodes between them in
-/// common,
-///         the same numbers: no crack. (Between levels an engine has to do what it does.) All nodes
+///         common, the same numbers: no crack. (Between levels an engine does what it does.) Nodes
 ///         keep their distance; what lies beyond the site repeats its outermost height.
 /// Levels  as lod_pyramid.hpp has them. Where the site does not end on a node of a level, that
 ///         level's last node stands beyond the outline and has the outline's height.

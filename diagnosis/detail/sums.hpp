@@ -89,7 +89,7 @@ struct TopSums {
 struct SetSums {
   /// Products of the columns, the residual behind them: the upper left y() + 1; the rest is room.
   std::array<Eigen::MatrixXd, kGroups> gram;
-  std::array<double, kGroups> count{};        ///< degrees of freedom
+  std::array<double, kGroups> count{};  ///< degrees of freedom
   std::array<TopSums, kTops> top;
 };
 

@@ -13,7 +13,8 @@
 //   a radius, and the film that looks the same ...... each first where the scans lie as they should
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
-//   dents, rings .................................... unexplained, no name
+//   dents, bulges, rings ............................ unexplained, no name
+//   a step where a band begins, and elsewhere ....... the band's, the drive's
 //   chi-squared tail ................................ tabulated values
 
 #include <cmath>
@@ -321,6 +322,23 @@ TEST(Inference, ABulgeIsNoSmoothNoise) {
     const auto uneven = diagnose(part(seed, {0.05, 0.02, 20.0, 0.02}, nothing), 1);
     ASSERT_TRUE(uneven.has_value());
     EXPECT_EQ(uneven->verdict, "consistent") << seed;
+  }
+}
+
+// One border looks the same whoever made it: where the program begins a tool or a band it is the
+// band's, elsewhere the drive's; the other one stands beside it.
+TEST(Inference, AStepWhereABandBeginsIsTheBands) {
+  for (const double moment : {0.5, 0.3}) {
+    auto m = part(56, {}, [&](const Observation& o) {
+      return o.path_share > moment ? 0.08 * o.along.z : 0.0;
+    });
+    m.scene.section_starts = {0.5};
+    const auto d = diagnose(std::move(m), 1);
+    ASSERT_TRUE(d.has_value());
+    ASSERT_EQ(d->causes.size(), 1U);
+    EXPECT_EQ(d->causes[0].effect, moment == 0.5 ? "process.band_step" : "machine.step_loss_z");
+    EXPECT_TRUE(names(d->causes[0], "process.band_step"));
+    EXPECT_TRUE(names(d->causes[0], "machine.step_loss_z"));
   }
 }
 

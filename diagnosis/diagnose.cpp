@@ -179,13 +179,8 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
 
 /// A step in height where a tool, a program or a band begins is the band's: drives lose steps
 /// anywhere.
-void prefer_borders_of_the_program(const Scene& scene, const detail::Search& search,
-                                   std::vector<detail::Confirmed>& confirmed) {
+void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confirmed>& confirmed) {
   constexpr double kNear = 0.01;  // of the program's time
-  const auto bands =
-      std::find_if(search.candidates.begin(), search.candidates.end(),
-                   [](const auto& c) { return c.effect->name == "process.band_step"; });
-  if (bands == search.candidates.end()) return;
   for (detail::Confirmed& c : confirmed) {
     if (c.member.effect->name != "machine.step_loss_z") continue;
     for (const auto& [name, minutes] : c.member.form.fixed)
@@ -194,7 +189,7 @@ void prefer_borders_of_the_program(const Scene& scene, const detail::Search& sea
                       [&, at = minutes](double start) {
                         return std::abs(at / scene.duration_min - start) < kNear;
                       }))
-        c.member.effect = bands->effect;
+        c.member.effect = find_effect("process.band_step");
   }
 }
 
@@ -250,7 +245,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
         return sum / static_cast<double>(poses.size());
       },
       confirmed);
-  prefer_borders_of_the_program(scene, search, confirmed);
+  prefer_borders_of_the_program(scene, confirmed);
   const auto as_chosen = confirmed;
   sharpen(search, bank, residuals, confirmed);
   detail::name_causes(search, bank, residuals, null_squares, confirmed, d);

@@ -51,6 +51,7 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
       top.count += static_cast<double>(from->weight.size());
       for (std::size_t t = 0; t < bank.theta.size(); ++t) {
         auto to = top.grams.middleCols(static_cast<Index>(t) * n, n);
+        // By hand: gram[t](at, at) copies the indices twice, for each theta.
         const MatrixXd& all = from->gram[t];
         for (Index j = 0; j < n; ++j) {
           const double* column = &all(0, at[static_cast<std::size_t>(j)]);

@@ -333,7 +333,7 @@ void widen(MatrixXd& gram, Index before, const MatrixXd& more) {
     gram = std::move(wide);
   }
   gram(k, k) = gram(before, before);
-  gram.row(k).head(before) = gram.row(before).head(before).eval();
+  gram.row(k).head(before) = gram.row(before).head(before);
   gram.block(0, before, before, m) = more.topRows(before);
   gram.block(before, before, m, m) = more.middleRows(before, m);
   gram.block(before, 0, m, before) = more.topRows(before).transpose();

@@ -19,6 +19,7 @@
 #include "core/files.hpp"
 #include "export/cad.hpp"
 #include "export/glb_file.hpp"
+#include "heightmap/model_frame.hpp"
 
 namespace maquette::exporting {
 namespace {
@@ -30,9 +31,6 @@ using heightmap::ModelField;
 constexpr double kMostNumber = 65535.0;
 /// Of a surface without relief, so that a number still means something.
 constexpr double kFlatStep_mm = 1e-3;
-constexpr const char* kModelFrame =
-    "LOCAL_CS[\"maquette model frame\",UNIT[\"millimetre\",0.001],AXIS[\"x\",EAST],"
-    "AXIS[\"y\",NORTH]]";
 
 /// While it lives, GDAL's messages of this thread end here.
 class Messages {
@@ -284,7 +282,7 @@ Result<std::uint64_t> write_geotiff(const ModelField& field, const HeightmapOpti
     y0 = -0.5 * s * static_cast<double>(rows - 1);
     set_place(frame, *options.place);
   } else {
-    frame.importFromWkt(kModelFrame);
+    frame.importFromWkt(heightmap::kModelFrameWkt);
   }
   std::array<double, 6> corner{x0 - 0.5 * s, s, 0.0, y0 + (static_cast<double>(rows) - 0.5) * s,
                                0.0,          -s};

@@ -17,13 +17,11 @@
 #include "core/files.hpp"
 #include "heightmap/detail/gdal_support.hpp"
 #include "heightmap/grid_frame.hpp"
+#include "heightmap/model_frame.hpp"
 
 namespace maquette::heightmap {
 namespace {
 
-constexpr const char* kModelFrame =
-    "LOCAL_CS[\"maquette model frame\",UNIT[\"millimetre\",0.001],AXIS[\"x\",EAST],"
-    "AXIS[\"y\",NORTH]]";
 // The geotransform speaks of corners; adding and taking off half a pixel may lose the last bit.
 constexpr const char* kFrameItem = "MAQUETTE_X0_Y0_SPACING_MM";
 
@@ -256,7 +254,7 @@ Result<ModelFieldWriter> ModelFieldWriter::create(const std::filesystem::path& p
   const double s = shape.spacing.value(), x0 = shape.x0.value(), y0 = shape.y0.value();
   double gt[6] = {x0 - 0.5 * s, s, 0.0, y0 + (rows - 0.5) * s, 0.0, -s};
   OGRSpatialReference frame;
-  frame.importFromWkt(kModelFrame);
+  frame.importFromWkt(kModelFrameWkt);
   dataset.SetMetadataItem(GDALMD_AREA_OR_POINT, GDALMD_AOP_POINT);
   dataset.SetGeoTransform(gt);
   dataset.SetSpatialRef(&frame);

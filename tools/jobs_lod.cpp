@@ -39,6 +39,7 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
       fmt::format("{} levels, {} tiles, {}, {:.3f} bytes a triangle", report->levels.size(),
                   report->tiles.size(), human_bytes(figures["bytes"].get<double>()),
                   figures["bytes_per_triangle"].get<double>());
+  if (kept > 0) result.note += fmt::format(" ({} tiles were there)", kept);
   if (job.heightmap_quads) {
     const exporting::HeightmapOptions maps{.tile_quads = *job.heightmap_quads,
                                            .filter = job.options.filter,
@@ -54,7 +55,6 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
                     *job.heightmap_quads + 1, human_bytes(static_cast<double>(made->bytes)),
                     1e3 * made->levels[0].rounding_m);
   }
-  if (kept > 0) result.note += fmt::format(" ({} tiles were there)", kept);
   result.figures_json = figures.dump();
   return result;
 }

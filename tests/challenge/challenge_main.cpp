@@ -4,8 +4,8 @@
 //   challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] [--full]
 //             [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X]
 //             [--noise X] [--fade K] [--smooth] [--rms MM] [--wavy MM] [--wavy-length MM]
-//             [--jobs N] [--keep FOLDER] [--controls] [--oracle] [--picture FILE] [--strict]
-//             [--all-right]
+//             [--jobs N] [--results FOLDER] [--keep FOLDER] [--controls] [--oracle]
+//             [--picture FILE] [--strict] [--all-right]
 // --full: 200 null, 600 single, 300 double, 150 triple, 150 outside. Prints a line a case and the
 // table; --picture draws the confusion matrix. --strict: exit 1 if a null case is claimed, a name
 // is wrong, or something outside the library is not called unexplained; --all-right: or if any case
@@ -25,6 +25,9 @@
 // who knows the causes.
 // --from: the first cases of each kind are passed over; --only: all but one, to see it again.
 // --keep: cases stay, with their reports. --jobs: cases at a time, each on one thread if several.
+// --results: a folder of what each case was and what was said of it; cases that are there are not
+// made again, so that a long table can be made in parts or go on after an interruption (of one
+// program and one set of options: not checked but for the seed).
 
 #include <algorithm>
 #include <chrono>
@@ -77,6 +80,7 @@ struct Settings : challenge::CommonSettings {
   bool controls = false, smooth = false, oracle = false;
   int points = 300'000, fade = -1;
   double over = 0.0, noise = 1.0, rms_mm = 0.0, wavy_mm = -1.0, wavy_length_mm = 100.0;
+  std::string results;
 };
 
 struct Tally {
@@ -121,10 +125,12 @@ nlohmann::json diagnosed(const Settings& settings, const std::filesystem::path& 
   return j;
 }
 
-void one(const Settings& settings, const std::string& kind, int i, Tally& tally) {
+/// A case made and diagnosed: the truth, the report, that of the twin where nothing is hidden (null
+/// without --oracle), seconds; "diagnosis" is null where there is none.
+nlohmann::json made_and_diagnosed(const Settings& settings, const std::string& kind, int i) {
   challenge::Options o = options_of(settings, kind, i);
   bool small = false;
-  std::string sizes;
+  std::string limits;
   for (const challenge::Shown& usual : challenge::over_limit(o)) {
     const double growth = settings.rms_mm > 0.0 ? settings.rms_mm / usual.rms_mm
                           : settings.over > 0.0 ? std::min(kMostGrowth, settings.over / usual.over)
@@ -133,7 +139,7 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     o.sizes.push_back(growth);
     const double over = usual.over * growth;
     small |= over < kOver;
-    sizes += fmt::format(" x{:.1f}", over);
+    limits += fmt::format(" x{:.1f}", over);
   }
   if (settings.fade >= 0 && settings.fade < static_cast<int>(o.sizes.size()))
     o.sizes[static_cast<std::size_t>(settings.fade)] *= 1e-6;
@@ -143,7 +149,7 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
                             : std::filesystem::path(settings.keep) / fmt::format("{}_{}", kind, i);
   const auto truth = challenge::make_case(o, folder);
   const auto begin = std::chrono::steady_clock::now();
-  const nlohmann::json j = diagnosed(settings, folder);
+  nlohmann::json j = diagnosed(settings, folder);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   nlohmann::json twin;
@@ -153,29 +159,63 @@ void one(const Settings& settings, const std::string& kind, int i, Tally& tally)
     challenge::make_case(nothing, folder / "twin");
     twin = diagnosed(settings, folder / "twin");
   }
+  if (settings.keep.empty()) std::filesystem::remove_all(folder);
+  return {{"seed", o.seed},         {"small", small},
+          {"limits", limits},       {"effects", truth.effects},
+          {"sizes", truth.sizes},   {"summary", truth.summary},
+          {"seconds", seconds},     {"diagnosis", std::move(j)},
+          {"twin", std::move(twin)}};
+}
+
+/// The case as it is kept in --results, or made now and kept there.
+nlohmann::json record_of(const Settings& settings, const std::string& kind, int i) {
+  if (settings.results.empty()) return made_and_diagnosed(settings, kind, i);
+  const std::filesystem::path file =
+      std::filesystem::path(settings.results) / fmt::format("{}_{}.json", kind, i);
+  if (std::ifstream in(file); in) {
+    nlohmann::json kept = nlohmann::json::parse(in);
+    if (kept["seed"] != challenge::seed_of(settings, kind, i))
+      throw std::runtime_error(
+          fmt::format("{}: of another --seed; give a folder of its own", file.string()));
+    return kept;
+  }
+  nlohmann::json record = made_and_diagnosed(settings, kind, i);
+  std::filesystem::create_directories(settings.results);
+  const std::filesystem::path beside = file.string() + ".part";
+  std::ofstream(beside) << record;
+  std::filesystem::rename(beside, file);
+  return record;
+}
+
+void one(const Settings& settings, const std::string& kind, int i, Tally& tally) {
+  const nlohmann::json record = record_of(settings, kind, i);
+  const nlohmann::json &j = record["diagnosis"], &twin = record["twin"];
+  const auto effects = record["effects"].get<std::vector<std::string>>();
+  const auto seconds = record["seconds"].get<double>();
   const std::scoped_lock lock(tally.guard);
   tally.seconds.push_back(seconds);
   if (j.is_null()) {
     ++tally.result[kind].cases;
     return;
   }
-  const challenge::Verdict v = challenge::judge(kind, truth.effects, j, tally.confusion);
-  for (std::size_t k = 0; k < truth.effects.size(); ++k) {
-    const Reported is = reported(truth.effects[k], truth.sizes[k]);
-    sizes += challenge::compare_size(j, truth.effects[k], is.parameter, is.value, tally.sizes);
+  const challenge::Verdict v = challenge::judge(kind, effects, j, tally.confusion);
+  std::string sizes = record["limits"];
+  for (std::size_t k = 0; k < effects.size(); ++k) {
+    const Reported is = reported(effects[k], record["sizes"][k]);
+    sizes += challenge::compare_size(j, effects[k], is.parameter, is.value, tally.sizes);
   }
   if (!twin.is_null())
     sizes += fmt::format(" [gain {:.4f}]",
                          tally.gains.add(j["gain"]["rms_before"], j["gain"]["rms_after"],
                                          twin["gain"]["rms_before"]));
-  tally.result[small && kind != "outside" ? kind + ", small" : kind].add(v);
-  fmt::print("{} {} seed {} {}:{} {} ->{} [{:.1f} s]\n", kind, i, o.seed, v.word(), sizes,
-             truth.summary, " " + v.said, seconds);
+  tally.result[record["small"] && kind != "outside" ? kind + ", small" : kind].add(v);
+  fmt::print("{} {} seed {} {}:{} {} ->{} [{:.1f} s]\n", kind, i,
+             record["seed"].get<std::uint64_t>(), v.word(), sizes,
+             record["summary"].get<std::string>(), " " + v.said, seconds);
   if (v.remainder)
     fmt::print("      remains: {} {:.4f} mm\n", j["residual_after"]["unexplained_kinds"].dump(),
                j["residual_after"]["unexplained_rms_mm"].get<double>());
   std::fflush(stdout);
-  if (settings.keep.empty()) std::filesystem::remove_all(folder);
 }
 
 /// False: not understood.
@@ -201,6 +241,8 @@ bool read(const std::vector<std::string>& words, Settings& s) {
       s.wavy_mm = std::stod(v);
     else if (a == "--wavy-length")
       s.wavy_length_mm = std::stod(v);
+    else if (a == "--results")
+      s.results = v;
     else
       return false;
     return true;
@@ -221,7 +263,8 @@ int main(int argc, char** argv) {
         "usage: challenge MAQUETTE [--null N] [--single N] [--double N] [--triple N] [--outside N] "
         "[--full] [--seed S] [--from N] [--only I] [--effect NAME] [--points N] [--over X] "
         "[--noise X] [--fade K] [--smooth] [--rms MM] [--wavy MM] [--wavy-length MM] [--jobs N] "
-        "[--keep FOLDER] [--controls] [--oracle] [--picture FILE] [--strict] [--all-right]");
+        "[--results FOLDER] [--keep FOLDER] [--controls] [--oracle] [--picture FILE] [--strict] "
+        "[--all-right]");
     return 2;
   }
   Tally tally;

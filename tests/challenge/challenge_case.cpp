@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <fstream>
 #include <stdexcept>
+#include <thread>
 
 #include <fmt/format.h>
 
@@ -26,10 +28,19 @@ struct Waves {
     for (int i = 0; i < count; ++i)
       waves.push_back({d.normal() / length, d.normal() / length, d.uniform(0, 2 * kPi)});
   }
-  double operator()(double x, double y) const {
-    double v = 0;
-    for (const Wave& w : waves) v += std::cos(w.kx * x + w.ky * y + w.phase);
-    return amplitude * v;
+  void add_to(Field& f) const {
+    using Turn = std::complex<double>;
+    const auto n = static_cast<std::size_t>(f.n);
+    std::vector<Turn> along(n);
+    for (const Wave& w : waves) {
+      for (std::size_t c = 0; c < n; ++c)
+        along[c] = std::polar(amplitude, w.kx * f.step * static_cast<double>(c) + w.phase);
+      for (std::size_t r = 0; r < n; ++r) {
+        const Turn up = std::polar(1.0, w.ky * f.step * static_cast<double>(r));
+        for (std::size_t c = 0; c < n; ++c)
+          f.z[r * n + c] += up.real() * along[c].real() - up.imag() * along[c].imag();
+      }
+    }
   }
 };
 
@@ -42,32 +53,42 @@ void roughen(Field& cut, const Noise& law, Draw& d) {
   for (const double v : noise.z) square += v * v;
   const double scale = law.rough / std::sqrt(square / static_cast<double>(noise.z.size()));
   for (std::size_t i = 0; i < cut.z.size(); ++i) cut.z[i] += scale * noise.z[i];
-  if (law.wavy > 0) {
-    const Waves field(d, law.wavy, law.wavy_length, 60);
-    for (int r = 0; r < cut.n; ++r)
-      for (int c = 0; c < cut.n; ++c) cut.at(r, c) += field(c * kCell, r * kCell);
-  }
+  if (law.wavy > 0) Waves(d, law.wavy, law.wavy_length, 60).add_to(cut);
 }
 
-double hit(const Field& cut, double top, Vec3 o, Vec3 b, double from) {
+/// Range at which a ray meets the surface, -1: it does not. Looked for on the grid.
+/// @param exact  told by the balls that made the surface, else by the grid
+double hit(const Cut& cut, double top, Vec3 o, Vec3 b, double from, bool exact) {
   if (b.z >= 0) return -1;
+  const Field& f = cut.surface;
   double t = std::max(from, (top - o.z) / b.z);
-  const double step = 0.25;
+  const double step = 0.25, apart = 0.05;  // of the grid from the balls
   for (int i = 0; i < 4000; ++i, t += step) {
     const Vec3 p = o + t * b;
     if (p.x < 0 || p.y < 0 || p.x > kSide || p.y > kSide) {
       if (p.z < 0) return -1;
       continue;
     }
-    if (p.z < cut.height(p.x, p.y)) {
-      double a = t - step, c = t;
-      for (int m = 0; m < 16; ++m) {
-        const double middle = 0.5 * (a + c);
-        const Vec3 q = o + middle * b;
-        (q.z < cut.height(q.x, q.y) ? c : a) = middle;
+    if (p.z < f.height(p.x, p.y)) {
+      const auto above_ground = [&](double at) {
+        const Vec3 q = o + at * b;
+        return q.z - (exact ? cut.height(q.x, q.y) : f.height(q.x, q.y));
+      };
+      // Regula falsi, the end that stays counted half (Illinois).
+      double a = t - step - (exact ? apart : 0.0), c = t + (exact ? apart : 0.0);
+      double up = above_ground(a), down = above_ground(c), m = c;
+      for (int k = 0; k < 40 && up > down; ++k) {
+        m = (a * down - c * up) / (down - up);
+        const double v = above_ground(m);
+        if (std::abs(v) < 1e-6) break;
+        if (v > 0) {
+          a = m, up = v, down *= 0.5;
+        } else {
+          c = m, down = v, up *= 0.5;
+        }
       }
-      const Vec3 q = o + c * b;
-      return q.x < 0.3 || q.y < 0.3 || q.x > kSide - 0.3 || q.y > kSide - 0.3 ? -1 : 0.5 * (a + c);
+      const Vec3 q = o + m * b;
+      return q.x < 0.3 || q.y < 0.3 || q.x > kSide - 0.3 || q.y > kSide - 0.3 ? -1 : m;
     }
   }
   return -1;
@@ -86,17 +107,19 @@ void write_scan(const std::vector<std::array<double, 3>>& points,
 
 }  // namespace
 
-Field cut_of(const World& w, const std::vector<Hidden>& hidden) {
+Cut cut_of(const World& w, const std::vector<Hidden>& hidden) {
   auto path = w.path;
   for (const Hidden& h : hidden)
     if (h.machine) h.machine(path);
-  Field cut = make_field(static_cast<int>(kSide / kCell) + 1, kCell);
-  std::fill(cut.z.begin(), cut.z.end(), 60.0);
-  double radial = 0;
-  for (const Hidden& h : hidden) radial += h.radial;
+  Cut cut;
+  for (const Hidden& h : hidden) cut.radial += h.radial;
+  bool joined = false;
   for (std::size_t i = 0; i < path.size(); ++i) {
     Sample s = path[i];
-    if (s.rapid) continue;
+    if (s.rapid) {
+      joined = false;
+      continue;
+    }
     double radius = kBall;
     for (const Hidden& h : hidden) {
       if (h.radius) radius += h.radius(s) - kBall;
@@ -109,28 +132,79 @@ Field cut_of(const World& w, const std::vector<Hidden>& hidden) {
         s.p += h.bend(s, n);
       }
     }
-    const double wide = radius + radial;
-    const int c0 = static_cast<int>(std::ceil((s.p.x - wide) / kCell)),
-              c1 = static_cast<int>(std::floor((s.p.x + wide) / kCell));
-    const int r0 = static_cast<int>(std::ceil((s.p.y - wide) / kCell)),
-              r1 = static_cast<int>(std::floor((s.p.y + wide) / kCell));
-    for (int r = std::max(0, r0); r <= std::min(cut.n - 1, r1); ++r)
-      for (int c = std::max(0, c0); c <= std::min(cut.n - 1, c1); ++c) {
-        const double dx = c * kCell - s.p.x, dy = r * kCell - s.p.y;
-        double q2 = dx * dx + dy * dy;
-        if (radial > 0) {
-          const double q = std::max(0.0, std::sqrt(q2) - radial);
-          q2 = q * q;
-        }
-        if (q2 >= radius * radius) continue;
-        double& z = cut.at(r, c);
-        if (s.p.z + q2 / (2.0 * radius) >= z) continue;  // the ball is above that
-        z = std::min(z, s.p.z + radius - std::sqrt(radius * radius - q2));
-      }
+    cut.balls.push_back({s.p, radius, joined});
+    joined = true;
   }
+  Field& bare = cut.bare = make_field(static_cast<int>(kSide / kCell) + 1, kCell);
+  std::fill(bare.z.begin(), bare.z.end(), 60.0);
+  cut.made.assign(bare.z.size(), 0);
+  const auto rows = [&](int first, int last) {
+    for (std::size_t i = 0; i < cut.balls.size(); ++i) {
+      const Vec3 tip = cut.balls[i].tip;
+      const double radius = cut.balls[i].radius, wide = radius + cut.radial;
+      const int c0 = static_cast<int>(std::ceil((tip.x - wide) / kCell)),
+                c1 = static_cast<int>(std::floor((tip.x + wide) / kCell));
+      const int r0 = static_cast<int>(std::ceil((tip.y - wide) / kCell)),
+                r1 = static_cast<int>(std::floor((tip.y + wide) / kCell));
+      for (int r = std::max(first, r0); r <= std::min(last - 1, r1); ++r)
+        for (int c = std::max(0, c0); c <= std::min(bare.n - 1, c1); ++c) {
+          const double dx = c * kCell - tip.x, dy = r * kCell - tip.y;
+          double q2 = dx * dx + dy * dy;
+          double& z = bare.at(r, c);
+          if (cut.radial > 0) {
+            const double q = std::max(0.0, std::sqrt(q2) - cut.radial);
+            q2 = q * q;
+          }
+          if (q2 >= radius * radius || tip.z + q2 / (2.0 * radius) >= z) continue;  // above that
+          const double low = tip.z + radius - std::sqrt(radius * radius - q2);
+          if (low >= z) continue;
+          z = low;
+          cut.made[static_cast<std::size_t>(r) * static_cast<std::size_t>(bare.n) +
+                   static_cast<std::size_t>(c)] = static_cast<std::uint32_t>(i);
+        }
+    }
+  };
+  {
+    constexpr int kStrips = 2;
+    std::vector<std::jthread> strips;
+    for (int k = 0; k < kStrips; ++k)
+      strips.emplace_back([&, k] { rows(k * bare.n / kStrips, (k + 1) * bare.n / kStrips); });
+  }
+  cut.surface = bare;
   for (const Hidden& h : hidden)
-    if (h.surface) h.surface(cut);
+    if (h.surface) h.surface(cut.surface);
   return cut;
+}
+
+double Cut::height(double x, double y) const {
+  const int n = bare.n, c0 = static_cast<int>(x / kCell), r0 = static_cast<int>(y / kCell);
+  std::array<std::uint32_t, 16> seen{};
+  std::size_t count = 0;
+  double low = 60.0;
+  const auto under = [&](Vec3 tip, double radius) {
+    const double dx = x - tip.x, dy = y - tip.y;
+    double q2 = dx * dx + dy * dy;
+    if (radial > 0) q2 = std::pow(std::max(0.0, std::sqrt(q2) - radial), 2);
+    if (q2 < radius * radius && tip.z + q2 / (2.0 * radius) < low)
+      low = std::min(low, tip.z + radius - std::sqrt(radius * radius - q2));
+  };
+  const auto between = [&](const Ball& a, const Ball& b) {
+    constexpr int kParts = 5;
+    for (int k = 0; k <= kParts; ++k)
+      under(a.tip + (k / double{kParts}) * (b.tip - a.tip), b.radius);
+  };
+  for (int r = std::max(0, r0 - 1); r <= std::min(n - 1, r0 + 2); ++r)
+    for (int c = std::max(0, c0 - 1); c <= std::min(n - 1, c0 + 2); ++c) {
+      const std::uint32_t by = made[static_cast<std::size_t>(r) * static_cast<std::size_t>(n) +
+                                    static_cast<std::size_t>(c)];
+      const auto end = seen.begin() + static_cast<std::ptrdiff_t>(count);
+      if (std::find(seen.begin(), end, by) != end) continue;
+      seen[count++] = by;
+      under(balls[by].tip, balls[by].radius);
+      if (balls[by].joined) between(balls[by - 1], balls[by]);
+      if (by + 1 < balls.size() && balls[by + 1].joined) between(balls[by], balls[by + 1]);
+    }
+  return low + surface.height(x, y) - bare.height(x, y);
 }
 
 double above(const Field& surface) {
@@ -146,13 +220,13 @@ Rays rays_of(const World& w, int scan, int points) {
           std::sqrt(area / points) / distance};
 }
 
-Echo echo(const Field& cut, double top, const std::vector<Hidden>& hidden, int scan, Vec3 o,
+Echo echo(const Cut& cut, double top, const std::vector<Hidden>& hidden, int scan, Vec3 o,
           double azimuth, double elevation) {
   Echo e;
   e.azimuth = azimuth;
   e.elevation = elevation;
   const Vec3 b = e.beam = direction(azimuth, elevation);
-  e.range = hit(cut, top, o, b, 0);
+  e.range = hit(cut, top, o, b, 0, true);
   if (e.range < 0) return e;
   e.met = true;
   const Vec3 p0 = o + e.range * b;
@@ -169,12 +243,12 @@ Echo echo(const Field& cut, double top, const std::vector<Hidden>& hidden, int s
       const double r = spot * std::sqrt(-2 * std::log(1 - (q + 0.5) / kBeams)),
                    angle = 2.399963 * q;
       const Vec3 off = p0 + r * std::cos(angle) * e1 + r * std::sin(angle) * e2;
-      const double there = hit(cut, top, o, maquette::normalized(off - o), e.range - 8);
+      const double there = hit(cut, top, o, maquette::normalized(off - o), e.range - 8, false);
       if (there > 0 && std::abs(there - e.range) < 8) sum += there, ++count;
     }
     if (count > kBeams / 2) e.range = sum / count;
   }
-  const Vec3 n = e.normal = cut.normal(p0.x, p0.y, 0.6);
+  const Vec3 n = e.normal = cut.surface.normal(p0.x, p0.y, 0.6);
   const double incidence = std::acos(std::clamp(-maquette::dot(n, b), 0.01, 1.0));
   for (const Hidden& h : hidden)
     if (h.block) {
@@ -201,12 +275,12 @@ Truth make_case(const Options& options, const std::filesystem::path& folder) {
   }
   std::ofstream(folder / "part.ngc") << w.program;
 
-  Field cut = cut_of(w, w.hidden);
-  roughen(cut, w.noise, d);
+  Cut cut = cut_of(w, w.hidden);
+  roughen(cut.surface, w.noise, d);
   std::vector<std::array<double, 3>> holes;
   for (int i = 0; i < static_cast<int>(d.uniform(0, 5)); ++i)
     holes.push_back({d.uniform(0, kSide), d.uniform(0, kSide), d.uniform(3, 15)});
-  const double top = above(cut);
+  const double top = above(cut.surface);
   std::string toml =
       "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\ngcode = "
       "\"part.ngc\"\n[tool]\nball_diameter_mm = 6.0\n[coating]\nthickness_mm = "

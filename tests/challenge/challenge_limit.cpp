@@ -43,18 +43,18 @@ std::vector<Shown> over_limit(const Options& options) {
   const World w = draw_world(options, d);
   const std::size_t effects = w.hidden.size();
   if (effects == 0) return {};
-  const Field plain = cut_of(w, {});
-  const double plain_top = above(plain);
+  const Cut plain = cut_of(w, {});
+  const double plain_top = above(plain.surface);
   const std::size_t columns = effects + kPoseColumns;
   // Of each column what it moves along the normal, by scan.
   std::vector<std::array<Map, 2>> maps(columns);
   std::array<double, 2> incidence{}, met{};
-  std::vector<Field> cuts;
+  std::vector<Cut> cuts;
   std::vector<double> tops;
   for (const Hidden& h : w.hidden) {
     const bool cut_anew = h.machine || h.radius || h.radial > 0 || h.bend || h.surface;
     cuts.push_back(cut_anew ? cut_of(w, {h}) : plain);
-    tops.push_back(above(cuts.back()));
+    tops.push_back(above(cuts.back().surface));
   }
   for (int k = 0; k < 2; ++k) {
     const auto ku = static_cast<std::size_t>(k);

@@ -15,7 +15,8 @@ Field make_field(int n, double step) {
 
 Field smooth(const Field& f, double sigma_mm) {
   const double s = sigma_mm / f.step;
-  const int reach = static_cast<int>(std::ceil(3.0 * s));
+  // What is cut off of the Gaussian, times relief of several mm, is below 0.1 um.
+  const int reach = static_cast<int>(std::ceil(4.5 * s));
   std::vector<double> kernel;
   double sum = 0;
   for (int i = -reach; i <= reach; ++i)

@@ -33,6 +33,28 @@ Result<std::ptrdiff_t> cells_along(const heightmap::ModelField& surface, BandAxi
   return (axis == BandAxis::x ? surface.z_mm.cols() : surface.z_mm.rows()) - 1;
 }
 
+Result<std::vector<Band>> bands_between(const heightmap::ModelField& surface, BandAxis axis,
+                                        const std::vector<std::ptrdiff_t>& joints) {
+  MAQUETTE_TRY(const std::ptrdiff_t cells, cells_along(surface, axis));
+  std::vector<Band> bands;
+  std::ptrdiff_t first = 0;
+  const auto add = [&](std::ptrdiff_t last) {
+    bands.push_back(
+        {.number = static_cast<int>(bands.size() + 1), .axis = axis, .first = first, .last = last});
+    first = last;
+  };
+  for (const std::ptrdiff_t joint : joints) {
+    if (joint <= first || joint >= cells)
+      return fail(kBandsDegenerate,
+                  fmt::format("joint at line {} of nodes: expected one between {} and {}; joints "
+                              "are of another surface",
+                              joint, first, cells));
+    add(joint);
+  }
+  add(cells);
+  return bands;
+}
+
 }  // namespace
 
 Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface, BandAxis axis,
@@ -52,6 +74,7 @@ Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
 Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
                                            const BandSplit& split) {
   MAQUETTE_CHECK(split.count >= 0, "{}", split.count);
+  if (split.joints) return bands_between(surface, split.axis, *split.joints);
   if (split.count == 0) return split_into_bands(surface, split.axis, split.max_width);
   MAQUETTE_TRY(const std::ptrdiff_t cells, cells_along(surface, split.axis));
   const std::ptrdiff_t most = std::max<std::ptrdiff_t>(1, cells / 2);

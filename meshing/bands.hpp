@@ -6,6 +6,8 @@
 /// the whole length of the other.
 
 #include <cmath>
+#include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "core/result.hpp"
@@ -33,15 +35,17 @@ struct Band {
 [[nodiscard]] Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
                                                          BandAxis axis, Millimetres max_width);
 
-/// How to split: into `count` bands, or where that is 0 into as few as `max_width` allows.
+/// How to split: into `count` bands, or where that is 0 into as few as `max_width` allows; or at
+/// `joints`, where these are known (band_joints.hpp), and then the other two say nothing.
 struct BandSplit {
   BandAxis axis = BandAxis::y;
   Millimetres max_width{INFINITY};
   int count = 0;
+  std::optional<std::vector<std::ptrdiff_t>> joints{};  ///< lines of nodes, ascending
 };
 /// The same; of a count, bands differ by one cell at most, too.
 /// MESHING_BANDS_DEGENERATE: also a count that leaves a band less than two cells, with the largest
-/// that does. @pre count >= 0
+/// that does; joints that do not ascend within the surface. @pre count >= 0
 [[nodiscard]] Result<std::vector<Band>> split_into_bands(const heightmap::ModelField& surface,
                                                          const BandSplit& split);
 

@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+
+#include "meshing/detail/joint_lines.hpp"
 
 namespace maquette::meshing {
 namespace {
@@ -77,36 +78,25 @@ Error no_joint(const Axis& axis, std::span<const Stretch> stones, const std::vec
                       axis.spacing_mm * static_cast<double>(widest))};
 }
 
+/// The farthest free line that tiles of that width come to.
+std::ptrdiff_t reached_line(const std::vector<char>& blocked, std::ptrdiff_t most) {
+  std::ptrdiff_t reached = 0;
+  for (std::size_t i = 1; i < blocked.size(); ++i)
+    if (const auto line = static_cast<std::ptrdiff_t>(i); !blocked[i] && line - reached <= most)
+      reached = line;
+  return reached;
+}
+
 /// @return first line, joints, last line
 Result<std::vector<std::ptrdiff_t>> cut(const Axis& axis, std::span<const Stretch> stones,
                                         Millimetres width) {
   MAQUETTE_TRY(const std::ptrdiff_t most, most_cells(axis, width));
   const std::vector<char> blocked = blocked_lines(axis, stones);
-  struct Best {
-    std::ptrdiff_t parts = std::numeric_limits<std::ptrdiff_t>::max(), before = -1;
-    double squares = 0.0;
-  };
-  std::vector<Best> best(static_cast<std::size_t>(axis.count));
-  best[0] = {0, -1, 0.0};
-  std::ptrdiff_t reached = 0;
-  for (std::ptrdiff_t i = 1; i < axis.count; ++i) {
-    Best& here = best[static_cast<std::size_t>(i)];
-    if (blocked[static_cast<std::size_t>(i)]) continue;
-    for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, i - most); j < i; ++j) {
-      const Best& from = best[static_cast<std::size_t>(j)];
-      if (from.parts == std::numeric_limits<std::ptrdiff_t>::max()) continue;
-      const auto cells = static_cast<double>(i - j);
-      const double squares = from.squares + cells * cells;
-      if (from.parts + 1 < here.parts || (from.parts + 1 == here.parts && squares < here.squares))
-        here = {from.parts + 1, j, squares};
-    }
-    if (here.before >= 0) reached = i;
-  }
-  if (best.back().before < 0) return tl::unexpected(no_joint(axis, stones, blocked, reached, most));
-  std::vector<std::ptrdiff_t> lines;
-  for (std::ptrdiff_t i = axis.count - 1; i >= 0; i = best[static_cast<std::size_t>(i)].before)
-    lines.push_back(i);
-  std::reverse(lines.begin(), lines.end());
+  const std::vector<detail::LineCost> cost(blocked.begin(), blocked.end());
+  auto lines = detail::best_lines(cost, 1, most);
+  for (const std::ptrdiff_t line : lines)
+    if (blocked[static_cast<std::size_t>(line)])
+      return tl::unexpected(no_joint(axis, stones, blocked, reached_line(blocked, most), most));
   return lines;
 }
 

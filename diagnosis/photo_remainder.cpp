@@ -2,7 +2,9 @@
 #include "diagnosis/detail/photo_remainder.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -17,6 +19,9 @@ constexpr double kClip = 3.0;     // of the noise: what edges leave is large and
 constexpr double kSquare = 32.0;  // of a picture, pixels
 constexpr double kEnough = 12.0;
 constexpr double kSmoothLevel = 1e-9;
+/// What bands rows and leaves columns alone, as sensors that are read row by row and lamps that
+/// flicker do: scatter of the rows' means over that of the columns'.
+constexpr double kRowsOverColumns = 4.0;
 
 struct Mean {
   double sum = 0.0, n = 0.0;
@@ -34,6 +39,52 @@ double farthest(const std::map<std::uint64_t, Mean>& means) {
   if (size.size() < 30) return 0.0;
   const double spread = std::fmax(1e-9, kMadToSigma * median(size));
   return *std::max_element(size.begin(), size.end()) / spread;
+}
+
+/// What the means of one picture's lines (rows, or columns) have beyond their pixels' own scatter,
+/// a parabola taken out: light that falls off across the picture is no band.
+struct Lines {
+  double excess = 0.0;  ///< mean square, of the noise's variance
+  double level = 0.0;   ///< of it in its standard errors, were there noise alone
+  int counted = 0;
+};
+struct Line {
+  double sum = 0.0, squares = 0.0, n = 0.0;
+};
+Lines lines_of(const std::map<std::int64_t, Line>& lines) {
+  double most = 0.0;
+  for (const auto& [at, line] : lines) most = std::fmax(most, line.n);
+  // Weighted by values; coordinates -1 .. 1 over the picture keep the sums well-conditioned.
+  const double first = static_cast<double>(lines.begin()->first),
+               last = static_cast<double>(lines.rbegin()->first),
+               half = std::fmax(1.0, 0.5 * (last - first));
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  const auto terms = [&](std::int64_t at) {
+    const double t = (static_cast<double>(at) - first) / half - 1.0;
+    return Eigen::Vector3d{1.0, t, t * t};
+  };
+  Lines out;
+  for (const auto& [at, line] : lines) {
+    if (line.n < kEnough || line.n < 0.5 * most) continue;
+    const Eigen::Vector3d x = terms(at);
+    normal += line.n * x * x.transpose();
+    right += line.sum * x;
+    ++out.counted;
+  }
+  if (out.counted < 20) return {};
+  const Eigen::Vector3d trend = normal.ldlt().solve(right);
+  double excess = 0.0, variance = 0.0;
+  for (const auto& [at, line] : lines) {
+    if (line.n < kEnough || line.n < 0.5 * most) continue;
+    const double mean = line.sum / line.n,
+                 own = std::fmax(0.0, line.squares / line.n - mean * mean) / line.n;
+    excess += std::pow(mean - trend.dot(terms(at)), 2) - own;
+    variance += 2.0 * own * own;
+  }
+  out.excess = excess / out.counted;
+  out.level = excess / std::sqrt(std::fmax(1e-300, variance));
+  return out;
 }
 
 }  // namespace
@@ -81,6 +132,34 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
         return (static_cast<std::uint64_t>(p.photo) << 32) | static_cast<std::uint64_t>(p.v + 1e5F);
       })) > kFar)
     note("rows");
+  // Bands that fill a picture: none stands out of the others.
+  std::vector<std::array<std::map<std::int64_t, Line>, 2>> lines(views.scene().photos.size());
+  for (std::size_t i = 0; i < pixels.size(); ++i)
+    for (const std::size_t along : {0U, 1U}) {
+      Line& line = lines[pixels[i].photo][along][std::llround(
+          std::floor(static_cast<double>(along == 0 ? pixels[i].v : pixels[i].u)))];
+      for (std::size_t ch = 0; ch < channels; ++ch) {
+        const double r = std::clamp(
+            static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
+            knee);
+        line.sum += r;
+        line.squares += r * r;
+        line.n += 1.0;
+      }
+    }
+  double rms_all = 0.0;
+  for (Eigen::Index i = 0; i < left.residual.size(); ++i)
+    rms_all += std::pow(static_cast<double>(left.sigma(i)), 2);
+  rms_all = 255.0 * std::sqrt(rms_all / std::fmax(1.0, static_cast<double>(left.sigma.size())));
+  for (const auto& of : lines) {
+    if (of[0].empty() || of[1].empty()) continue;
+    const Lines rows = lines_of(of[0]), columns = lines_of(of[1]);
+    const double own = rows.excess - kRowsOverColumns * std::fmax(0.0, columns.excess);
+    if (rows.level < kFar || !(own > 0.0) || rms_all * std::sqrt(rows.excess) < smooth_255)
+      continue;
+    if (std::find(rest.kinds.begin(), rest.kinds.end(), "rows") == rest.kinds.end()) note("rows");
+    break;
+  }
   // Neighbouring places' product: what is left beyond noise that is each place's own.
   double products = 0.0, pairs = 0.0, squares = 0.0, all = 0.0, n = 0.0;
   for (const auto& [key, m] : places) {

@@ -7,9 +7,13 @@
 
 #include <cmath>
 #include <functional>
+#include <map>
 #include <numbers>
+#include <string>
+#include <vector>
 
 #include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "camera/image_io.hpp"
@@ -84,8 +88,10 @@ struct Pictures {
 
 /// @param lens  light behind the lens at (u, v) of a picture, of `light`
 /// @param sensor  value of a channel from that
+/// @param stand  changes how a picture is taken
 void take(Pictures& made, const std::function<double(const PhotoInput&, double, double)>& lens,
-          const std::function<double(double, int)>& sensor, double noise = 1.0) {
+          const std::function<double(double, int)>& sensor, double noise = 1.0,
+          const std::function<void(PhotoInput&, int)>& stand = {}) {
   heightmap::ModelField design{Grid<float>(401, 401, 0.0F), Millimetres{0.1}, Millimetres{0.0},
                                Millimetres{0.0}};
   for (std::ptrdiff_t r = 0; r < 401; ++r)
@@ -95,6 +101,7 @@ void take(Pictures& made, const std::function<double(const PhotoInput&, double, 
   ASSERT_THAT(heightmap::write_model_field(design, made.part.design), Succeeds());
   for (int k = 0; k < 3; ++k) {
     PhotoInput p = photo(k);
+    if (stand) stand(p, k);
     p.image = made.folder / fmt::format("photo_{}.exr", k);
     std::array<Grid<float>, 3> image;
     image.fill(Grid<float>(p.height_px, p.width_px, 0.0F));
@@ -219,6 +226,22 @@ TEST(Photographs, NoiseThatIsNotAsStatedIsNamed) {
   ASSERT_THAT(d, Succeeds());
   ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.noise"});
   EXPECT_NEAR(d->causes[0].parameters[0].value, 1.5, 0.05);
+}
+
+TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {
+  Pictures p;
+  // 1.5 % of the light, 22 rows a period: as much as the noise of a pixel, in all of a row.
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, u, v) * (1.0 + 0.015 * std::sin(2.0 * std::numbers::pi * v / 22.0));
+      },
+      as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_THAT(names_of(*d), ::testing::IsEmpty());
+  EXPECT_EQ(d->verdict, "unexplained");
+  EXPECT_THAT(d->remainder.kinds, ::testing::Contains("rows"));
 }
 
 TEST(Photographs, APictureOfAnotherSizeIsRefused) {

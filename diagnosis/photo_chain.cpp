@@ -125,6 +125,15 @@ double exposed(double behind_lens, double mean, double r2, int channel, std::siz
   return s.gamma == 0.0 ? y : std::copysign(std::pow(std::abs(y), 1.0 + s.gamma), y);
 }
 
+double before_sensor(double number, int channel, std::size_t photo, const PhotoState& s) {
+  const PictureState& own = s.picture[photo];
+  const double balance = channel == 0 ? own.red : channel == 2 ? own.blue : 0.0;
+  const double linear =
+      s.gamma == 0.0 ? number
+                     : std::copysign(std::pow(std::abs(number), 1.0 / (1.0 + s.gamma)), number);
+  return (linear - own.black) / ((1.0 + own.exposure) * (1.0 + balance));
+}
+
 bool same_light(const PhotoState& a, const PhotoState& b) {
   return a.albedo == b.albedo && a.albedo_map == b.albedo_map &&
          a.roughness_rad2 == b.roughness_rad2 && a.roughness_short_rad2 == b.roughness_short_rad2 &&

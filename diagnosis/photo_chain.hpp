@@ -144,6 +144,9 @@ struct PhotoPixel {
 /// What the sensor makes of it.
 [[nodiscard]] double exposed(double behind_lens, double mean, double radius2, int channel,
                              std::size_t photo, const PhotoState& state);
+/// From a number back to what came to the sensor, its veil included.
+[[nodiscard]] double before_sensor(double number, int channel, std::size_t photo,
+                                   const PhotoState& state);
 /// Square of a pixel's radius over half the diagonal.
 [[nodiscard]] double radius2(double u, double v, const PhotoInput& photo);
 /// The same light comes to the lens; the same places to the same pixels.

@@ -632,6 +632,14 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
   const PhotoInput& photo = scene_.photos[k];
   View& view = views_[k];
   const std::ptrdiff_t far = reach();
+  double part = 0.0;
+  for (const std::uint32_t at : view.lattice) {
+    const auto share = static_cast<double>(hits(static_cast<std::ptrdiff_t>(at) / photo.width_px,
+                                                static_cast<std::ptrdiff_t>(at) % photo.width_px));
+    part += share;
+    if (share == 0.0) view.beside.push_back(at);
+  }
+  view.part_share = part / std::fmax(1.0, static_cast<double>(view.lattice.size()));
   std::erase_if(view.lattice, [&](std::uint32_t at) {
     const std::ptrdiff_t r = static_cast<std::ptrdiff_t>(at) / photo.width_px,
                          c = static_cast<std::ptrdiff_t>(at) % photo.width_px;
@@ -645,6 +653,34 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
         if (!(channel(r, c + j) < kSaturated)) return true;  // NaN too
     return false;
   });
+}
+
+/// What a picture's veil is a share of. Beside the part nothing is rendered: there the measured
+/// numbers are taken back through the sensor, less the veil that is in them already.
+/// @param part  mean of the part's pixels behind the lens
+PhotoViews::MeanLight PhotoViews::mean_light(std::size_t k, std::size_t channel,
+                                             double part) const {
+  const PhotoInput& photo = scene_.photos[k];
+  const View& view = views_[k];
+  const Photograph& taken = photographs_[k];
+  const int colour = channel_of(channel, taken.value.size());
+  double sum = 0.0, count = 0.0;
+  for (const std::uint32_t at : view.beside) {
+    const auto y =
+        static_cast<double>(taken.value[channel](static_cast<std::ptrdiff_t>(at) / photo.width_px,
+                                                 static_cast<std::ptrdiff_t>(at) % photo.width_px));
+    if (std::isnan(y)) continue;
+    sum += before_sensor(y, colour, k, state_);
+    count += 1.0;
+  }
+  const double beside = 1.0 - view.part_share;
+  const double with_veil = count > 0.0 ? sum / count : 0.0, kept = 1.0 - state_.veil_scattered,
+               veil = state_.veil + state_.veil_scattered;
+  const double damped = 1.0 + beside * veil / kept;
+  MeanLight out;
+  out.of_part = view.part_share * part / damped;
+  out.all = std::fmax(out.of_part, out.of_part + beside * with_veil / kept / damped);
+  return out;
 }
 
 void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<MeasuredPixel>& out) {
@@ -669,16 +705,25 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
     return cubic(image, (r + 0.5 - half_v) / (1.0 + scale) + half_v - 0.5,
                  (c + 0.5 - half_u) / (1.0 + scale) + half_u - 0.5);
   };
-  double mean = 0.0, count = 0.0;
+  // Of the part as rendered; of what lies beside it as measured.
+  double part = 0.0, count = 0.0;
   const std::ptrdiff_t far = reach();
   for (int r = 0; r < photo.height_px; ++r)
     for (int c = 0; c < photo.width_px; ++c) {
-      if (!view.wanted(r, c, far)) continue;
-      mean += static_cast<double>(image(r, c)) *
-              (1.0 + state_.vignette_2 * radius2(c + 0.5 - half_u, r + 0.5 - half_v, photo));
-      count += 1.0;
+      if (!view.wanted(r, c, far) || !(hits(r, c) > 0.0F)) continue;
+      const double r2 = radius2(c + 0.5 - half_u, r + 0.5 - half_v, photo);
+      part += static_cast<double>(image(r, c)) *
+              (1.0 + state_.vignette_2 * r2 + state_.vignette_4 * r2 * r2);
+      count += static_cast<double>(hits(r, c));
     }
-  mean /= std::fmax(1.0, count);
+  part /= std::fmax(1.0, count);
+  std::array<float, 3> mean{}, of_part{};
+  for (std::size_t ch = 0; ch < taken.value.size(); ++ch) {
+    const MeanLight m = mean_light(k, ch, part);
+    mean[ch] = static_cast<float>(m.all);
+    of_part[ch] = static_cast<float>(m.of_part);
+  }
+  view.mean_of_part = of_part;
   const PhotoChain chain(state_, state_, scene_);
   std::vector<MeasuredPixel> made(view.lattice.size());
   std::vector<std::uint8_t> good(view.lattice.size(), 0);
@@ -720,7 +765,7 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
       const int channel = channel_of(ch, taken.value.size());
       p.value[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c));
       p.value_next[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c + 1));
-      p.mean[ch] = static_cast<float>(mean);
+      p.mean[ch] = mean[ch];
       const double y = static_cast<double>(taken.value[ch](r, c));
       p.measured[ch] = static_cast<float>(y);
       p.next[ch] = taken.value[ch](r, c + 1);
@@ -800,11 +845,14 @@ void PhotoViews::light_pixels() {
       for (float& v : p.value_next) v += by;
       p.light = chain.radiance(p);
     });
-  // A picture's mean follows that of its pixels.
+  // A picture's mean follows that of its pixels; what lies beside the part stays.
   const std::vector<double> now = light_by_photo();
   for (MeasuredPixel& p : pixels_) {
-    const auto& [light, mean] = light_before_[p.photo];
-    p.mean.fill(static_cast<float>(light > 0.0 ? mean * now[p.photo] / light : mean));
+    const double light = light_before_[p.photo];
+    if (!(light > 0.0)) continue;
+    for (std::size_t ch = 0; ch < channels(); ++ch)
+      p.mean[ch] += static_cast<float>(static_cast<double>(views_[p.photo].mean_of_part[ch]) *
+                                       (now[p.photo] / light - 1.0));
   }
 }
 
@@ -886,10 +934,7 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
   selected_ = true;
   pictured_ = state_;
   pictured_pixels_ = pixels_;
-  const std::vector<double> light = light_by_photo();
-  light_before_.assign(scene_.photos.size(), {0.0, 0.0});
-  for (const MeasuredPixel& p : pixels_)
-    light_before_[p.photo] = {light[p.photo], static_cast<double>(p.mean[0])};
+  light_before_ = light_by_photo();
 }
 
 double PhotoViews::number_of(const MeasuredPixel& p, std::size_t channel, float behind_lens) const {

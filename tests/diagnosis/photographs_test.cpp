@@ -244,6 +244,39 @@ TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {
   EXPECT_THAT(d->remainder.kinds, ::testing::Contains("rows"));
 }
 
+TEST(Photographs, AVeilIsAShareOfAllThatThePictureShows) {
+  // A bench that is brighter than the part, and that fills two thirds of one picture.
+  const auto seen = [](const PhotoInput& of, double u, double v) {
+    const double part = light(of, u, v);
+    return part > 0.0 ? part : 0.7;
+  };
+  const auto mean = [&](const PhotoInput& of) {
+    double sum = 0.0;
+    for (int r = 0; r < 96; ++r)
+      for (int c = 0; c < 128; ++c) sum += seen(of, 2.0 * c + 1.0 - 128.0, 2.0 * r + 1.0 - 96.0);
+    return sum / (96.0 * 128.0);
+  };
+  std::map<std::string, double> means;
+  Pictures p;
+  take(
+      p,
+      [&](const PhotoInput& of, double u, double v) {
+        const auto [at, fresh] = means.try_emplace(of.image.string(), 0.0);
+        if (fresh) at->second = mean(of);
+        return seen(of, u, v) + 0.05 * at->second;
+      },
+      as_it_is, 1.0,
+      [](PhotoInput& of, int number) {
+        if (number == 1)
+          of.camera_position_mm += 0.8 * (of.camera_position_mm - Vec3{20.0, 20.0, 0.0});
+      });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.veiling_glare"});
+  // The mean is of the picture's lattice: its bench to half a per cent of the area.
+  EXPECT_NEAR(d->causes[0].parameters[0].value, 0.05, 1e-3);
+}
+
 TEST(Photographs, APictureOfAnotherSizeIsRefused) {
   Pictures p;
   take(p, light, as_it_is);

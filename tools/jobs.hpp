@@ -146,6 +146,7 @@ struct ExportOptions {
   Millimetres step_tolerance{0.02};
   std::string step_schema = "ap242";  ///< or ap214
   double step_band_mm = 0.0;          ///< a file for each band not wider than that; 0: one file
+  std::optional<meshing::BandSplit> step_bands{};  ///< instead: a file for each of these
 };
 [[nodiscard]] const std::vector<std::string>& export_formats();
 /// One format: <stem>.<ext>; glb also writes the decimated level <stem>_lod1.glb where

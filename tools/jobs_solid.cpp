@@ -236,8 +236,10 @@ Result<void> export_step(const heightmap::ModelField& field, const ExportOptions
   const double width = options.step_band_mm > 0.0
                            ? options.step_band_mm
                            : field.spacing.value() * static_cast<double>(field.z_mm.rows());
-  MAQUETTE_TRY(const auto bands,
-               meshing::split_into_bands(field, meshing::BandAxis::y, Millimetres{width}));
+  MAQUETTE_TRY(
+      const auto bands,
+      meshing::split_into_bands(
+          field, options.step_bands.value_or(meshing::BandSplit{.max_width = Millimetres{width}})));
   figures["files"] = json::array();
   for (std::size_t b = 0; b < bands.size(); ++b) {
     const double parts = static_cast<double>(bands.size()), done = static_cast<double>(b);

@@ -169,12 +169,14 @@ class Writer {
     plan.name = job_.name;
     plan.min_mm = {design.x_mm(0), design.y_mm(0)};
     plan.max_mm = {design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1)};
-    if (job_.joint_width_mm > 0.0) {
-      MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, meshing::BandAxis::y,
-                                                               Millimetres{job_.joint_width_mm}));
+    if (job_.bands) {
+      MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, *job_.bands));
       for (std::size_t b = 1; b < bands.size(); ++b) {
-        const double y = design.y_mm(bands[b].first);
-        plan.joints.push_back({plan.min_mm[0], y, plan.max_mm[0], y});
+        const double x = design.x_mm(bands[b].first), y = design.y_mm(bands[b].first);
+        if (bands[b].axis == meshing::BandAxis::x)
+          plan.joints.push_back({x, plan.min_mm[1], x, plan.max_mm[1]});
+        else
+          plan.joints.push_back({plan.min_mm[0], y, plan.max_mm[0], y});
       }
     }
     const auto seats = cnc::stone_seats(design, stones, 0.0, 0.0);
@@ -250,8 +252,8 @@ class Writer {
         {"thin_parts", thin}}.dump();
     result.note =
         fmt::format("{} stones of {} parts in {} build volumes", stones, parts.size(), volumes);
-    if (!thin.empty())
-      result.unmet = fmt::format(
+    if (!thin.empty()) {
+      const std::string lacking = fmt::format(
           "{} of {} parts stand out of what walls of {:g} mm can make by more than half of that "
           "({}{}); see thinner_than_wall_mm in stone_parts.json",
           thin.size(), parts.size(), job_.wall.value(),
@@ -260,6 +262,11 @@ class Writer {
               thin.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(thin.size(), 8)),
               ", "),
           thin.size() > 8 ? ", ..." : "");
+      if (job_.thin_is_unmet)
+        result.unmet = lacking;
+      else
+        run_.warn(lacking);
+    }
     return result;
   }
 

@@ -6,25 +6,28 @@
 /// they go.
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "core/run_context.hpp"
 #include "core/units.hpp"
 #include "export/pack_builds.hpp"
+#include "meshing/bands.hpp"
 #include "meshing/stones.hpp"
 #include "tools/pipeline.hpp"
 
 namespace maquette::tools {
 
 struct StonePartsJob {
-  std::filesystem::path stones;       ///< stones.json
-  std::filesystem::path design;       ///< model field that they lie on
-  Millimetres clearance{0.1};         ///< parts are smaller by that on every side
-  Millimetres wall{1.0};              ///< least one of the sintering process
-  exporting::BuildVolume volume{};    ///< of the machine
-  std::string paper = "a4";           ///< or a3
-  double joint_width_mm = 0.0;        ///< bands' joints on the template; 0: none
-  std::string name = "placing plan";  ///< on every sheet of the template
+  std::filesystem::path stones;               ///< stones.json
+  std::filesystem::path design;               ///< model field that they lie on
+  Millimetres clearance{0.1};                 ///< parts are smaller by that on every side
+  Millimetres wall{1.0};                      ///< least one of the sintering process
+  exporting::BuildVolume volume{};            ///< of the machine
+  std::string paper = "a4";                   ///< or a3
+  std::optional<meshing::BandSplit> bands{};  ///< whose joints are on the template
+  bool thin_is_unmet = true;                  ///< parts that lack the wall; else they are warned of
+  std::string name = "placing plan";          ///< on every sheet of the template
 };
 
 /// How a stone lies, in numbers for people.
@@ -39,9 +42,9 @@ struct StoneLie {
 
 /// parts/S001.3mf, .stl, .certificate.json of each distinct stone; build_01.3mf ... and builds.csv;
 /// placing.csv, placing.pdf, placing.dxf; stone_parts.json, the list of all with figures and
-/// SHA-256. Unmet where a part stands out of what the least wall can make by more than half of it.
-/// MESHING_STONE_VANISHES, EXPORT_PART_TOO_LARGE name the part; CORE_CANCELLED, and what the
-/// readers and writers say.
+/// SHA-256. Unmet, or warned of, where a part stands out of what the least wall can make by more
+/// than half of it. MESHING_STONE_VANISHES, EXPORT_PART_TOO_LARGE name the part; CORE_CANCELLED,
+/// and what the readers and writers say.
 [[nodiscard]] Result<JobResult> stone_parts_job(const StonePartsJob& job,
                                                 const std::filesystem::path& folder,
                                                 const RunContext& run);

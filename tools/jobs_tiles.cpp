@@ -9,7 +9,10 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
+#include "tools/exploded_view.hpp"
+#include "tools/jobs_bands.hpp"
 #include "tools/jobs_tiles.hpp"
+#include "tools/part_with_stones.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -85,6 +88,25 @@ std::string plan_svg(const heightmap::ModelField& design, const std::vector<Tile
   return svg + "</g>\n" + texts + "</g>\n</svg>\n";
 }
 
+ExplodedView view_of(const heightmap::ModelField& design, const std::vector<Tile>& tiles,
+                     Millimetres base_z, std::span<const meshing::PlacedStone> stones,
+                     const JointHoles& holes, bool with_stones) {
+  ExplodedView view{
+      .title = fmt::format("{:.6g} × {:.6g} mm in {} tiles",
+                           design.x_mm(design.z_mm.cols() - 1) - design.x_mm(0),
+                           design.y_mm(design.z_mm.rows() - 1) - design.y_mm(0), tiles.size()),
+      .base_z = base_z,
+      .stones = stones,
+      .holes = holes};
+  for (const Tile& t : tiles)
+    view.parts.push_back({std::to_string(t.number), t.number, t.nodes, t.place - 1, t.strip - 1});
+  if (!stones.empty())
+    view.notes.push_back(
+        fmt::format("{} stones, {}.", stones.size(),
+                    with_stones ? "of one piece with the tiles" : "made apart and glued on"));
+  return view;
+}
+
 /// What became of a tile.
 struct MadeTile {
   MeshCertificate certificate;
@@ -93,7 +115,8 @@ struct MadeTile {
 
 /// One tile to its file. @param origin  of the file's frame
 Result<MadeTile> make_tile(const heightmap::ModelField& design, const Tile& tile,
-                           Millimetres base_z, const JointHoles& holes, const TilesJob& job,
+                           Millimetres base_z, const JointHoles& holes,
+                           std::span<const meshing::PlacedStone> stones, const TilesJob& job,
                            Vec3 origin, const fs::path& file, const RunContext& run) {
   const auto write = [&](const MeshStream& mesh) {
     return job.own_frame ? meshing::write_ply(OwnFrame(mesh, origin), file)
@@ -101,6 +124,13 @@ Result<MadeTile> make_tile(const heightmap::ModelField& design, const Tile& tile
   };
   MadeTile made;
   const meshing::SolidOptions options{.base_z = base_z};
+  if (job.with_stones) {
+    MAQUETTE_TRY(const auto stony, part_with_stones(design, tile.nodes, stones, options, run));
+    made.certificate = stony.certificate;
+    made.figures["stones"] = stony.stones;
+    MAQUETTE_TRY_VOID(write(TriMeshStream(stony.mesh)));
+    return made;
+  }
   Holes own = holes_of(design, tile, base_z, holes);
   Shape shape = job.shape;
   if (!shape.label.empty()) shape.label += fmt::format(" {}", tile.number);
@@ -146,8 +176,8 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
     const Vec3 origin = job.own_frame ? corner : Vec3{};
     const std::string name = fmt::format("tile_{:02}", t.number);
     result.outputs.push_back(folder / (name + ".ply"));
-    auto made =
-        make_tile(design, t, solid_options.base_z, *holes, job, origin, result.outputs.back(), run);
+    auto made = make_tile(design, t, solid_options.base_z, *holes, stones, job, origin,
+                          result.outputs.back(), run);
     if (!made)
       return tl::unexpected(std::move(made.error())
                                 .within(fmt::format("{}: tile {}", job.design.string(), t.number)));
@@ -169,6 +199,9 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   }
   result.outputs.push_back(folder / "tiles.svg");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones, *holes)));
+  const ExplodedView view =
+      view_of(design, *tiles, solid_options.base_z, stones, *holes, job.with_stones);
+  MAQUETTE_TRY_VOID(write_exploded(design, view, folder, result.outputs));
   json figures{{"tiles", list}, {"volume_mm3", volume}};
   figures.update(json::parse(to_json(*holes)));
   result.outputs.push_back(folder / "tiles.json");

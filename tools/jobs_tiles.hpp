@@ -17,10 +17,11 @@ struct TilesJob {
   Millimetres base_thickness{10.0};
   bool own_frame = false;  ///< each with its south-western corner and base at the origin
   InJoints in_joints{};
-  Shape shape{};  ///< of each tile; its number is added to the label
+  Shape shape{};             ///< of each tile; its number is added to the label
+  bool with_stones = false;  ///< united with the tiles that they stand on; then nothing is shaped
 };
 /// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels, magnets), tiles.svg
-/// (plan from above with stones, 1:1).
+/// (plan from above with stones, 1:1), exploded.svg and exploded.png (tiles moved apart).
 [[nodiscard]] Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder,
                                           const RunContext& run);
 

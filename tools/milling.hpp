@@ -23,6 +23,7 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/units.hpp"
+#include "meshing/bands.hpp"
 #include "tools/adjustment.hpp"
 #include "tools/pipeline.hpp"
 
@@ -87,8 +88,8 @@ struct MillJob {
   bool leave_stock = true;          ///< <program>.stock.tif is written
   JoinedProgram* joined = nullptr;  ///< set by mill_operations_job
 
-  std::size_t band = 0;                  ///< index, of as many as `max_width` makes
-  std::optional<Millimetres> max_width;  ///< of bands; none: the whole surface
+  std::size_t band = 0;                     ///< index, of as many as `bands` makes
+  std::optional<meshing::BandSplit> bands;  ///< none: the whole surface
 };
 
 struct Strategy {

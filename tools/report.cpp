@@ -125,6 +125,36 @@ std::string cutter_reach(const json& reach, const fs::path& folder) {
              500);
 }
 
+/// Where the part is cut, what stands on it, and what the workshop gets of that.
+std::string bands_and_stones(const json& bands, const json& stones, const json& parts,
+                             const fs::path& here) {
+  std::string html;
+  if (bands.contains("bands")) {
+    html += "<h3>Bands</h3>\n" + picture_html(here / "bands" / "exploded.png",
+                                              "bands, moved apart, with the stones", 900);
+    for (const json& warning : bands.value("warnings", json::array()))
+      html += fmt::format("<p class='warn'>{}</p>\n", number_html(warning));
+  }
+  if (std::error_code ec; fs::exists(here / "stones_far.png", ec)) {
+    html += "<h3>Stones</h3>\n" +
+            figure_table_html(
+                stones, {{"on_surface", "stones on this surface"}, {"largest_mm", "largest, mm"}}) +
+            picture_html(here / "stones_far.png", "all stones, under the lamp", 500) +
+            picture_html(here / "stones_close.png", "where most of them lie", 500);
+  }
+  if (!parts.empty())
+    html += "<h3>Stones for the workshop</h3>\n" +
+            figure_table_html(parts, {{"stones", "stones"},
+                                      {"distinct_parts", "distinct parts"},
+                                      {"builds", "build volumes"},
+                                      {"material_mm3", "material, mm&sup3;"}}) +
+            "<p><a href='" + markup_escaped(here.filename().string()) +
+            "/stone_parts/placing.pdf'>placing plan at 1:1</a>, <a href='" +
+            markup_escaped(here.filename().string()) +
+            "/stone_parts/builds.csv'>which stone is where in the build volumes</a></p>\n";
+  return html;
+}
+
 constexpr const char* kRegistrationRemark =
     "<p>Each scan was brought onto what the programs leave by best fit before this comparison. A "
     "best fit "
@@ -214,6 +244,8 @@ Result<void> write_run_page(const Site& site, std::span<const UnitRecord> record
                            {"volume_mm3", "volume, mm&sup3;"},
                            {"rms_vertical_error_mm", "RMS vertical error against the design, mm"},
                            {"max_vertical_error_mm", "largest, mm"}});
+    html += bands_and_stones(figures_of(name + ".stones.joints"), figures_of(name + ".stones"),
+                             figures_of(name + ".stone-parts"), here);
     html +=
         "<h3>Toolpath</h3>\n<div "
         "class='wide'><table><tr><th>program</th><th>passes</th><th>blocks</th><th>bytes"

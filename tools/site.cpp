@@ -129,6 +129,9 @@ std::vector<std::string> contradictions(const Site& s) {
                       own.file.filename().string()));
   }
   check_craters(s, found);
+  if (s.build_mm.size() != 3)
+    found.push_back(fmt::format("stone_parts.build_mm has {} numbers; three expected: x, y, z",
+                                s.build_mm.size()));
   if (const Shape shape = shape_of(s, s.scales.front()); !shape.label.empty())
     if (const auto mark = meshing::text_mark(shape.label, shape.engraving); !mark)
       found.push_back("solid.label: " + mark.error().message);
@@ -341,6 +344,19 @@ SiteFile empty_site_file() {
   t.add({"stones.slope_slowness", &s.stone_slope_slowness,
          "craters: a metre on a slope of angle a counts as 1 + this * tan(a)", 0, 1000});
 
+  t.section(
+      "stone_parts",
+      "Files for the workshop that makes the stones (docs/stones.md): a part of each distinct "
+      "stone, packed build volumes, the placing plan.");
+  t.add({"stone_parts.make", &s.stone_parts, "where the site has stones"});
+  t.add({"stone_parts.clearance_mm", &s.part_clearance_mm,
+         "parts are smaller by that on every side", 0, 100});
+  t.add({"stone_parts.wall_mm", &s.part_wall_mm,
+         "least wall of the sintering process; what lacks it is warned of", 1e-3, 100});
+  t.add({"stone_parts.build_mm", &s.build_mm, "the machine's build volume: x, y, z", 1, 1e5});
+  t.add({"stone_parts.spacing_mm", &s.part_spacing_mm, "between parts in it", 0, 1000});
+  t.add({"stone_parts.paper", &s.placing_paper, "of placing.pdf", -kInf, kInf, {"a4", "a3"}});
+
   t.section("stock", "The block.");
   t.add({"stock.base_thickness_mm", &s.base_thickness_mm, "under the lowest point of the relief", 1,
          1000});
@@ -355,6 +371,11 @@ SiteFile empty_site_file() {
 
   t.section("bands", "Strips that are milled one at a time.");
   t.add({"bands.max_width_mm", &s.band_max_width_mm, "in y", 1, 20000});
+  t.add({"bands.avoid_stones", &s.avoid_stones,
+         "joints keep off the stones, with more bands where these need it; false: bands as even as "
+         "whole cells allow"});
+  t.add({"bands.stone_clearance_mm", &s.joint_clearance_mm, "from a joint to the nearest stone", 0,
+         1000});
   t.add({"bands.dowel_mm", &s.dowel_mm,
          "diameter of dowels that hold the strips together (docs/bands.md), in their solids only; "
          "0: none",
@@ -660,6 +681,15 @@ std::vector<Operation> operations_of(const Site& site) {
   if (!site.spheres.empty() && !has_strategy(site, "sphere-seats"))
     operations.emplace_back().strategy = "sphere-seats";
   return operations;
+}
+
+bool has_stones(const Site& site) {
+  return site.stone_count != 0 || !site.own_stones.empty();
+}
+
+std::size_t work_offsets_left(const Site& site) {
+  return static_cast<std::size_t>(
+      kWorkOffsets.end() - std::find(kWorkOffsets.begin(), kWorkOffsets.end(), site.work_offset));
 }
 
 int work_offset_of(const Site& site, std::size_t band) {

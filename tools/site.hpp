@@ -93,12 +93,19 @@ struct Site {
   std::deque<SiteStones> own_stones;  ///< beside the drawn ones
   std::deque<SiteCrater> craters;     ///< that stone_density speaks of
 
+  bool stone_parts = true;  ///< files for the workshop, of each distinct stone
+  double part_clearance_mm = 0.1, part_wall_mm = 1.0, part_spacing_mm = 3.0;
+  std::vector<double> build_mm{200.0, 200.0, 200.0};
+  std::string placing_paper = "a4";
+
   double base_thickness_mm = 10.0;
   double lowest_mm = 0.0;
   double stock_margin_mm = 1.0;
   std::string material = "polyurethane_650";
 
   double band_max_width_mm = 500.0;
+  bool avoid_stones = true;
+  double joint_clearance_mm = 1.0;                                    ///< from joints to stones
   double dowel_mm = 0.0, dowel_depth_mm = 10.0, dowel_play_mm = 0.2;  ///< 0 mm: none
   double dowel_wall_mm = 2.0, dowel_spacing_mm = 200.0;
   double magnet_mm = 0.0, magnet_depth_mm = 3.2, magnet_play_mm = 0.2;
@@ -181,6 +188,12 @@ struct SiteFile {
 
 /// What is milled, in order: the site's operations, or those that its sections describe.
 [[nodiscard]] std::vector<Operation> operations_of(const Site& site);
+
+/// Whether it can have any: drawn or brought.
+[[nodiscard]] bool has_stones(const Site& site);
+
+/// How many work offsets there are from the site's first one on.
+[[nodiscard]] std::size_t work_offsets_left(const Site& site);
 
 /// Of a program: 54 to 59, 591 to 593 for G59.1 to G59.3.
 [[nodiscard]] int work_offset_of(const Site& site, std::size_t band);

@@ -910,6 +910,71 @@ TEST_F(CommandLine, ResultsAreOneJsonDocument) {
   EXPECT_EQ(o.err, "");
 }
 
+TEST_F(CommandLine, BandsKeepOffStones) {
+  std::vector<meshing::PlacedStone> stones(2);
+  for (std::size_t i = 0; i < 2; ++i) {
+    stones[i].number = 4 + static_cast<int>(i);
+    stones[i].scale_mm = i == 0 ? 3.0 : 12.0;
+    stones[i].model_from_stone.translation_mm = {i == 0 ? 10.0 : 5.0, 10.0, -0.6};
+  }
+  const fs::path plan = scratch / "stones.json";
+  ASSERT_TRUE(meshing::write_stone_plan(std::span(stones).first(1), plan));
+  const std::string verb = "bands " + design().string() + " --stones " + plan.string() + " --out " +
+                           out.string() + " --quiet ";
+  const auto joints = [&] { return json::parse(slurp(out / "bands.json"))["joints"]; };
+  for (const char* how : {"--count 2", "--max-width-mm 13", "--axis x --count 2"}) {
+    SCOPED_TRACE(how);
+    const auto o = run(verb + how);
+    ASSERT_EQ(o.exit_code, 0) << o.err;
+    ASSERT_EQ(joints().size(), 1U);
+    const double at = joints()[0]["at_mm"];
+    const Box3 box = meshing::stone_mesh(stones[0]).bounds();
+    const bool x = std::string(how).starts_with("--axis x");
+    EXPECT_TRUE(at < (x ? box.min.x : box.min.y) - 1.0 || at > (x ? box.max.x : box.max.y) + 1.0);
+    const Box3 band = meshing::read_mesh(out / "band_02.ply")->bounds();
+    EXPECT_EQ(x ? band.min.x : band.min.y, at);
+    EXPECT_TRUE(fs::exists(out / "exploded.png"));
+    EXPECT_NE(slurp(out / "exploded.svg").find("band 2"), std::string::npos);
+  }
+  // The template has the same joints.
+  const fs::path parts = scratch / "parts";
+  ASSERT_EQ(run("stone-parts " + plan.string() + " --design " + design().string() + " --bands " +
+                (out / "bands.json").string() + " --quiet --out " + parts.string())
+                .exit_code,
+            0);
+  EXPECT_NE(slurp(parts / "placing.dxf").find("JOINT"), std::string::npos);
+  const auto other = run("stone-parts " + plan.string() + " --design " + design().string() +
+                         " --bands " + plan.string() + " --quiet --out " + parts.string());
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_THAT(other.err, HasSubstr("maquette.bands/1"));
+
+  // Carried: the band with the stone is larger than the plain one, in tiles as in strips.
+  const auto volume = [&](const std::string& name) {
+    return json::parse(slurp(out / (name + ".certificate.json")))["volume_mm3"].get<double>();
+  };
+  ASSERT_EQ(run(verb + "--count 2").exit_code, 0);
+  const double plain = volume("band_01") + volume("band_02");
+  ASSERT_EQ(run(verb + "--count 2 --with-stones").exit_code, 0);
+  EXPECT_GT(volume("band_01") + volume("band_02"), plain + 1.0);
+  ASSERT_EQ(run(verb + "--max-width-mm 15 --max-length-mm 15 --with-stones").exit_code, 0);
+  const json tiles = json::parse(slurp(out / "tiles.json"));
+  EXPECT_GT(tiles["volume_mm3"].get<double>(), plain + 1.0);
+  std::size_t carried = 0;
+  for (const json& t : tiles["tiles"]) carried += t["stones"].size();
+  EXPECT_EQ(carried, 1U);
+  const auto both = run(verb + "--count 2 --with-stones --hollow-mm 1");
+  EXPECT_EQ(both.exit_code, 2);
+  EXPECT_THAT(both.err, HasSubstr("--with-stones makes plain solids"));
+
+  // A stone wider than any place that the joint may have.
+  ASSERT_TRUE(meshing::write_stone_plan(stones, plan));
+  const auto met = run("bands " + design().string() + " --stones " + plan.string() + " --out " +
+                       out.string() + " --count 2");
+  ASSERT_EQ(met.exit_code, 0);
+  EXPECT_THAT(met.err, AllOf(HasSubstr("joint 1 at y ="), HasSubstr("passes through stone 5")));
+  EXPECT_THAT(joints()[0]["through_stones"], testing::ElementsAre(5));
+}
+
 TEST_F(CommandLine, TilesAddUpToTheWholeAndStandInTheirOwnFrame) {
   const std::string d = design().string();
   ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);
@@ -1181,7 +1246,8 @@ TEST_F(CommandLine, ASiteSaysHowItsSolidsAreShaped) {
   const std::string verb =
       "run '" MAQUETTE_SOURCE
       "/assets/sites/default.toml' --quiet --set size_mm=40 --set stones.count=3 "
-      "--set bands.max_width_mm=21 --set solid.hollow_mm=1.5 --set solid.rib_mm=1 "
+      "--set bands.max_width_mm=21 --set bands.avoid_stones=false --set solid.hollow_mm=1.5 "
+      "--set solid.rib_mm=1 "
       "--set solid.pocket_mm=12 --set solid.letter_mm=2 --set bands.dowel_mm=2 "
       "--set bands.dowel_depth_mm=2 --set bands.dowel_wall_mm=1 --set bands.dowel_spacing_mm=12 "
       "--set bands.magnet_mm=3 --set bands.magnet_depth_mm=1.2 --set bands.magnet_wall_mm=1 "

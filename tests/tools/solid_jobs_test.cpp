@@ -4,6 +4,7 @@
 //   bands joined are the whole ............... walls of the files compared to the bit, volumes
 //   added
 //                                              up; spacings that binary numbers do not hold
+//   bands with stones joined ................. the same, each with the stones that it carries
 //   a file that rounds ....................... read back: moved as far as the certificate says; not
 //                                              written where rounding spoils the mesh
 //   a union that is not exact ............... not written: a stone that cuts itself
@@ -27,6 +28,7 @@
 #include "support/mesh_properties.hpp"
 #include "support/shapes.hpp"
 #include "tools/jobs.hpp"
+#include "tools/part_with_stones.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -95,6 +97,76 @@ TEST_P(BandsJoined, AreTheWhole) {
   const double all = whole["volume_mm3"].get<double>();
   EXPECT_NEAR(volume, all, 1e-9 * all);
   EXPECT_NEAR(measured, all, 1e-9 * all);
+}
+
+class BandsWithStones : public BandsJoined {};
+INSTANTIATE_TEST_SUITE_P(Spacings, BandsWithStones,
+                         testing::Combine(testing::Values(0.25, 0.3),
+                                          testing::Values(meshing::BandAxis::x,
+                                                          meshing::BandAxis::y)));
+
+TEST_P(BandsWithStones, AreTheWholeWithStones) {
+  const ScratchFolder scratch;
+  const auto [spacing, axis] = GetParam();
+  const bool along_x = axis == meshing::BandAxis::x;
+  heightmap::ModelField field = random_terrain(4, 121, 121, spacing, 0.15, 0.02);
+  field.x0 = Millimetres{-3.7};
+  field.y0 = Millimetres{11.3};
+  const fs::path design = scratch / "design.tif", plan = scratch / "stones.json";
+  ASSERT_THAT(heightmap::write_model_field(field, design), Succeeds());
+  field = heightmap::read_model_field(design).value();
+  // Three bands of 40 cells: two stones in the first, none in the second, one in the third.
+  std::vector<meshing::PlacedStone> stones(3);
+  const double places[3][2] = {{20.0, 30.0}, {18.0, 75.0}, {100.0, 50.0}};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double a = places[i][0] * spacing, b = places[i][1] * spacing;
+    const double x = field.x0.value() + (along_x ? a : b), y = field.y0.value() + (along_x ? b : a);
+    stones[i].number = 11 + static_cast<int>(i);
+    stones[i].shape.seed = i + 1;
+    stones[i].scale_mm = 12.0 * spacing;
+    stones[i].model_from_stone.translation_mm = {x, y, heightmap::height_at(field, x, y)};
+  }
+  ASSERT_THAT(meshing::write_stone_plan(stones, plan), Succeeds());
+  const Millimetres base{8.0};
+  const meshing::BandSplit split{.axis = axis, .count = 3};
+  ASSERT_THAT(mesh_job(design, plan, base, scratch / "whole.ply", {}), Succeeds());
+  const double all = certificate_of(scratch / "whole.ply")["volume_mm3"];
+
+  double volume = 0.0;
+  TriMesh before;
+  const std::vector<std::vector<int>> on{{11, 12}, {}, {13}};
+  for (std::size_t b = 0; b < 3; ++b) {
+    SCOPED_TRACE(testing::Message() << "band " << b + 1);
+    const fs::path file = scratch / "band.ply";
+    ASSERT_THAT(band_with_stones_job(design, plan, split, b, base, file, {}), Succeeds());
+    const json said = certificate_of(file);
+    EXPECT_EQ(said["passed"], true);
+    EXPECT_EQ(said["stones"], json(on[b]));
+    TriMesh mesh = meshing::read_mesh(file).value();
+    volume += signed_volume_mm3(mesh);
+    const auto found = meshing::check_mesh(mesh).value();
+    EXPECT_TRUE(found.passed() && found.self_intersection_checked) << meshing::to_json(found);
+    if (b > 0) {
+      const auto line = static_cast<std::ptrdiff_t>(40 * b);
+      const double joint = along_x ? field.x_mm(line) : field.y_mm(line);
+      const auto mine = in_plane(mesh, along_x, joint, false);
+      EXPECT_EQ(mine.size(), 2U * 120U);
+      EXPECT_TRUE(mine == in_plane(before, along_x, joint, true)) << "the wall at " << joint;
+    }
+    before = std::move(mesh);
+  }
+  // Both unions have their stones' edges on 32-bit places of their own; walls are the same.
+  EXPECT_NEAR(volume, all, 1e-6 * all);
+
+  // On a joint it belongs to no band.
+  const double at = 40.0 * spacing;
+  stones[0].model_from_stone.translation_mm.x = field.x0.value() + (along_x ? at : 15.0);
+  stones[0].model_from_stone.translation_mm.y = field.y0.value() + (along_x ? 15.0 : at);
+  ASSERT_THAT(meshing::write_stone_plan(stones, plan), Succeeds());
+  const auto refused = band_with_stones_job(design, plan, split, 1, base, scratch / "band.ply", {});
+  ASSERT_THAT(refused, FailsWith(meshing::kNotASolid));
+  EXPECT_THAT(refused.error().message,
+              testing::AllOf(testing::HasSubstr("band 2"), testing::HasSubstr("walls")));
 }
 
 /// Two balls in one, so that only a level set with a fillet unites it with terrain.

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <set>
 #include <span>
+#include <utility>
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -14,6 +15,9 @@
 #include "heightmap/source_files.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_bands.hpp"
+#include "tools/jobs_stone_parts.hpp"
+#include "tools/jobs_stone_views.hpp"
 #include "tools/machining_time.hpp"
 #include "tools/milling.hpp"
 #include "tools/operations.hpp"
@@ -100,57 +104,113 @@ std::vector<fs::path> all_parts(std::span<const fs::path> programs, bool split) 
 }
 
 /// As many bands as split_into_bands makes of a square surface of this size.
-std::size_t band_count(const Site& site) {
+std::size_t even_band_count(const Site& site) {
   const double cells = std::round(site.size_mm / site.spacing_mm);
   const double cells_a_band = std::floor(site.band_max_width_mm / site.spacing_mm + 1e-9);
   return static_cast<std::size_t>(std::ceil(cells / std::max(1.0, cells_a_band)));
 }
 
-/// The whole chain of one scale, stage by stage, fuse first. Files are named here and only here.
-std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
-                                   const std::optional<WiderSurface>& wider,
-                                   const std::vector<SiteSource>& sources,
-                                   const std::vector<fs::path>& source_files,
-                                   const std::vector<MillJob>& operations,
-                                   const std::optional<Adjustment>& adjust,
-                                   const fs::path& folder) {
-  const Site& site = *file.site;
-  const std::string name = scale_folder(scale);
-  const fs::path here = folder / name;
-  const fs::path design = here / "design.tif", stones = here / "stones.json",
-                 surface = here / "surface.tif", mesh = here / "surface.ply",
-                 as_milled = here / "as_milled.tif", as_built = here / "as_built.tif",
-                 scene = here / "scene.toml";
-  const auto values = [&](std::vector<std::string> prefixes) {
+/// What all stages of one scale need of the site, and where its files are: they are named here and
+/// only here.
+struct ScaleStages {
+  ScaleStages(const SiteFile& site_file, double denominator, const fs::path& run_folder)
+      : file(site_file),
+        site(*site_file.site),
+        scale(denominator),
+        name(scale_folder(denominator)),
+        folder(run_folder),
+        here(run_folder / name) {}
+
+  [[nodiscard]] std::string values(std::vector<std::string> prefixes) const {
     for (const char* common : {"size_mm", "spacing_mm", "exaggeration", "seed"})
       prefixes.emplace_back(common);
     auto j = nlohmann::json::parse(file.schema.values_json(prefixes));
     j["scale"] = scale;
     return j.dump();
-  };
-  const auto single = [&](const std::string& stage, std::vector<fs::path> inputs,
-                          std::vector<std::string> prefixes, auto work) {
+  }
+  template <typename Work>
+  [[nodiscard]] Stage single(const std::string& stage, std::vector<fs::path> inputs,
+                             std::vector<std::string> prefixes, Work work) const {
     const std::string full = name + "." + stage;
-    return Stage{full, {{full, std::move(inputs), values(std::move(prefixes)), work}}};
-  };
-  std::vector<Stage> stages;
+    return Stage{full, {{full, std::move(inputs), values(std::move(prefixes)), std::move(work)}}};
+  }
+
+  const SiteFile& file;
+  const Site& site;
+  double scale;
+  std::string name;
+  fs::path folder, here;
+  fs::path design = here / "design.tif", stones = here / "stones.json",
+           surface = here / "surface.tif", mesh = here / "surface.ply",
+           joints = here / "bands" / "bands.json", as_milled = here / "as_milled.tif",
+           as_built = here / "as_built.tif", scene = here / "scene.toml";
+};
+
+/// Work offsets from the site's first one on, if each band has its own; else 0.
+std::size_t most_bands(const Site& site) {
+  return site.work_offset_per_band ? work_offsets_left(site) : 0;
+}
+
+Stage fuse_stage(const ScaleStages& s, const std::optional<WiderSurface>& wider,
+                 const std::vector<SiteSource>& sources,
+                 const std::vector<fs::path>& source_files) {
   std::vector<fs::path> fuse_inputs = source_files;
   if (wider)
     for (fs::path& f : wider->files()) fuse_inputs.push_back(std::move(f));
-  stages.push_back(
-      single("fuse", fuse_inputs,
-             {"body", "centre_", "fusion.", "source", "image", "stock.lowest_mm", "scales"},
-             [=, &site](const RunContext& run) {
-               return fuse_job(site, sources, scale, wider, here, run);
-             }));
+  return s.single("fuse", fuse_inputs,
+                  {"body", "centre_", "fusion.", "source", "image", "stock.lowest_mm", "scales"},
+                  [=, &site = s.site, scale = s.scale, here = s.here](const RunContext& run) {
+                    return fuse_job(site, sources, scale, wider, here, run);
+                  });
+}
+
+/// Stones, and the joints that keep off them: what says which other stages there are.
+std::vector<Stage> stone_stages(const ScaleStages& s) {
   StoneSurfaces surfaces;
-  for (const double s : site.scales)
-    surfaces.designs.push_back(folder / scale_folder(s) / "design.tif");
-  std::vector<fs::path> stone_inputs = surfaces.files(site, scale);
-  for (const SiteStones& own : site.own_stones) stone_inputs.push_back(own.file);
-  stages.push_back(single(
-      "stones", stone_inputs, {"stones.", "stone", "crater", "scales", "stock.lowest_mm"},
-      [=, &site](const RunContext& run) { return stones_job(site, scale, surfaces, here, run); }));
+  for (const double scale : s.site.scales)
+    surfaces.designs.push_back(s.folder / scale_folder(scale) / "design.tif");
+  std::vector<fs::path> stone_inputs = surfaces.files(s.site, s.scale);
+  for (const SiteStones& own : s.site.own_stones) stone_inputs.push_back(own.file);
+  std::vector<Stage> stages;
+  stages.push_back(
+      s.single("stones", stone_inputs, {"stones.", "stone", "crater", "scales", "stock.lowest_mm"},
+               [=, &site = s.site, scale = s.scale, here = s.here](const RunContext& run) {
+                 return stones_job(site, scale, surfaces, here, run);
+               }));
+  BandLayoutJob layout;
+  layout.design = s.design;
+  layout.stones = s.stones;
+  layout.avoid_stones = s.site.avoid_stones;
+  layout.split.max_width = Millimetres{s.site.band_max_width_mm};
+  layout.clearance = Millimetres{s.site.joint_clearance_mm};
+  layout.base_thickness = Millimetres{s.site.base_thickness_mm};
+  layout.in_joints = in_joints_of(s.site);
+  layout.most_bands = most_bands(s.site);
+  stages.push_back(s.single("stones.joints", {s.design, s.stones},
+                            {"bands.", "stock.base", "mill.work_offset"},
+                            [=, to = s.joints.parent_path()](const RunContext& run) {
+                              return band_layout_job(layout, to, run);
+                            }));
+  return stages;
+}
+
+/// What follows once it is known where the joints are.
+std::vector<Stage> stages_after_stones(const ScaleStages& s, const std::vector<MillJob>& operations,
+                                       const std::optional<Adjustment>& adjust) {
+  const Site& site = s.site;
+  const double scale = s.scale;
+  const std::string& name = s.name;
+  const fs::path &here = s.here, &design = s.design, &stones = s.stones, &surface = s.surface,
+                 &mesh = s.mesh, &joints = s.joints, &as_milled = s.as_milled,
+                 &as_built = s.as_built, &scene = s.scene;
+  const auto values = [&](std::vector<std::string> prefixes) {
+    return s.values(std::move(prefixes));
+  };
+  const auto single = [&](const std::string& stage, std::vector<fs::path> inputs,
+                          std::vector<std::string> prefixes, auto work) {
+    return s.single(stage, std::move(inputs), std::move(prefixes), work);
+  };
+  std::vector<Stage> stages;
   stages.push_back(
       single("reach", {design}, {"reach.", "cutter.", "stock.base", "stock.margin"},
              [=, &site](const RunContext& run) { return reach_job(site, design, here, run); }));
@@ -164,26 +224,29 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                                   : shaped_job(whole_part, mesh, run);
       }));
 
-  const Millimetres width{site.band_max_width_mm};
-  const std::size_t bands = band_count(site);
+  // Not known yet: a stage that needs it is refused, for its input is not there.
+  meshing::BandSplit split_bands{.max_width = Millimetres{site.band_max_width_mm}};
+  if (auto known = read_band_layout(joints)) split_bands = *std::move(known);
+  const std::size_t bands =
+      split_bands.joints ? split_bands.joints->size() + 1 : even_band_count(site);
   const std::string extension(cnc::post_by_name(site.post)->extension);
   Stage band_stage{name + ".bands", {}};
   for (std::size_t b = 0; b < bands; ++b) {
     const fs::path solid = here / "bands" / fmt::format("band_{:02}.ply", b + 1);
     band_stage.units.push_back({fmt::format("{}.bands.band_{:02}", name, b + 1),
-                                {design},
-                                values({"bands.", "stock.", "solid."}),
+                                {design, joints},
+                                values({"bands.dowel", "bands.magnet", "stock.", "solid."}),
                                 [=, &site](const RunContext& run) {
                                   std::error_code ec;
                                   fs::create_directories(solid.parent_path(), ec);
                                   ShapedJob part = whole_part;
                                   part.stones.reset();
-                                  part.band = BandOf{{.max_width = width}, b};
+                                  part.band = BandOf{split_bands, b};
                                   part.in_joints = in_joints_of(site);
                                   if (!part.shape.label.empty())
                                     part.shape.label += fmt::format(" {}", b + 1);
                                   if (!part.plain()) return shaped_job(part, solid, run);
-                                  return band_job(design, {.max_width = width}, b,
+                                  return band_job(design, split_bands, b,
                                                   Millimetres{site.base_thickness_mm}, solid, run);
                                 }});
   }
@@ -192,7 +255,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   // Operation by operation: bands side by side where a strategy can, else the whole surface, for
   // which a band's neighbour would stand in the way. Each starts from what the one before leaves.
   const auto parameters =
-      values({"name", "bands.", "cutter.", "rough.", "mill.", "machine.", "stock.", "operation"});
+      values({"name", "cutter.", "rough.", "mill.", "machine.", "stock.", "operation"});
   const bool split = site.max_lines > 0 || site.max_bytes > 0;
   const std::vector<cnc::Tool> tools = tools_of(operations);
   std::vector<MillJob> into_design;
@@ -230,6 +293,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
     std::vector<fs::path> inputs = needs(operation), programs;
     if (stock) inputs.push_back(*stock);
     const bool whole = !strategy_of(operation.strategy).in_bands;
+    if (!whole) inputs.push_back(joints);
     for (std::size_t b = 0; b < (whole ? 1 : bands); ++b) {
       const std::string band = whole ? "" : fmt::format("band_{:02}", b + 1);
       programs.push_back(whole ? here / fmt::format("{}.{}", operation.name, extension)
@@ -248,7 +312,7 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
              mill.leave_stock = whole && !last;
              mill.adjust = adjust;
              if (!whole) {
-               mill.max_width = width;
+               mill.bands = split_bands;
                mill.band = b;
              }
              mill.program.work_offset = work_offset_of(site, b);
@@ -333,16 +397,17 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
   for (const std::string& format : site.export_formats)
     export_stage.units.push_back(
         {fmt::format("{}.export.{}", name, format),
-         {mesh, design},
-         format == "step" ? values({"export.", "bands."}) : values({"export."}),
-         [=, &site](const RunContext& run) {
+         format == "step" ? std::vector<fs::path>{mesh, design, joints}
+                          : std::vector<fs::path>{mesh, design},
+         values({"export."}), [=, &site](const RunContext& run) {
            const ExportOptions options{scale,
                                        Millimetres{site.contour_interval_mm},
                                        site.lod_triangles,
                                        static_cast<int>(site.position_bits),
                                        Millimetres{site.step_tolerance_mm},
                                        site.step_schema,
-                                       site.band_max_width_mm};
+                                       site.band_max_width_mm,
+                                       split_bands};
            return export_job(format, mesh, design, options, here / "export", run);
          }});
   stages.push_back(std::move(export_stage));
@@ -354,6 +419,27 @@ std::vector<Stage> stages_of_scale(const SiteFile& file, double scale,
                             result.outputs.push_back(scene);
                             return result;
                           }));
+
+  stages.push_back(single("render.stones", {design, stones},
+                          {"camera.samples", "lamp.", "surface."},
+                          [=, &site](const RunContext& run) {
+                            return stone_views_job(site, design, stones, here, run);
+                          }));
+  if (site.stone_parts && has_stones(site)) {
+    const StonePartsJob parts{
+        .stones = stones,
+        .design = design,
+        .clearance = Millimetres{site.part_clearance_mm},
+        .wall = Millimetres{site.part_wall_mm},
+        .volume = {{site.build_mm[0], site.build_mm[1], site.build_mm[2]}, site.part_spacing_mm},
+        .paper = site.placing_paper,
+        .bands = split_bands,
+        .thin_is_unmet = false,
+        .name = fmt::format("{} 1:{:g}", site.name, scale)};
+    stages.push_back(single(
+        "stone-parts", {design, stones, joints}, {"name", "stone_parts."},
+        [=](const RunContext& run) { return stone_parts_job(parts, here / "stone_parts", run); }));
+  }
 
   Stage scan_stage{name + ".scan", {}};
   std::vector<fs::path> scans;
@@ -499,28 +585,38 @@ Result<int> run_site(const RunOptions& options, const CommonOptions& common, Con
   MAQUETTE_TRY(auto adjust, read_adjustment(adjustment_files(site)));
   if (const MillJob* finish = finishing(operations); adjust && finish != nullptr)
     adjust->errors.tool = finish->tool.number;
-  // All surfaces first: stones of the widest one lie as their section says.
+  // All surfaces first: stones of the widest one lie as their section says. Then the stones, for
+  // which bands there are follows from where joints keep off them.
   std::optional<WiderSurface> wider;
-  std::vector<Stage> after;
+  std::vector<ScaleStages> scales;
   for (const double scale : site.scales) {
-    auto of_scale =
-        stages_of_scale(file, scale, wider, sources, source_files, operations, adjust, folder);
-    stages.push_back(std::move(of_scale.front()));
-    for (Stage& s : std::span(of_scale).subspan(1)) after.push_back(std::move(s));
+    scales.emplace_back(file, scale, folder);
+    stages.push_back(fuse_stage(scales.back(), wider, sources, source_files));
     wider = WiderSurface{folder / scale_folder(scale), scale};
   }
-  for (Stage& s : after) stages.push_back(std::move(s));
-
-  if (!options.stages.empty() && std::none_of(stages.begin(), stages.end(), [&](const Stage& s) {
-        return selected(s.name, options.stages);
-      })) {
+  for (const ScaleStages& s : scales)
+    for (Stage& stage : stone_stages(s)) stages.push_back(std::move(stage));
+  const auto after_stones = [&] {
+    std::vector<Stage> after;
+    for (const ScaleStages& s : scales)
+      for (Stage& stage : stages_after_stones(s, operations, adjust))
+        after.push_back(std::move(stage));
+    return after;
+  };
+  const auto is_selected = [&](const Stage& s) { return selected(s.name, options.stages); };
+  if (const auto after = after_stones(); !options.stages.empty() &&
+                                         std::none_of(stages.begin(), stages.end(), is_selected) &&
+                                         std::none_of(after.begin(), after.end(), is_selected)) {
     std::set<std::string> names;
-    for (const Stage& s : stages) names.insert(s.name.substr(s.name.find('.') + 1));
+    for (const auto* part : {&std::as_const(stages), &after})
+      for (const Stage& s : *part) names.insert(s.name.substr(s.name.find('.') + 1));
     return fail(kUsage, fmt::format("--stage {}: stages are {}", fmt::join(options.stages, ", "),
                                     fmt::join(names, ", ")));
   }
   for (const Stage& stage : stages)
-    if (selected(stage.name, options.stages)) MAQUETTE_TRY_VOID(pipeline.run(stage, shard));
+    if (is_selected(stage)) MAQUETTE_TRY_VOID(pipeline.run(stage, shard));
+  for (const Stage& stage : after_stones())
+    if (is_selected(stage)) MAQUETTE_TRY_VOID(pipeline.run(stage, shard));
 
   const auto& records = pipeline.records();
   const bool whole = options.stages.empty() && !sharded;
@@ -570,7 +666,8 @@ Command add_run(CLI::App& root, const CommonOptions& common) {
   auto* app = root.add_subcommand(
       "run",
       "The whole chain of a site file: surface, mesh, toolpath, simulated cut, files, "
-      "picture, deviation.\nExample: maquette run site.toml --out out --set size_mm=400");
+      "pictures, the stones' parts, deviation.\nExample: maquette run site.toml --out out --set "
+      "size_mm=400");
   app->add_option("site", o->site, "site file (maquette init writes one)")->required();
   app->add_option("--out", o->out, "folder for the results")->capture_default_str();
   app->add_option("--set", o->set, "key=value, overrides the site file (repeatable)")

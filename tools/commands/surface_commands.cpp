@@ -12,12 +12,14 @@
 #include "tools/commands/shape_options.hpp"
 #include "tools/fuse_page.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_bands.hpp"
 #include "tools/jobs_offset.hpp"
 #include "tools/jobs_shaped.hpp"
 #include "tools/jobs_stone_parts.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/jobs_undercoat.hpp"
 #include "tools/machining_time.hpp"
+#include "tools/part_with_stones.hpp"
 #include "tools/report.hpp"
 
 namespace maquette::tools {
@@ -161,6 +163,8 @@ Command add_stone_parts(CLI::App& root, const CommonOptions&) {
   auto out = std::make_shared<fs::path>("stone_parts");
   auto clearance_mm = std::make_shared<double>(o->clearance.value());
   auto wall_mm = std::make_shared<double>(o->wall.value());
+  auto joint_width_mm = std::make_shared<double>(0.0);
+  auto bands = std::make_shared<fs::path>();
   auto build_mm = std::make_shared<std::vector<double>>(std::vector<double>{200, 200, 200});
   auto* app = root.add_subcommand(
       "stone-parts",
@@ -189,15 +193,22 @@ Command add_stone_parts(CLI::App& root, const CommonOptions&) {
   app->add_option("--paper", o->paper, "of placing.pdf")
       ->capture_default_str()
       ->check(CLI::IsMember({"a4", "a3"}));
-  app->add_option("--joints-mm", o->joint_width_mm,
-                  "draws where bands not wider than that meet (0: none)")
-      ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e5));
+  auto* even = app->add_option("--joints-mm", *joint_width_mm,
+                               "draws where even bands not wider than that meet (0: none)")
+                   ->capture_default_str()
+                   ->check(CLI::Range(0.0, 1e5));
+  app->add_option("--bands", *bands, "bands.json of `maquette bands`: draws these joints")
+      ->excludes(even);
   app->add_option("--name", o->name, "on every sheet of placing.pdf")->capture_default_str();
   return {app, [=](Console& console) -> Result<int> {
             o->clearance = Millimetres{*clearance_mm};
             o->wall = Millimetres{*wall_mm};
             o->volume.size_mm = {(*build_mm)[0], (*build_mm)[1], (*build_mm)[2]};
+            if (*joint_width_mm > 0.0)
+              o->bands = meshing::BandSplit{.max_width = Millimetres{*joint_width_mm}};
+            if (!bands->empty()) {
+              MAQUETTE_TRY(o->bands, read_band_layout(*bands));
+            }
             return finish(console, "stone-parts",
                           [&](const RunContext& run) { return stone_parts_job(*o, *out, run); });
           }};
@@ -279,7 +290,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
     std::string axis = "y";
     double max_length_mm = INFINITY, clearance_mm = 1.0;
     fs::path stones;
-    bool own_frame = false;
+    bool own_frame = false, with_stones = false;
     meshing::DowelOptions dowels{.diameter_mm = 0.0};  // 0: none
     meshing::DowelOptions magnets{.diameter_mm = 0.0, .depth_mm = 3.2};
     std::string shard;
@@ -288,11 +299,15 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   auto o = std::make_shared<Options>();
   auto* app = root.add_subcommand(
       "bands",
-      "Splits a designed surface into bands, each a closed solid with certificate; with\n"
-      "--max-length-mm, --stones, --dowel-mm or --magnet-mm into tiles whose joints keep off the\n"
-      "stones (tile_01.ply ..., tiles.json, tiles.svg; docs/bands.md). Bands and tiles may be\n"
-      "hollow and engraved as of `mesh` (docs/solids.md).\n"
-      "Example: maquette bands design.tif --max-width-mm 500 --out bands\n"
+      "Splits a designed surface into bands, each a closed solid with certificate (band_01.ply\n"
+      "..., bands.json); with --max-length-mm, --own-frame, --dowel-mm or --magnet-mm into tiles\n"
+      "(tile_01.ply ..., tiles.json, tiles.svg). With --stones joints keep off the stones: of "
+      "tiles\n"
+      "always, of bands as far as they can, and what a joint meets is said. Pictures of both "
+      "moved\n"
+      "apart: exploded.svg, exploded.png (docs/bands.md). Bands and tiles may be hollow and\n"
+      "engraved as of `mesh` (docs/solids.md).\n"
+      "Example: maquette bands design.tif --max-width-mm 500 --stones stones.json --out bands\n"
       "         maquette bands design.tif --count 4 --axis x --out bands\n"
       "         maquette bands design.tif --max-width-mm 500 --max-length-mm 700 --stones "
       "stones.json --dowel-mm 4 --magnet-mm 6 --hollow-mm 3 --label N --out tiles");
@@ -314,6 +329,10 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   app->add_option("--clearance-mm", o->clearance_mm, "from joints to stones")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1000.0))
+      ->needs(stones);
+  app->add_flag("--with-stones", o->with_stones,
+                "bands or tiles and the stones on them as one solid each; not with --hollow-mm, "
+                "labels, dowels, magnets")
       ->needs(stones);
   auto* own = app->add_flag("--own-frame", o->own_frame,
                             "tiles with their south-western corner and base at the origin");
@@ -347,25 +366,34 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
   auto* shards =
       app->add_option("--shard", o->shard, "i/n: only every n-th band, starting at the i-th");
   add_shape_options(*app, o->shape, "text, engraved in each band or tile with its number");
-  for (auto* tiles_only : {static_cast<CLI::Option*>(length), stones, own, dowel, magnet})
+  for (auto* tiles_only : {static_cast<CLI::Option*>(length), own, dowel, magnet})
     for (auto* bands_only : {static_cast<CLI::Option*>(shards), count, axis})
       bands_only->excludes(tiles_only);
   return {app, [o, app](Console& console) -> Result<int> {
             // The wall that stays visible when the bands are joined.
             if (o->axis == "x" && app->get_option("--label-side")->count() == 0)
               o->shape.side = "south";
-            if (std::isfinite(o->max_length_mm) || !o->stones.empty() || o->own_frame ||
-                o->dowels.diameter_mm > 0.0 || o->magnets.diameter_mm > 0.0) {
+            Shape shape;
+            MAQUETTE_TRY_VOID(take_shape_options(o->shape, shape));
+            if (o->with_stones &&
+                (!shape.plain() || o->dowels.diameter_mm > 0.0 || o->magnets.diameter_mm > 0.0))
+              return fail(kUsage,
+                          "--with-stones makes plain solids; leave out --hollow-mm, --label, "
+                          "--scale-bar, --dowel-mm and --magnet-mm, or glue the stones on");
+            const auto plan = o->stones.empty() ? std::nullopt : std::optional(o->stones);
+            if (std::isfinite(o->max_length_mm) || o->own_frame || o->dowels.diameter_mm > 0.0 ||
+                o->magnets.diameter_mm > 0.0) {
               TilesJob job{.design = o->design,
-                           .stones = o->stones.empty() ? std::nullopt : std::optional(o->stones),
+                           .stones = plan,
                            .options = {.max_width = Millimetres{o->max_length_mm},
                                        .max_length = Millimetres{o->max_width_mm},
                                        .clearance = Millimetres{o->clearance_mm}},
                            .base_thickness = Millimetres{o->base_thickness_mm},
-                           .own_frame = o->own_frame};
+                           .own_frame = o->own_frame,
+                           .shape = shape,
+                           .with_stones = o->with_stones};
               if (o->dowels.diameter_mm > 0.0) job.in_joints.dowels = o->dowels;
               if (o->magnets.diameter_mm > 0.0) job.in_joints.magnets = o->magnets;
-              MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
               return finish(console, "tiles",
                             [&](const RunContext& run) { return tiles_job(job, o->out, run); });
             }
@@ -373,18 +401,23 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
             if (!o->shard.empty()) {
               MAQUETTE_TRY(shard, parse_shard(o->shard));
             }
-            MAQUETTE_TRY(const auto design, heightmap::read_model_field(o->design));
-            const meshing::BandSplit split{
-                .axis = o->axis == "x" ? meshing::BandAxis::x : meshing::BandAxis::y,
-                .max_width = Millimetres{o->max_width_mm},
-                .count = o->count};
-            MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, split));
-            std::error_code ec;
-            fs::create_directories(o->out, ec);
-            if (ec) return tl::unexpected(write_error(o->out, ec.value()));
+            const BandLayoutJob layout{
+                .design = o->design,
+                .stones = plan,
+                .split = {.axis = o->axis == "x" ? meshing::BandAxis::x : meshing::BandAxis::y,
+                          .max_width = Millimetres{o->max_width_mm},
+                          .count = o->count},
+                .clearance = Millimetres{o->clearance_mm},
+                .base_thickness = Millimetres{o->base_thickness_mm},
+                .with_stones = o->with_stones};
+            MAQUETTE_TRY_VOID(finish(console, "bands", [&](const RunContext& run) {
+              return band_layout_job(layout, o->out, run);
+            }));
+            MAQUETTE_TRY(const auto split, read_band_layout(o->out / "bands.json"));
+            const std::size_t bands = 1 + (split.joints ? split.joints->size() : 0);
             ShapedJob job{.design = o->design, .base_thickness = Millimetres{o->base_thickness_mm}};
-            MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
-            for (std::size_t b = shard.index; b < bands.size(); b += shard.count) {
+            job.shape = shape;
+            for (std::size_t b = shard.index; b < bands; b += shard.count) {
               const std::string name = fmt::format("band_{:02}", b + 1);
               if (!job.plain()) {
                 job.band = BandOf{split, b};
@@ -392,6 +425,13 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
                   job.shape.label = fmt::format("{} {}", o->shape.label, b + 1);
                 MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
                   return shaped_job(job, o->out / (name + ".ply"), run);
+                }));
+                continue;
+              }
+              if (o->with_stones) {
+                MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
+                  return band_with_stones_job(o->design, o->stones, split, b, job.base_thickness,
+                                              o->out / (name + ".ply"), run);
                 }));
                 continue;
               }

@@ -292,7 +292,7 @@ Result<JobResult> MillProgram::finish(const std::optional<Proof>& proof, json fi
   figures.update(
       {{"machining_time",
         json::array({time_row(out_.filename().string(), section,
-                              job_.max_width ? fmt::format("band_{:02}", job_.band + 1) : "", t)})},
+                              job_.bands ? fmt::format("band_{:02}", job_.band + 1) : "", t)})},
        {"cutting_time_min", t.cutting_s / 60.0},
        {"total_time_min", t.total_s() / 60.0},
        {"highest_block_rate_per_s", t.highest_blocks_per_s},
@@ -391,9 +391,8 @@ Result<Piece> piece_of(const MillJob& job, double margin_mm) {
   }
   piece.table_mm = static_cast<double>(heightmap::height_range(piece.design.z_mm).min) -
                    job.base_thickness.value();
-  if (job.max_width) {
-    MAQUETTE_TRY(const auto bands,
-                 meshing::split_into_bands(piece.design, meshing::BandAxis::y, *job.max_width));
+  if (job.bands) {
+    MAQUETTE_TRY(const auto bands, meshing::split_into_bands(piece.design, *job.bands));
     MAQUETTE_CHECK(job.band < bands.size(), "band {} of {}", job.band, bands.size());
     const meshing::Band& b = bands[job.band];
     piece.first_y_mm = piece.design.y_mm(b.first);

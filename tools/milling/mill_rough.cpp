@@ -13,7 +13,7 @@ using nlohmann::json;
 Result<JobResult> rough_job(const MillJob& job, const std::filesystem::path& out,
                             const RunContext& run) {
   MillJob whole = job;
-  whole.max_width.reset();  // a band's neighbour would stand in the way of its entries
+  whole.bands.reset();  // a band's neighbour would stand in the way of its entries
   MAQUETTE_TRY(Piece piece, piece_of(whole, 0.0));
   piece.depth.reset();
   piece.deepest_mm = job.step_down_mm;

@@ -657,9 +657,8 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
 
 /// What a picture's veil is a share of. Beside the part nothing is rendered: there the measured
 /// numbers are taken back through the sensor, less the veil that is in them already.
-/// @param part  mean of the part's pixels behind the lens
-PhotoViews::MeanLight PhotoViews::mean_light(std::size_t k, std::size_t channel,
-                                             double part) const {
+/// @param change  of the part's light since it was pictured
+double PhotoViews::mean_light(std::size_t k, std::size_t channel, double change) const {
   const PhotoInput& photo = scene_.photos[k];
   const View& view = views_[k];
   const Photograph& taken = photographs_[k];
@@ -677,10 +676,10 @@ PhotoViews::MeanLight PhotoViews::mean_light(std::size_t k, std::size_t channel,
   const double with_veil = count > 0.0 ? sum / count : 0.0, kept = 1.0 - state_.veil_scattered,
                veil = state_.veil + state_.veil_scattered;
   const double damped = 1.0 + beside * veil / kept;
-  MeanLight out;
-  out.of_part = view.part_share * part / damped;
-  out.all = std::fmax(out.of_part, out.of_part + beside * with_veil / kept / damped);
-  return out;
+  const double part = change * (static_cast<double>(view.light_of_part[0]) +
+                                state_.vignette_2 * static_cast<double>(view.light_of_part[1]) +
+                                state_.vignette_4 * static_cast<double>(view.light_of_part[2]));
+  return (view.part_share * part + std::fmax(0.0, beside * with_veil / kept)) / damped;
 }
 
 void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<MeasuredPixel>& out) {
@@ -706,24 +705,25 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
                  (c + 0.5 - half_u) / (1.0 + scale) + half_u - 0.5);
   };
   // Of the part as rendered; of what lies beside it as measured.
-  double part = 0.0, count = 0.0;
+  std::array<double, 3> moments{};
+  double count = 0.0;
   const std::ptrdiff_t far = reach();
   for (int r = 0; r < photo.height_px; ++r)
     for (int c = 0; c < photo.width_px; ++c) {
       if (!view.wanted(r, c, far) || !(hits(r, c) > 0.0F)) continue;
       const double r2 = radius2(c + 0.5 - half_u, r + 0.5 - half_v, photo);
-      part += static_cast<double>(image(r, c)) *
-              (1.0 + state_.vignette_2 * r2 + state_.vignette_4 * r2 * r2);
+      double light = image(r, c);
+      for (double& m : moments) {
+        m += light;
+        light *= r2;
+      }
       count += static_cast<double>(hits(r, c));
     }
-  part /= std::fmax(1.0, count);
-  std::array<float, 3> mean{}, of_part{};
-  for (std::size_t ch = 0; ch < taken.value.size(); ++ch) {
-    const MeanLight m = mean_light(k, ch, part);
-    mean[ch] = static_cast<float>(m.all);
-    of_part[ch] = static_cast<float>(m.of_part);
-  }
-  view.mean_of_part = of_part;
+  for (std::size_t i = 0; i < moments.size(); ++i)
+    view.light_of_part[i] = static_cast<float>(moments[i] / std::fmax(1.0, count));
+  std::array<float, 3> mean{};
+  for (std::size_t ch = 0; ch < taken.value.size(); ++ch)
+    mean[ch] = static_cast<float>(mean_light(k, ch, 1.0));
   const PhotoChain chain(state_, state_, scene_);
   std::vector<MeasuredPixel> made(view.lattice.size());
   std::vector<std::uint8_t> good(view.lattice.size(), 0);
@@ -847,13 +847,12 @@ void PhotoViews::light_pixels() {
     });
   // A picture's mean follows that of its pixels; what lies beside the part stays.
   const std::vector<double> now = light_by_photo();
-  for (MeasuredPixel& p : pixels_) {
-    const double light = light_before_[p.photo];
-    if (!(light > 0.0)) continue;
-    for (std::size_t ch = 0; ch < channels(); ++ch)
-      p.mean[ch] += static_cast<float>(static_cast<double>(views_[p.photo].mean_of_part[ch]) *
-                                       (now[p.photo] / light - 1.0));
-  }
+  std::vector<std::array<float, 3>> mean(scene_.photos.size());
+  for (std::size_t k = 0; k < mean.size(); ++k)
+    for (std::size_t ch = 0; shows(k) && ch < channels(); ++ch)
+      mean[k][ch] = static_cast<float>(
+          mean_light(k, ch, light_before_[k] > 0.0 ? now[k] / light_before_[k] : 1.0));
+  for (MeasuredPixel& p : pixels_) p.mean = mean[p.photo];
 }
 
 /// Mean of the rays' light over the pixels of each photograph.

@@ -84,7 +84,8 @@ class PhotoViews {
     std::vector<std::uint32_t> lattice;
     std::vector<std::uint32_t> beside{};  ///< of the first lattice, wholly beside the surface
     double part_share = 1.0;              ///< of the picture, that the surface fills
-    std::array<float, 3> mean_of_part{};  ///< what the surface gives to the picture's mean
+    /// Means over the surface's pixels of their light times the radius^0, 2, 4, as pictured.
+    std::array<float, 3> light_of_part{};
     std::vector<std::array<SeenLamp, kLampSizes>>
         lamp_of_size{};  ///< by pixel of the lattice; empty: not known
     /// Is the pixel near enough to one of the lattice to matter?
@@ -116,10 +117,7 @@ class PhotoViews {
   [[nodiscard]] Vec3 normal_at(std::size_t photo, double x, double y) const;
   [[nodiscard]] Grid<float> picture(std::size_t photo, Grid<float>& hits) const;
   void select(std::size_t photo, const Grid<float>& hits);
-  struct MeanLight {
-    double all = 0.0, of_part = 0.0;  ///< behind the lens; of_part: the surface's share in it
-  };
-  [[nodiscard]] MeanLight mean_light(std::size_t photo, std::size_t channel, double part) const;
+  [[nodiscard]] double mean_light(std::size_t photo, std::size_t channel, double change) const;
   void take_pixels(std::size_t photo, bool lamp_sizes, std::vector<MeasuredPixel>& out);
   [[nodiscard]] std::array<SeenLamp, kLampSizes> lamp_of_sizes(std::size_t photo,
                                                                std::uint32_t at) const;

@@ -39,10 +39,12 @@ Selection select(std::span<const std::array<std::uint32_t, 3>> piece) {
   return s;
 }
 
+template <std::size_t Size>
 int add_attribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type,
-                  std::span<const Float3> values, const std::vector<std::uint32_t>& which) {
+                  std::span<const std::array<float, Size>> values,
+                  const std::vector<std::uint32_t>& which) {
   draco::GeometryAttribute attribute;
-  attribute.Init(type, nullptr, 3, draco::DT_FLOAT32, false, sizeof(Float3), 0);
+  attribute.Init(type, nullptr, Size, draco::DT_FLOAT32, false, sizeof(values[0]), 0);
   const int id = mesh.AddAttribute(attribute, true, static_cast<std::uint32_t>(which.size()));
   for (std::uint32_t i = 0; i < which.size(); ++i)
     mesh.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(i), values[which[i]].data());
@@ -97,7 +99,8 @@ void count_spoilt(std::span<const Float3> positions,
 
 Result<DracoPiece> draco_piece(std::span<const Float3> positions, std::span<const Float3> normals,
                                std::span<const std::array<std::uint32_t, 3>> piece,
-                               const PositionGrid& grid, const DracoSettings& settings) try {
+                               const PositionGrid& grid, const DracoSettings& settings,
+                               const DracoTexture& texture) try {
   const Selection selection = select(piece);
   draco::Mesh mesh;
   mesh.set_num_points(static_cast<std::uint32_t>(selection.global.size()));
@@ -113,10 +116,28 @@ Result<DracoPiece> draco_piece(std::span<const Float3> positions, std::span<cons
   const int normal = normals.empty() ? -1
                                      : add_attribute(mesh, draco::GeometryAttribute::NORMAL,
                                                      normals, selection.global);
+  const int picture = texture.values.empty()
+                          ? -1
+                          : add_attribute(mesh, draco::GeometryAttribute::TEX_COORD, texture.values,
+                                          selection.global);
+
+  int tangent = -1;
+  if (texture.tangent) {
+    draco::GeometryAttribute attribute;
+    attribute.Init(draco::GeometryAttribute::GENERIC, nullptr, 4, draco::DT_FLOAT32, false,
+                   sizeof *texture.tangent, 0);
+    tangent =
+        mesh.AddAttribute(attribute, true, static_cast<std::uint32_t>(selection.global.size()));
+    for (std::uint32_t i = 0; i < selection.global.size(); ++i)
+      mesh.attribute(tangent)->SetAttributeValue(draco::AttributeValueIndex(i),
+                                                 texture.tangent->data());
+  }
 
   DracoPiece result;
   result.position_id = mesh.attribute(position)->unique_id();
   if (normal >= 0) result.normal_id = mesh.attribute(normal)->unique_id();
+  if (picture >= 0) result.texture_id = mesh.attribute(picture)->unique_id();
+  if (tangent >= 0) result.tangent_id = mesh.attribute(tangent)->unique_id();
   result.min.fill(std::numeric_limits<float>::infinity());
   result.max.fill(-std::numeric_limits<float>::infinity());
   for (const std::uint32_t v : selection.global)
@@ -137,6 +158,22 @@ Result<DracoPiece> draco_piece(std::span<const Float3> positions, std::span<cons
   encoder.SetAttributeExplicitQuantization(draco::GeometryAttribute::POSITION, grid.bits, 3,
                                            grid.origin.data(), grid.range);
   encoder.SetAttributeQuantization(draco::GeometryAttribute::NORMAL, settings.normal_bits);
+  // What is flat over the mesh is predicted by parallelograms, not from the relief.
+  if (settings.normals_alike)
+    encoder.SetAttributePredictionScheme(draco::GeometryAttribute::NORMAL,
+                                         draco::PREDICTION_DIFFERENCE);
+  if (picture >= 0) {
+    constexpr Float2 kOrigin{};
+    encoder.SetAttributeExplicitQuantization(draco::GeometryAttribute::TEX_COORD, texture.bits, 2,
+                                             kOrigin.data(), texture.range);
+    encoder.SetAttributePredictionScheme(draco::GeometryAttribute::TEX_COORD,
+                                         draco::MESH_PREDICTION_PARALLELOGRAM);
+  }
+  if (tangent >= 0) {
+    encoder.SetAttributeQuantization(draco::GeometryAttribute::GENERIC, 8);  // one value: exact
+    encoder.SetAttributePredictionScheme(draco::GeometryAttribute::GENERIC,
+                                         draco::PREDICTION_DIFFERENCE);
+  }
   encoder.SetTrackEncodedProperties(true);
   draco::EncoderBuffer buffer;
   const draco::Status status = encoder.EncodeMeshToBuffer(mesh, &buffer);

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -15,6 +16,7 @@
 namespace maquette::exporting {
 
 using Float3 = std::array<float, 3>;
+using Float2 = std::array<float, 2>;
 
 /// Positions are rounded to origin + k range / (2^bits - 1) on each axis.
 struct PositionGrid {
@@ -29,7 +31,7 @@ struct PositionGrid {
 struct DracoPiece {
   std::vector<char> bytes;
   std::uint32_t points = 0, faces = 0;  ///< as a decoder will find them
-  std::uint32_t position_id = 0, normal_id = 0;
+  std::uint32_t position_id = 0, normal_id = 0, texture_id = 0, tangent_id = 0;
   Float3 min{}, max{};  ///< of the positions, as a decoder will find them
   /// Triangles that the grid leaves without area, and those that it turns to the other side.
   std::uint32_t flat = 0, turned = 0;
@@ -43,6 +45,15 @@ struct DracoSettings {
   /// predicted from positions: a grid of heights takes half the bytes for a third more time.
   int speed = 5;
   int normal_bits = kNormalBits;
+  bool normals_alike = false;  ///< one value for all: predicted from each other, at no cost
+};
+
+/// Texture coordinates, rounded to k range / (2^bits - 1); none: `values` is empty.
+struct DracoTexture {
+  std::span<const Float2> values;
+  int bits = 12;
+  float range = 1.0F;
+  std::optional<std::array<float, 4>> tangent;  ///< the same for all vertices
 };
 
 /// EXPORT_LIBRARY_FAILED with Draco's reason.
@@ -51,6 +62,7 @@ struct DracoSettings {
                                              std::span<const Float3> normals,
                                              std::span<const std::array<std::uint32_t, 3>> piece,
                                              const PositionGrid& grid,
-                                             const DracoSettings& settings = {});
+                                             const DracoSettings& settings = {},
+                                             const DracoTexture& texture = {});
 
 }  // namespace maquette::exporting

@@ -5,19 +5,17 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
-#include <mutex>
 #include <numbers>
 
-#include <cpl_error.h>
 #include <cpl_string.h>
 #include <fmt/format.h>
-#include <gdal.h>
 #include <ogr_spatialref.h>
 #include <tbb/parallel_for.h>
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
 #include "export/cad.hpp"
+#include "export/detail/gdal_memory.hpp"
 #include "export/glb_file.hpp"
 #include "heightmap/model_frame.hpp"
 
@@ -26,63 +24,24 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+using detail::gdal_memory;
+using detail::GdalDataset;
+using detail::GdalMessages;
+using detail::put_row;
 using heightmap::ModelField;
 
 constexpr double kMostNumber = 65535.0;
 /// Of a surface without relief, so that a number still means something.
 constexpr double kFlatStep_mm = 1e-3;
 
-/// While it lives, GDAL's messages of this thread end here.
-class Messages {
- public:
-  Messages() { CPLPushErrorHandlerEx(&Messages::take, this); }
-  Messages(const Messages&) = delete;
-  Messages& operator=(const Messages&) = delete;
-  ~Messages() { CPLPopErrorHandler(); }
-  [[nodiscard]] tl::unexpected<Error> failure(const fs::path& path) const {
-    return fail(kLibraryFailed, fmt::format("{}: GDAL: {}", path.string(),
-                                            text_.empty() ? "no reason given" : text_));
-  }
-  [[nodiscard]] bool failed() const { return failed_; }
-
- private:
-  static void CPL_STDCALL take(CPLErr severity, CPLErrorNum, const char* message) {
-    auto* self = static_cast<Messages*>(CPLGetErrorHandlerUserData());
-    if (severity < CE_Warning || self->text_.size() > 500) return;
-    self->failed_ |= severity >= CE_Failure;
-    self->text_ += (self->text_.empty() ? "" : "; ") + std::string(message);
-  }
-  std::string text_;
-  bool failed_ = false;
-};
-
-struct Closer {
-  void operator()(void* dataset) const { GDALClose(dataset); }
-};
-using Dataset = std::unique_ptr<void, Closer>;
-
-/// Of one band, in memory.
-Dataset in_memory(std::ptrdiff_t cols, std::ptrdiff_t rows, GDALDataType type) {
-  static std::once_flag once;
-  std::call_once(once, [] { GDALAllRegister(); });
-  return Dataset(GDALCreate(GDALGetDriverByName("MEM"), "", static_cast<int>(cols),
-                            static_cast<int>(rows), 1, type, nullptr));
-}
-
-bool put_row(const Dataset& dataset, std::ptrdiff_t line, const void* row, std::ptrdiff_t cols,
-             GDALDataType type) {
-  const int n = static_cast<int>(cols);
-  return GDALRasterIO(GDALGetRasterBand(dataset.get(), 1), GF_Write, 0, static_cast<int>(line), n,
-                      1, const_cast<void*>(row), n, 1, type, 0, 0) == CE_None;  // only reads it
-}
-
-Result<std::uint64_t> save(const Dataset& dataset, const char* format, const char* const* options,
-                           const fs::path& path, const Messages& messages) {
+Result<std::uint64_t> save(const GdalDataset& dataset, const char* format,
+                           const char* const* options, const fs::path& path,
+                           const GdalMessages& messages) {
   AtomicPath file(path);
   MAQUETTE_TRY_VOID(file.prepare());
   GDALDriverH driver = GDALGetDriverByName(format);
   if (driver == nullptr) return fail(kLibraryFailed, fmt::format("GDAL has no driver {}", format));
-  Dataset copy(
+  GdalDataset copy(
       GDALCreateCopy(driver, file.path().c_str(), dataset.get(), FALSE, options, nullptr, nullptr));
   const bool made = copy != nullptr;
   copy.reset();  // some of it is written now
@@ -191,8 +150,8 @@ Result<std::uint64_t> write_raw(const std::vector<std::uint16_t>& tile, const fs
 
 Result<std::uint64_t> write_png(const std::vector<std::uint16_t>& tile, std::ptrdiff_t nodes,
                                 const fs::path& path) {
-  const Messages messages;
-  const Dataset dataset = in_memory(nodes, nodes, GDT_UInt16);
+  const GdalMessages messages;
+  const GdalDataset dataset = gdal_memory(nodes, nodes, GDT_UInt16);
   if (!dataset) return messages.failure(path);
   for (std::ptrdiff_t r = 0; r < nodes; ++r)
     if (!put_row(dataset, nodes - 1 - r, tile.data() + r * nodes, nodes, GDT_UInt16))
@@ -257,9 +216,9 @@ void set_place(OGRSpatialReference& frame, const LodPlace& place) {
 
 Result<std::uint64_t> write_geotiff(const ModelField& field, const HeightmapOptions& options,
                                     const fs::path& path, double& rounding_m) {
-  const Messages messages;
+  const GdalMessages messages;
   const std::ptrdiff_t rows = field.z_mm.rows(), cols = field.z_mm.cols();
-  const Dataset dataset = in_memory(cols, rows, GDT_Float32);
+  const GdalDataset dataset = gdal_memory(cols, rows, GDT_Float32);
   if (!dataset) return messages.failure(path);
   const LodContentScale content = content_scale(options.place, options.scale_denominator);
   std::vector<float> row(static_cast<std::size_t>(cols));

@@ -27,12 +27,22 @@ constexpr int kDracoSpeed = 3;  ///< see DracoSettings
 /// A tile in glTF's axes, in steps from its own origin.
 struct Local {
   std::vector<Float3> positions, normals;
-  std::array<std::int64_t, 3> origin{};  ///< steps in the set's frame
+  std::vector<Float2> texture;
+  std::array<float, 4> tangent{1.0F, 0.0F, 0.0F, 1.0F};  ///< where normals are alike
+  std::int32_t side = 1;                                 ///< of the pictures, nodes of the field
+  std::array<std::int64_t, 3> origin{};                  ///< steps in the set's frame
   Float3 min{}, max{};
+  const LodPictures* pictures = nullptr;
+  /// All upright.
+  [[nodiscard]] bool normals_alike() const { return pictures && !pictures->normal_png.empty(); }
 };
 
-Local to_local(const LodTileMesh& tile, const LodLattice& lattice, bool with_normals) {
+Local to_local(const LodTileMesh& tile, const LodLattice& lattice, bool with_normals,
+               const LodPictures* pictures) {
   Local local;
+  local.pictures = pictures;
+  local.side = static_cast<std::int32_t>(
+      std::max(tile.cols.back() - tile.cols.front(), tile.rows.back() - tile.rows.front()));
   std::int32_t lowest = std::numeric_limits<std::int32_t>::max();
   for (const LodVertex& v : tile.vertices) lowest = std::min(lowest, v.height);
   const std::int64_t k = lattice.steps_per_quad;
@@ -48,7 +58,15 @@ Local to_local(const LodTileMesh& tile, const LodLattice& lattice, bool with_nor
       local.max[i] = std::max(local.max[i], p[i]);
     }
     local.positions.push_back(p);
+    if (pictures)
+      local.texture.push_back(
+          {static_cast<float>(v.col - tile.cols.front()) / static_cast<float>(local.side),
+           static_cast<float>(tile.rows.back() - v.row) / static_cast<float>(local.side)});
     if (!with_normals) continue;
+    if (local.normals_alike()) {
+      local.normals.push_back({0.0F, 1.0F, 0.0F});
+      continue;
+    }
     const Vec3 n = gltf_axes(
         normalized(Vec3{-static_cast<double>(v.slope[0]), -static_cast<double>(v.slope[1]), 1.0}));
     local.normals.push_back(
@@ -83,6 +101,8 @@ Json frame_of(const LodTileMesh& tile, const LodLattice& lattice, const LodTileE
   json["meshes"] = {
       {{"primitives", {{{"attributes", {{"POSITION", 0}}}, {"indices", 1}, {"material", 0}}}}}};
   if (!local.normals.empty()) json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 2;
+  if (!local.texture.empty()) json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = 3;
+  if (local.normals_alike()) json["meshes"][0]["primitives"][0]["attributes"]["TANGENT"] = 4;
   return json;
 }
 
@@ -90,19 +110,29 @@ Json accessor(int type, std::uint64_t count, const char* shape) {
   return {{"componentType", type}, {"count", count}, {"type", shape}};
 }
 
-/// Positions are accessor 0, triangles 1, normals 2 if there are any.
+struct Types {
+  int position, index, normal, texture, tangent;
+};
+/// Positions are accessor 0, triangles 1, normals 2, texture coordinates 3 and tangents 4 if there
+/// are any.
 void add_accessors(Json& json, const Local& local, std::uint64_t vertices, std::uint64_t triangles,
-                   int position_type, int index_type, int normal_type) {
-  json["accessors"] = {accessor(position_type, vertices, "VEC3"),
-                       accessor(index_type, 3 * triangles, "SCALAR")};
+                   const Types& types) {
+  json["accessors"] = {accessor(types.position, vertices, "VEC3"),
+                       accessor(types.index, 3 * triangles, "SCALAR")};
   for (const char* bound : {"min", "max"}) {
     const Float3& values = bound[1] == 'i' ? local.min : local.max;
     for (const float x : values)
       json["accessors"][0][bound].push_back(static_cast<std::int64_t>(x));
   }
   if (local.normals.empty()) return;
-  json["accessors"].push_back(accessor(normal_type, vertices, "VEC3"));
-  if (normal_type != kFloat) json["accessors"][2]["normalized"] = true;
+  json["accessors"].push_back(accessor(types.normal, vertices, "VEC3"));
+  if (types.normal != kFloat) json["accessors"][2]["normalized"] = true;
+  if (local.texture.empty()) return;
+  json["accessors"].push_back(accessor(types.texture, vertices, "VEC2"));
+  if (types.texture != kFloat) json["accessors"][3]["normalized"] = true;
+  if (!local.normals_alike()) return;
+  json["accessors"].push_back(accessor(types.tangent, vertices, "VEC4"));
+  if (types.tangent != kFloat) json["accessors"][4]["normalized"] = true;
 }
 
 template <class T>
@@ -110,6 +140,29 @@ void append(std::vector<char>& binary, const std::vector<T>& values) {
   const std::size_t at = binary.size();
   binary.resize(at + glb_padded(values.size() * sizeof(T)));
   std::memcpy(binary.data() + at, values.data(), values.size() * sizeof(T));
+}
+
+/// Behind all other views, into buffer 0.
+void add_pictures(Json& json, std::vector<char>& binary, const Local& local) {
+  if (!local.pictures) return;
+  // Beyond the picture nothing is asked for; its border is its own, not the other side's.
+  constexpr int kLinear = 9729, kLinearMipmapLinear = 9987, kClampToEdge = 33071;
+  json["samplers"] = {{{"magFilter", kLinear},
+                       {"minFilter", kLinearMipmapLinear},
+                       {"wrapS", kClampToEdge},
+                       {"wrapT", kClampToEdge}}};
+  const auto add = [&](const char* use, const std::vector<char>& png) {
+    if (png.empty()) return;
+    json["images"].push_back(
+        {{"bufferView", json["bufferViews"].size()}, {"mimeType", "image/png"}});
+    json["bufferViews"].push_back(
+        {{"buffer", 0}, {"byteOffset", binary.size()}, {"byteLength", png.size()}});
+    json["textures"].push_back({{"sampler", 0}, {"source", json["images"].size() - 1}});
+    json["materials"][0][use] = {{"index", json["textures"].size() - 1}};
+    append(binary, png);
+  };
+  add("normalTexture", local.pictures->normal_png);
+  add("occlusionTexture", local.pictures->occlusion_png);
 }
 
 /// glTF's axes turned so that up is x (draco_normals.hpp), and the quaternion that turns them back:
@@ -120,6 +173,8 @@ Local with_up_as_x(Local local) {
   for (Float3& n : local.normals) turn(n);
   turn(local.min);
   turn(local.max);
+  const auto [x, y, z, w] = local.tangent;
+  local.tangent = {y, z, x, w};
   return local;
 }
 const Json kUpFromX{0.5, 0.5, 0.5, 0.5};
@@ -159,30 +214,44 @@ Result<GlbContent> encode_draco(const LodTileMesh& tile, const Local& in_gltf_ax
   grid.range = static_cast<float>((std::uint32_t{1} << grid.bits) - 1);
   const auto triangles = from_the_middle(tile);
   DracoNormals normals;
-  if (!local.normals.empty())
+  if (local.normals_alike())
+    normals = {.values = local.normals, .bits = options.normal_bits};
+  else if (!local.normals.empty())
     normals = draco_normals(local.positions, local.normals, triangles, outline(tile),
                             options.normal_bits);
-  MAQUETTE_TRY(const DracoPiece piece,
-               draco_piece(local.positions, normals.values, triangles, grid,
-                           {.speed = kDracoSpeed, .normal_bits = normals.bits}));
-  add_accessors(json, local, piece.points, piece.faces, kFloat, kUnsignedInt, kFloat);
+  DracoTexture texture;  // nodes of the field, exactly
+  texture.values = local.texture;
+  texture.bits = 1;
+  while ((1 << texture.bits) - 1 < local.side) ++texture.bits;
+  texture.range = static_cast<float>((1 << texture.bits) - 1) / static_cast<float>(local.side);
+  if (local.normals_alike()) texture.tangent = local.tangent;
+  MAQUETTE_TRY(const DracoPiece piece, draco_piece(local.positions, normals.values, triangles, grid,
+                                                   {.speed = kDracoSpeed,
+                                                    .normal_bits = normals.bits,
+                                                    .normals_alike = local.normals_alike()},
+                                                   texture));
+  add_accessors(json, local, piece.points, piece.faces,
+                {kFloat, kUnsignedInt, kFloat, kFloat, kFloat});
   json["extensionsUsed"] = {"KHR_draco_mesh_compression"};
   json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
   Json attributes{{"POSITION", piece.position_id}};
   if (!local.normals.empty()) attributes["NORMAL"] = piece.normal_id;
+  if (!local.texture.empty()) attributes["TEXCOORD_0"] = piece.texture_id;
+  if (local.normals_alike()) attributes["TANGENT"] = piece.tangent_id;
   json["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"] = {
       {"bufferView", 0}, {"attributes", std::move(attributes)}};
   json["bufferViews"] = {{{"buffer", 0}, {"byteOffset", 0}, {"byteLength", piece.bytes.size()}}};
   GlbContent content;
   append(content.binary, piece.bytes);
+  add_pictures(json, content.binary, local);
   json["buffers"] = {{{"byteLength", content.binary.size()}}};
   content.json = json.dump();
   return content;
 }
 
 GlbContent encode_plain(const LodTileMesh& tile, const Local& local, Json json) {
-  add_accessors(json, local, local.positions.size(), tile.triangles.size(), kFloat, kUnsignedInt,
-                kFloat);
+  add_accessors(json, local, local.positions.size(), tile.triangles.size(),
+                {kFloat, kUnsignedInt, kFloat, kFloat, kFloat});
   GlbContent content;
   const auto add = [&](const auto& values, int target) {
     json["accessors"][json["bufferViews"].size()]["bufferView"] = json["bufferViews"].size();
@@ -196,6 +265,9 @@ GlbContent encode_plain(const LodTileMesh& tile, const Local& local, Json json) 
   add(local.positions, kArrayBuffer);
   add(tile.triangles, kElementArrayBuffer);
   if (!local.normals.empty()) add(local.normals, kArrayBuffer);
+  if (!local.texture.empty()) add(local.texture, kArrayBuffer);
+  if (local.normals_alike()) add(std::vector(local.positions.size(), local.tangent), kArrayBuffer);
+  add_pictures(json, content.binary, local);
   json["buffers"] = {{{"byteLength", content.binary.size()}}};
   content.json = json.dump();
   return content;
@@ -222,7 +294,8 @@ class MeshoptViews {
     append(content.binary, packed);
     unpacked_ = glb_padded(unpacked_ + count * stride);
   }
-  GlbContent finish(Json json) {
+  GlbContent finish(Json json, const Local& local) {
+    add_pictures(json, content.binary, local);
     json["buffers"] = {{{"byteLength", content.binary.size()}},
                        {{"byteLength", unpacked_},
                         {"extensions", {{"EXT_meshopt_compression", {{"fallback", true}}}}}}};
@@ -252,8 +325,9 @@ GlbContent encode_meshopt(const LodTileMesh& tile, const Local& local, Json json
   constexpr float kWidest16 = 65535.0F;
   const bool wide = *std::max_element(local.max.begin(), local.max.end()) > kWidest16;
   const bool short_indices = count <= 65535;  // 65535 itself is the value that restarts strips
-  add_accessors(json, local, count, tile.triangles.size(), wide ? kFloat : kUnsignedShort,
-                short_indices ? kUnsignedShort : kUnsignedInt, kByte);
+  add_accessors(json, local, count, tile.triangles.size(),
+                {wide ? kFloat : kUnsignedShort, short_indices ? kUnsignedShort : kUnsignedInt,
+                 kByte, kUnsignedShort, kByte});
   json["extensionsUsed"] = {"EXT_meshopt_compression", "KHR_mesh_quantization"};
   json["extensionsRequired"] = {"EXT_meshopt_compression", "KHR_mesh_quantization"};
   json["bufferViews"] = Json::array();
@@ -284,7 +358,21 @@ GlbContent encode_meshopt(const LodTileMesh& tile, const Local& local, Json json
     views.add(json, pack_vertices(octahedral.data(), count, 4), count, 4, "ATTRIBUTES",
               "OCTAHEDRAL", kArrayBuffer);
   }
-  return views.finish(std::move(json));
+  if (!local.texture.empty()) {
+    std::vector<std::array<std::uint16_t, 2>> texture(count);
+    for (std::size_t i = 0; i < count; ++i)
+      for (std::size_t k = 0; k < 2; ++k)
+        texture[order[i]][k] =
+            static_cast<std::uint16_t>(std::lround(kWidest16 * local.texture[i][k]));
+    views.add(json, pack_vertices(texture.data(), count, 4), count, 4, "ATTRIBUTES", nullptr,
+              kArrayBuffer);
+  }
+  if (local.normals_alike()) {
+    const std::vector<std::array<std::int8_t, 4>> tangents(count, {127, 0, 0, 127});
+    views.add(json, pack_vertices(tangents.data(), count, 4), count, 4, "ATTRIBUTES", nullptr,
+              kArrayBuffer);
+  }
+  return views.finish(std::move(json), local);
 }
 
 }  // namespace
@@ -321,8 +409,8 @@ std::string material_json(LodMaterial material) {
 
 Result<GlbContent> encode_lod_tile(const LodTileMesh& tile, const LodLattice& lattice,
                                    const LodTileError& error, const LodAssetOptions& options,
-                                   LodContentScale content) {
-  const Local local = to_local(tile, lattice, options.normals);
+                                   LodContentScale content, const LodPictures* pictures) {
+  const Local local = to_local(tile, lattice, options.normals, pictures);
   Json json = frame_of(tile, lattice, error, options, content, local);
   switch (options.compression) {
     case LodCompression::draco:

@@ -18,12 +18,18 @@
 ///            where the tile is wider), normals octahedral in 8 bits; triangles in an order that
 ///            vertex caches like
 ///   plain    floats and 32 bit indices
+///
+/// With pictures (lod_pictures.hpp) the material has them as normalTexture and occlusionTexture,
+/// and texture coordinates are whole numbers of the field's nodes over the picture's side (in 16
+/// bits of it for meshopt). Where there is a picture of normals the vertices' are upright,
+/// with tangents to the east.
 
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "core/result.hpp"
+#include "export/lod_pictures.hpp"
 #include "export/lod_tile.hpp"
 
 namespace maquette::exporting {
@@ -57,10 +63,12 @@ struct GlbContent {
 /// The material as a JSON object.
 [[nodiscard]] std::string material_json(LodMaterial material);
 
+/// @param pictures  null: none; @pre with pictures `options.normals`
 /// EXPORT_LIBRARY_FAILED: Draco or meshoptimizer gave up.
 [[nodiscard]] Result<GlbContent> encode_lod_tile(const LodTileMesh& tile, const LodLattice& lattice,
                                                  const LodTileError& error,
                                                  const LodAssetOptions& options,
-                                                 LodContentScale content = {});
+                                                 LodContentScale content = {},
+                                                 const LodPictures* pictures = nullptr);
 
 }  // namespace maquette::exporting

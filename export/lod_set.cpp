@@ -25,6 +25,8 @@ using Json = nlohmann::ordered_json;
 constexpr double kCoarsestStep = 0.25;
 /// Goes up when tiles of the same heights and options get other bytes.
 constexpr int kTileVersion = 4;
+/// Of a picture's side: what WebGL 2 grants is 2048, what engines do 4096.
+constexpr int kMostTexels = 4096;
 
 Result<void> check_options(const heightmap::ModelField& field, const LodSetOptions& o) {
   const auto bad = [](const std::string& what) { return fail(kOptionOutOfRange, what); };
@@ -34,6 +36,11 @@ Result<void> check_options(const heightmap::ModelField& field, const LodSetOptio
     return bad(fmt::format("tiles of {} quads: 16 to 1024 expected", o.tile_quads));
   if (o.asset.normal_bits < 4 || o.asset.normal_bits > 16)
     return bad(fmt::format("{} bits a normal: 4 to 16 expected", o.asset.normal_bits));
+  if (o.texels != 0 && (o.texels < 16 || o.texels > kMostTexels))
+    return bad(
+        fmt::format("pictures of {} texels a side: 16 to {} expected", o.texels, kMostTexels));
+  if (o.texels != 0 && !o.asset.normals)
+    return bad("pictures without normals: engines turn a picture's normals by the mesh's");
   if (o.max_error && !(o.max_error->value() > 0.0))
     return bad(fmt::format("an error of {} mm: more than 0 expected", o.max_error->value()));
   MAQUETTE_TRY_VOID(check_place(o.place, o.asset.scale_denominator));
@@ -47,12 +54,12 @@ std::string key_of(const heightmap::ModelField& field, const LodSetOptions& o) {
   const std::string content =
       sha256({reinterpret_cast<const char*>(heights.data()), heights.size() * sizeof(heights[0])});
   const LodContentScale scale = content_scale(o);
-  return sha256(fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {} {} {}", kTileVersion, content,
-                            field.z_mm.rows(), field.z_mm.cols(), field.spacing.value(),
+  return sha256(fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}", kTileVersion,
+                            content, field.z_mm.rows(), field.z_mm.cols(), field.spacing.value(),
                             o.position_bits, o.tile_quads, static_cast<int>(o.filter),
                             name(o.asset.compression), name(o.asset.material), o.asset.normals,
                             o.asset.normal_bits, o.asset.scale_denominator, scale.horizontal,
-                            scale.vertical));
+                            scale.vertical, o.texels));
 }
 
 Result<void> make_folder(const fs::path& folder) {
@@ -98,7 +105,9 @@ std::vector<LodTileKey> tiles_of(const heightmap::ModelField& field, const LodLa
   return keys;
 }
 
-Result<LodTileReport> make_one(const LodPyramid& pyramid, const LodLattice& lattice, LodTileKey key,
+/// @param light  lod_occlusion(), for pictures; null: none
+Result<LodTileReport> make_one(const LodPyramid& pyramid, const Grid<float>* light,
+                               const LodLattice& lattice, LodTileKey key,
                                const LodSetOptions& options, const fs::path& path) {
   const LodTileMesh tile = make_lod_tile(pyramid, lattice, key);
   LodTileReport report;
@@ -117,8 +126,13 @@ Result<LodTileReport> make_one(const LodPyramid& pyramid, const LodLattice& latt
     report.kept = true;
     return report;
   }
+  LodPictures pictures;
+  if (light != nullptr) {
+    MAQUETTE_TRY(pictures, make_lod_pictures(pyramid, *light, tile, options.texels));
+  }
   MAQUETTE_TRY(const GlbContent content,
-               encode_lod_tile(tile, lattice, report.error, options.asset, content_scale(options)));
+               encode_lod_tile(tile, lattice, report.error, options.asset, content_scale(options),
+                               light != nullptr ? &pictures : nullptr));
   MAQUETTE_TRY(report.bytes, write_glb_content(content, path));
   return report;
 }
@@ -132,6 +146,8 @@ Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const 
     paths.push_back(folder / lod_tile_uri(pyramid.levels() - 1 - key.level, key.x, key.y));
     MAQUETTE_TRY_VOID(make_folder(paths.back().parent_path()));
   }
+  std::optional<Grid<float>> light;
+  if (options.texels > 0) light = lod_occlusion(pyramid);
   std::vector<std::optional<Result<LodTileReport>>> made(keys.size());
   std::atomic<std::size_t> done{0};
   std::atomic<bool> failed{false};
@@ -139,7 +155,7 @@ Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const 
       std::size_t{0}, keys.size(),
       [&](std::size_t i) {
         if (run.stopped() || failed) return;
-        made[i] = make_one(pyramid, lattice, keys[i], options, paths[i]);
+        made[i] = make_one(pyramid, light ? &*light : nullptr, lattice, keys[i], options, paths[i]);
         if (!*made[i]) failed = true;
         run.progress(0.1 + 0.9 * static_cast<double>(++done) / static_cast<double>(keys.size()));
       },
@@ -283,6 +299,7 @@ std::string to_json(const LodSetReport& report, const LodSetOptions& options,
             {"step_mm", report.lattice.step_mm},
             {"steps_per_quad", report.lattice.steps_per_quad},
             {"tile_quads", report.lattice.tile_quads},
+            {"texels", options.texels},
             {"nodes", {field.z_mm.cols(), field.z_mm.rows()}},
             {"spacing_mm", field.spacing.value()},
             {"x0_mm", field.x0.value()},

@@ -26,7 +26,7 @@
 /// Work    tiles in parallel, each file whole or not at all. A run that was stopped goes on: tiles
 ///         of the same heights, options and version are kept if they are as long as their header
 ///         says. Same bytes for any number of threads.
-/// Memory  a third of the heights more, and one tile a thread.
+/// Memory  a third of the heights more, and one tile a thread; with pictures half the heights more.
 ///
 /// 3D Tiles 1.1, OGC 22-025r4; body other than Earth: extension 3DTILES_ellipsoid.
 
@@ -58,6 +58,7 @@ struct LodSetOptions {
   std::ptrdiff_t tile_quads = 256;  ///< edge of a tile, 16 to 1024
   LodFilter filter = LodFilter::smooth;
   LodAssetOptions asset;
+  int texels = 0;  ///< along the side of a tile's pictures (lod_pictures.hpp), 0: none; to 4096
   std::optional<Millimetres> max_error;  ///< that the finest level must keep
   std::optional<LodPlace> place;
 };

@@ -5,6 +5,8 @@
 //   3d-tiles-renderer loads tileset.json and tileset_implicit.json, and shows several levels at once
 //   the picture is right: seen straight from above, no pixel of the background shines through the
 //   terrain, whichever levels meet; and the terrain ends where the site ends
+//   with --textures the coarsest level is shaded as the full surface is, closer than without: seen
+//   from above under a low sun, the folders draco and textured
 //   no message on the console
 //   of folders of one compression all choose the same levels: what lies on a body at full size those
 //   that the model does
@@ -121,7 +123,7 @@ async function show({ tileset, size, scale, root }) {
   above.lookAt(0.5 * w, 0, -0.5 * h);
   above.updateMatrixWorld();
   const pictures = [oblique];
-  const holes = [];
+  const holes = [], shades = [];
   for (const target of [200, 4, 1e-9]) {
     tiles.deleteCamera(chooser);
     tiles.setCamera(above);
@@ -147,15 +149,24 @@ async function show({ tileset, size, scale, root }) {
         if (!background && Math.min(u, 1 - u, v, 1 - v) < -slack) outside += 1;
       }
     holes.push([target, through, outside, tiles.visibleTiles.size]);
+    // Green of pieces of 4 x 4 pixels inside the site.
+    const shade = [];
+    for (let y = 40; y < 760; y += 4)
+      for (let x = 40; x < 760; x += 4) {
+        let sum = 0;
+        for (let k = 0; k < 16; k += 1) sum += pixels[4 * (800 * (y + (k >> 2)) + x + (k & 3)) + 1];
+        shade.push(sum / 16);
+      }
+    shades.push(shade);
     pictures.push(renderer.domElement.toDataURL());
   }
-  return { failed, levels: [...levels], visible, holes, pictures, instances,
+  return { failed, levels: [...levels], visible, holes, shades, pictures, instances,
     box: [box.min.toArray(), box.max.toArray()] };
 }
 
 const wanted = process.argv.slice(2);
 let loaded = 0;
-const choices = new Map();
+const choices = new Map(), shaded = new Map();
 for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
   folder = path;
   const lod = JSON.parse(readFileSync(join(folder, 'lod.json')));
@@ -178,6 +189,7 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
     expect(seen.failed.length === 0, `${what}: ${seen.failed.slice(0, 3)}`);
     expect(seen.visible > 0, `${what}: nothing is visible`);
     if (lod.levels.length > 2) expect(seen.levels.length > 1, `${what}: levels ${seen.levels} only`);
+    shaded.set(path, seen.shades);
     const [min, max] = seen.box;
     const near = (a, b) => Math.abs(a - b) < 1e-6 * scale;
     const choice = [name, lod.compression].join(), chosen = [seen.levels.sort(), seen.visible, seen.holes.map((h) => h[3])].join();
@@ -202,4 +214,11 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
 }
 await chromium.close();
 server.close();
+if (shaded.has('draco') && shaded.has('textured')) {
+  const apart = (a, b) => Math.sqrt(a.reduce((sum, v, i) => sum + (v - b[i]) ** 2, 0) / a.length);
+  const full = shaded.get('draco').at(-1), without = apart(shaded.get('draco')[0], full),
+    pictured = apart(shaded.get('textured')[0], full);
+  console.log(`coarsest level and full surface, of 255: ${without.toFixed(1)} apart, with pictures ${pictured.toFixed(1)}`);
+  expect(pictured < 0.8 * without, `shading is ${pictured} apart with pictures, ${without} without`);
+}
 finish(`${loaded} tilesets`);

@@ -7,7 +7,7 @@ import { load } from './packages.mjs';
 
 const kFloat = 5126;
 const arrays = { 5120: Int8Array, 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
-const width = { SCALAR: 1, VEC3: 3, VEC4: 4 };
+const width = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
 
 export function readGlb(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -46,9 +46,9 @@ async function unpackDraco(json, binary) {
   if (!status.ok()) throw new Error(`Draco: ${status.error_msg()}`);
   const unpacked = {};
   for (const [name, id] of Object.entries(extension.attributes)) {
-    const size = 12 * mesh.num_points(), at = draco._malloc(size);
-    decoder.GetAttributeDataArrayForAllPoints(
-      mesh, decoder.GetAttributeByUniqueId(mesh, id), draco.DT_FLOAT32, size, at);
+    const attribute = decoder.GetAttributeByUniqueId(mesh, id);
+    const size = 4 * attribute.num_components() * mesh.num_points(), at = draco._malloc(size);
+    decoder.GetAttributeDataArrayForAllPoints(mesh, attribute, draco.DT_FLOAT32, size, at);
     unpacked[name] = new Float32Array(draco.HEAPU8.slice(at, at + size).buffer);
     draco._free(at);
   }
@@ -73,8 +73,8 @@ async function unpackMeshopt(json, binary) {
     const values = new arrays[a.componentType](out.buffer);
     if (e.mode !== 'ATTRIBUTES') return Uint32Array.from(values);
     const stride = e.byteStride / values.BYTES_PER_ELEMENT;
-    const scale = a.normalized ? 127 : 1;
-    return Float32Array.from({ length: 3 * a.count }, (_, k) => values[Math.floor(k / 3) * stride + (k % 3)] / scale);
+    const scale = a.normalized ? (a.componentType === 5123 ? 65535 : 127) : 1, n = width[a.type];
+    return Float32Array.from({ length: n * a.count }, (_, k) => values[Math.floor(k / n) * stride + (k % n)] / scale);
   };
   const primitive = json.meshes[0].primitives[0];
   const attributes = {};
@@ -118,11 +118,20 @@ export function turned({ rotation }, vectors) {
   return out;
 }
 
-/** The same tile without compression, for a validator that does not look inside. */
-export function plainAgain({ json }, { attributes, indices }) {
-  const data = [attributes.POSITION, indices, ...(attributes.NORMAL ? [attributes.NORMAL] : [])];
-  const targets = [34962, 34963, 34962];
-  const binary = new Uint8Array(data.reduce((sum, d) => sum + d.byteLength, 0));
+/** The same tile without compression, for a validator that does not look inside; pictures as they are. */
+export function plainAgain({ json, binary: stored }, { attributes, indices }) {
+  const data = [attributes.POSITION, indices];
+  if (attributes.NORMAL) data.push(attributes.NORMAL);
+  if (attributes.TEXCOORD_0) data.push(attributes.TEXCOORD_0);
+  if (attributes.TANGENT) data.push(attributes.TANGENT);
+  const targets = [34962, 34963, 34962, 34962, 34962];
+  const images = json.images ?? [];
+  const pictures = images.map(({ bufferView }) => {
+    const { byteOffset, byteLength } = json.bufferViews[bufferView];
+    return stored.subarray(byteOffset, byteOffset + byteLength);
+  });
+  const padded = (n) => 4 * Math.ceil(n / 4);
+  const binary = new Uint8Array([...data, ...pictures].reduce((sum, d) => sum + padded(d.byteLength), 0));
   const bufferViews = [];
   let at = 0;
   data.forEach((d, i) => {
@@ -130,6 +139,12 @@ export function plainAgain({ json }, { attributes, indices }) {
     binary.set(new Uint8Array(d.buffer, d.byteOffset, d.byteLength), at);
     at += d.byteLength;
   });
+  const views = data.length;
+  for (const picture of pictures) {
+    bufferViews.push({ buffer: 0, byteOffset: at, byteLength: picture.length });
+    binary.set(picture, at);
+    at += padded(picture.length);
+  }
   const vertices = attributes.POSITION.length / 3;
   const accessors = [
     { bufferView: 0, componentType: kFloat, count: vertices, type: 'VEC3',
@@ -141,9 +156,21 @@ export function plainAgain({ json }, { attributes, indices }) {
     accessors.push({ bufferView: 2, componentType: kFloat, count: vertices, type: 'VEC3' });
     names.NORMAL = 2;
   }
+  if (attributes.TEXCOORD_0) {
+    accessors.push({ bufferView: 3, componentType: kFloat, count: vertices, type: 'VEC2' });
+    names.TEXCOORD_0 = 3;
+  }
+  if (attributes.TANGENT) {
+    accessors.push({ bufferView: 4, componentType: kFloat, count: vertices, type: 'VEC4' });
+    names.TANGENT = 4;
+  }
+  const drawn = images.length === 0 ? {} : {
+    images: images.map(({ mimeType }, i) => ({ mimeType, bufferView: views + i })),
+    textures: json.textures, samplers: json.samplers,
+  };
   return writeGlb(
     { asset: { version: '2.0' }, scene: 0, scenes: [{ nodes: [0] }], nodes: json.nodes, materials: json.materials,
       meshes: [{ primitives: [{ attributes: names, indices: 1, material: 0 }] }],
-      buffers: [{ byteLength: at }], bufferViews, accessors },
+      buffers: [{ byteLength: at }], bufferViews, accessors, ...drawn },
     binary);
 }

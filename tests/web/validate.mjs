@@ -9,6 +9,7 @@
 //   no crack, by what was decoded: tiles of one level, and of two levels that alternate like the
 //                               fields of a chess board, welded by step * number: every edge has two
 //                               triangles but on the outline
+//   pictures .................. of light for each tile with --textures, of normals for coarse ones
 //   material .................. is there, and as the folder's name says if that is one
 //   boxes ..................... every decoded vertex lies in the box of its tile
 
@@ -90,6 +91,8 @@ for (const folder of process.argv.slice(2)) {
     const inside = await unpack(glb), material = glb.json.materials[0].name;
     expect(material === (['regolith', 'foil'].includes(folder) ? folder : 'paint'), `${path}: the material is ${material}`);
     expect((lod.normal_bits > 0) === Boolean(inside.attributes.NORMAL), `${path}: normals`);
+    const pictures = glb.json.images?.length ?? 0, full = path.includes(`tiles/${lod.levels.length - 1}/`);
+    expect(pictures === (lod.texels === 0 ? 0 : full ? 1 : 2), `${path}: ${pictures} pictures`);
     await valid(plainAgain(glb, inside), `${path}, unpacked`, lod.compression === 'meshopt');
     const p = turned(glb.json.nodes[0], inside.attributes.POSITION);
     const origin = glb.json.nodes[0].translation.map((t, k) => Math.round(t / steps[k]));

@@ -41,6 +41,9 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
                   "that the finest level must keep; refused where --bits do not do");
   app->add_option("--normal-bits", o->set.asset.normal_bits, "of draco")->capture_default_str();
   app->add_flag("--no-normals", o->no_normals, "fewer bytes; engines shade by triangles");
+  app->add_option("--textures", o->set.texels,
+                  "texels along a tile's side: pictures of the full surface's normals for coarse "
+                  "tiles, of ambient occlusion for all; 512 shows twice the detail of 256 quads");
   app->add_option("--tile-quads", o->set.tile_quads, "edge of a tile")->capture_default_str();
   app->add_option("--material", o->material, "paint, regolith or foil")
       ->capture_default_str()

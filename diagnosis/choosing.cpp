@@ -16,7 +16,8 @@ constexpr std::size_t kRivals = 3;
 /// Of a lag and lost motion, or lost motion alone, made one after the other of the sizes that were
 /// fitted last, until they change by no more than a fiftieth; sizes below the last are none.
 constexpr int kSizeRounds = 6;
-constexpr double kSameSize = 0.02, kLeastSize_mm = 0.01;
+/// Ratios of sizes that are taken for one: while causes are still chosen, and for what is reported.
+constexpr double kSameSize = 0.02, kSameAtLast = 0.005, kLeastSize_mm = 0.01;
 /// Of choosing, cutting anew and pruning.
 constexpr int kRounds = 4;
 
@@ -103,9 +104,10 @@ Members pruned(Members with, Linearised& residuals) {
 
 /// Forms that are made of a size made anew of the one that fits.
 /// @param make  Form::of_size or at_size
+/// @param same  logarithm of a ratio below which the form stays
 /// @return whether any has changed
 bool resize(Members& now, const Search& search, Bank& bank, const Linearised& residuals,
-            std::function<Form(double)> Form::*make) {
+            std::function<Form(double)> Form::*make, double same) {
   const auto model = columns_of(bank, now);
   const Fit f = residuals.fit_of(now);
   bool moved = false;
@@ -116,7 +118,7 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
     const auto at =
         std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) - model.begin();
     const double size = what ? size_mm({*what, f.coefficients(at)}) : f.coefficients(at);
-    if (!(size > kLeastSize_mm) || std::abs(std::log(size / made_of_mm)) < kSameSize) continue;
+    if (!(size > kLeastSize_mm) || std::abs(std::log(size / made_of_mm)) < same) continue;
     moved = true;
     k.form = (k.form.*make)(size);
     add_columns(bank, search.observations, k.form.columns);
@@ -141,7 +143,7 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
         best = now;
         order = lag_first;
       }
-      if (!resize(now, search, bank, residuals, &Form::of_size)) break;
+      if (!resize(now, search, bank, residuals, &Form::of_size, kSameSize)) break;
     }
   }
   residuals.take_order(order);
@@ -152,10 +154,10 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
 }  // namespace
 
 Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
-  if (follows_any(now, true)) return now;
+  if (follows_any(now, true) && follows_any(now, false)) return now;  // in_one_machine() has them
   for (int round = 0; round < kSizeRounds; ++round) {
     residuals.about(now);
-    if (!resize(now, search, bank, residuals, &Form::at_size)) break;
+    if (!resize(now, search, bank, residuals, &Form::at_size, kSameAtLast)) break;
   }
   residuals.about(now);
   return now;

@@ -157,21 +157,33 @@ Trail CutPath::lag(double e) const {
                     ? advance(p[i - 1], all[i - 1], (1.0 / length) * (all[i] - all[i - 1]), length)
                     : p[i - 1]);
   }
-  std::vector<Small> off(n);
+  // At the ends of pieces, and by how much more in their middle than between the ends: the command
+  // goes straight there and the tip does not. With a lag of 1.2 mm and pieces of half one it is 3 %
+  // of all that the lag does.
+  std::vector<Small> off(n), bulge(n);
   std::size_t j = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const double ahead = s[i] + e;
+  const auto off_at = [&](double at, Vec3 commanded) {
+    const double ahead = at + e;
     while (j + 1 < n && s[j + 1] < ahead) ++j;
     Vec3 there = p[j];
     if (j + 1 < n && s[j + 1] > s[j])
       there =
           advance(p[j], all[j], (1.0 / (s[j + 1] - s[j])) * (all[j + 1] - all[j]), ahead - s[j]);
-    off[i] = there - all[i];
+    return there - commanded;
+  };
+  for (std::size_t i = 0; i < n; ++i) {
+    Vec3 middle;
+    if (i > 0) middle = off_at(0.5 * (s[i - 1] + s[i]), between(all[i - 1], all[i], 0.5));
+    off[i] = off_at(s[i], all[i]);
+    if (i > 0) bulge[i] = middle - between(off[i - 1], off[i], 0.5);
   }
-  return [off = std::move(off), moves = moves_](const CutState& at) {
+  return [off = std::move(off), bulge = std::move(bulge), moves = moves_](const CutState& at) {
     const Move& move = moves->moves[at.move];
+    const auto share = static_cast<double>(at.move_share);
     // Not told how it changes along the way: the command has corners there, the tip has none.
-    return Drift{between(off[move.end - 1], off[move.end], static_cast<double>(at.move_share)), {}};
+    return Drift{between(off[move.end - 1], off[move.end], share) +
+                     4.0 * share * (1.0 - share) * Vec3(bulge[move.end]),
+                 {}};
   };
 }
 

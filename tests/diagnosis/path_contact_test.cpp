@@ -6,7 +6,8 @@
 //   tip, time, length ... of a straight program by hand
 //   play ................ sign of the last motion of each axis, by hand
 //   flat of a valley .... lost motion of one pass by dense samples
-//   lag ................. circle: half the square of the lag over the radius, inwards
+//   lag ................. circle: half the square of the lag over the radius, inwards; between the
+//                         corners of a polygon; of one pass by dense samples
 //   lag and lost motion . by samples of 1 um
 //   sections ............ tool changes start new ones
 
@@ -243,6 +244,93 @@ TEST(CutPath, LagsInwardsInABend) {
     EXPECT_NEAR(lag.y, radius - 40.0, 0.02 * (40.0 - radius) + 2e-3);
     EXPECT_LT(lag.y, 0.0);
   }
+}
+
+TEST(CutPath, ALagIsRoundWhereTheCommandIsStraight) {
+  // A polygon of 63 chords of 1 mm: lagged by more it is a circle to 1 um, the command goes in and
+  // out by 12 um.
+  constexpr int kCorners = 63;
+  constexpr double kRadius_mm = 10.0, kHalf = std::numbers::pi / kCorners;
+  std::string text = "G21 G90 F1000\nG0 X10 Y0 Z0\n";
+  for (int i = 1; i <= 3 * kCorners; ++i)
+    text += fmt::format("G1 X{:.6f} Y{:.6f}\n", kRadius_mm * std::cos(2.0 * kHalf * i),
+                        kRadius_mm * std::sin(2.0 * kHalf * i));
+  const ScratchFolder scratch;
+  const CutPath path = path_of(scratch, text + "M30\n", 1.0);
+  for (const double e : {1.2, 2.4}) {
+    const Trail lag = path.lag(e);
+    // The first harmonic of chords, as of all that is interpolated between samples, lagged.
+    const double radius = kRadius_mm * std::pow(std::sin(kHalf) / kHalf, 2) /
+                          std::sqrt(1.0 + e * e / (kRadius_mm * kRadius_mm));
+    for (const double share : {0.02, 0.25, 0.5, 0.75, 0.98}) {
+      const Vec3 a{kRadius_mm * std::cos(40.0 * kHalf), kRadius_mm * std::sin(40.0 * kHalf), 0.0},
+          b{kRadius_mm * std::cos(42.0 * kHalf), kRadius_mm * std::sin(42.0 * kHalf), 0.0};
+      const Vec3 at = a + share * (b - a);
+      const auto contact = path.at(at.x, at.y);
+      ASSERT_TRUE(contact.has_value());
+      const Vec3 tip = at + lag(*contact).at;
+      EXPECT_NEAR(std::hypot(tip.x, tip.y), radius, 1e-3) << e << " at " << share;
+    }
+  }
+}
+
+TEST(CutPath, AWaveIsFlattenedByALag) {
+  // One pass over a wave of 14 mm. In its pits a ball of 3 mm meets the flatter pass elsewhere.
+  const ScratchFolder scratch;
+  constexpr double kLag_mm = 1.8, kRadius_mm = 3.0, kStep_mm = 0.001;
+  const auto z = [](double x) { return 1.2 * std::cos(2.0 * std::numbers::pi * x / 14.0); };
+  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", z(0.0));
+  std::vector<Vec3> nodes;
+  for (int i = 0; i <= 84; ++i) {
+    nodes.push_back({0.5 * i, 0.0, z(0.5 * i)});
+    text += fmt::format("G1 X{:.3f} Z{:.6f}\n", nodes.back().x, nodes.back().z);
+  }
+  const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
+  Scene scene;
+  scene.has_path = true;
+  scene.ball_radius_mm = kRadius_mm;
+  scene.lag = [&](double lag_mm) { return path.lag(lag_mm); };
+  const Form form = find_effect("machine.servo_lag")->forms(scene).at(2).of_size(kLag_mm);
+  // The same by samples along the way.
+  std::vector<Vec3> command, lagged;
+  Vec3 tip = nodes.front();
+  for (std::size_t i = 1; i < nodes.size(); ++i) {
+    const Vec3 way = nodes[i] - nodes[i - 1];
+    const int steps = static_cast<int>(std::ceil(norm(way) / kStep_mm));
+    for (int k = 1; k <= steps; ++k) {
+      const double length = norm(way) / steps;
+      command.push_back(nodes[i - 1] + (static_cast<double>(k) / steps) * way);
+      tip += (length / kLag_mm) * (command.back() - tip);
+      lagged.push_back(tip);
+    }
+  }
+  const auto lowest = [&](const std::vector<Vec3>& tips, double x) {
+    double least = INFINITY;
+    for (const Vec3& t : tips)
+      if (const double d = x - t.x; std::abs(d) < kRadius_mm)
+        least = std::fmin(least, t.z + kRadius_mm - std::sqrt(kRadius_mm * kRadius_mm - d * d));
+    return least;
+  };
+  double most = 0.0;
+  for (double x = 14.0; x < 28.0; x += 0.23) {
+    std::vector<Rival> rivals;
+    const auto contact = path.at(x, 0.0, &rivals);
+    ASSERT_TRUE(contact.has_value());
+    Observation o;
+    static_cast<CutState&>(o) = *contact;
+    o.place = {x, 0.0, contact->height_mm};
+    o.normal = o.along = contact->normal;
+    o.pass = path.pass();
+    const double rise =
+        recut_mm(o, kRadius_mm,
+                 [&](const CutState& s, Vec3 n) { return form.columns[0].cut(o, s, n); }) /
+        o.normal.z;
+    const double truth = lowest(lagged, x) - lowest(command, x);
+    most = std::fmax(most, std::abs(truth));
+    // Half moves of 0.25 mm leave out 1 um of a bend; samples of 1 um the same of the lag.
+    EXPECT_NEAR(rise, truth, 0.004) << "x = " << x;
+  }
+  EXPECT_GT(most, 0.2) << "there is something to see";
 }
 
 }  // namespace

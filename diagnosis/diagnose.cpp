@@ -27,17 +27,31 @@ using detail::kReport;
 using detail::Layout;
 using detail::Members;
 
+/// Of a group of details that there are enough of to tell.
+std::optional<double> variance_of(const Bank& bank, const Fit& f, std::size_t group) {
+  constexpr double kEnough = 10.0;
+  double count = 0.0;
+  for (const auto& s : bank.sets) count += s.count[group];
+  return count > kEnough ? std::optional(f.variance[group]) : std::nullopt;
+}
+
+/// Within the smallest squares; where no two points share one, of the finest details that there
+/// are: a group without details has no variance, and its 1 mm2 is not the scanner's.
+double point_variance(const Bank& bank, const Fit& f) {
+  for (std::size_t group = detail::kPointGroup + 1; group-- > 0;)
+    if (const auto v = variance_of(bank, f, group)) return *v;
+  return f.variance[detail::kPointGroup];
+}
+
 FittedNoise noise_of(const Bank& bank, const Fit& f, const Layout& layout) {
   FittedNoise n;
   n.cell_mm = layout.cell_mm;
-  n.point_mm2 = f.variance[detail::kPointGroup];
+  n.point_mm2 = point_variance(bank, f);
   bool several = false;
   for (const auto& s : bank.sets) several |= !s.top[1].weight.empty();
   // Where points are few there are no details of the finest squares: as those of points.
   const auto variance = [&](std::size_t group, double otherwise) {
-    double count = 0.0;
-    for (const auto& s : bank.sets) count += s.count[group];
-    return count > 10.0 ? f.variance[group] : otherwise;
+    return variance_of(bank, f, group).value_or(otherwise);
   };
   double common = n.point_mm2, own = n.point_mm2;
   for (std::size_t k = n.common_mm2.size(); k-- > 0;) {
@@ -88,7 +102,7 @@ void report_after(const Bank& bank, const Members& members, Diagnosis& d) {
   d.rms_after = std::sqrt(detail::squares(bank, model, trained.coefficients, {kReport}, nullptr) /
                           std::fmax(1.0, static_cast<double>(d.n_report)));
   const Fit free_fit = detail::fit(bank, model, {kReport});
-  d.rms_noise = std::sqrt(free_fit.variance[detail::kPointGroup]);
+  d.rms_noise = std::sqrt(point_variance(bank, free_fit));
 }
 
 /// What is known of the poses, with what unevenness of the part makes of all of them alike.

@@ -89,45 +89,47 @@ Result<LodPictures> make_lod_pictures(const LodPyramid& pyramid, const Grid<floa
              south = static_cast<double>(tile.rows.front()),
              west = static_cast<double>(tile.cols.front()),
              east = static_cast<double>(tile.cols.back());
-  const double texel = std::fmax(north - south, east - west) / texels;  // nodes of the field
-  // Slopes from where nodes stand as close as texels or closer: their means are over that.
-  const int slopes = std::clamp(static_cast<int>(std::floor(std::log2(std::fmax(texel, 1.0)))), 0,
-                                pyramid.levels() - 1);
-  const int light = occlusion_level(pyramid);
-  // Texels that are wider than a node of the light are the mean of what they cover.
-  const int across = std::max(1, static_cast<int>(std::lround(std::ldexp(texel, -light))));
-  const bool normals = tile.key.level > 0;
-  const auto count = static_cast<std::size_t>(texels) * static_cast<std::size_t>(texels);
-  std::array<std::vector<std::uint8_t>, 3> normal;
-  if (normals)
-    for (auto& band : normal) band.reserve(count);
-  std::array<std::vector<std::uint8_t>, 1> sky;
-  sky[0].reserve(count);
-  for (int y = 0; y < texels; ++y)
-    for (int x = 0; x < texels; ++x) {
-      const double row = std::fmax(north - (y + 0.5) * texel, south),
-                   col = std::fmin(west + (x + 0.5) * texel, east);
-      if (normals) {
-        const Vec3 n = normal_at(pyramid, slopes, row, col);
-        normal[0].push_back(byte_of(0.5 + 0.5 * n.x));
-        normal[1].push_back(byte_of(0.5 + 0.5 * n.y));
-        normal[2].push_back(byte_of(0.5 + 0.5 * n.z));
-      }
-      double sum = 0.0;
-      for (int i = 0; i < across; ++i)
-        for (int k = 0; k < across; ++k) {
-          const double part = texel / across, r0 = row + (i + 0.5) * part - 0.5 * texel,
-                       c0 = col + (k + 0.5) * part - 0.5 * texel;
-          sum += light_at(pyramid, light, occlusion, std::clamp(r0, south, north),
-                          std::clamp(c0, west, east));
-        }
-      sky[0].push_back(byte_of(sum / (across * across)));
-    }
+  const double side = std::fmax(north - south, east - west);  // nodes of the field
+  /// of(row, col, texel) in nodes of the field, for each texel from the upper left.
+  const auto each = [&](int count, const auto& of) {
+    const double texel = side / count;
+    for (int y = 0; y < count; ++y)
+      for (int x = 0; x < count; ++x)
+        of(std::fmax(north - (y + 0.5) * texel, south), std::fmin(west + (x + 0.5) * texel, east),
+           texel);
+  };
   LodPictures pictures;
-  if (normals) {
-    MAQUETTE_TRY(pictures.normal_png, detail::png_bytes(texels, texels, normal));
+  if (tile.key.level > 0) {
+    // Slopes from where nodes stand as close as texels or closer: their means are over that.
+    const int level =
+        std::clamp(static_cast<int>(std::floor(std::log2(std::fmax(side / texels, 1.0)))), 0,
+                   pyramid.levels() - 1);
+    std::array<std::vector<std::uint8_t>, 3> bands;
+    each(texels, [&](double row, double col, double) {
+      const Vec3 n = normal_at(pyramid, level, row, col);
+      bands[0].push_back(byte_of(0.5 + 0.5 * n.x));
+      bands[1].push_back(byte_of(0.5 + 0.5 * n.y));
+      bands[2].push_back(byte_of(0.5 + 0.5 * n.z));
+    });
+    MAQUETTE_TRY(pictures.normal_png, detail::png_bytes(texels, texels, bands));
   }
-  MAQUETTE_TRY(pictures.occlusion_png, detail::png_bytes(texels, texels, sky));
+  const int light = occlusion_level(pyramid);
+  const int count = std::clamp(static_cast<int>(std::ldexp(side, -light)), 1, texels);
+  std::array<std::vector<std::uint8_t>, 1> band;
+  each(count, [&](double row, double col, double texel) {
+    // Texels that are wider than a node of the light are the mean of what they cover.
+    const int across = std::max(1, static_cast<int>(std::lround(std::ldexp(texel, -light))));
+    double sum = 0.0;
+    for (int i = 0; i < across; ++i)
+      for (int k = 0; k < across; ++k) {
+        const double part = texel / across, r = row + (i + 0.5) * part - 0.5 * texel,
+                     c = col + (k + 0.5) * part - 0.5 * texel;
+        sum += light_at(pyramid, light, occlusion, std::clamp(r, south, north),
+                        std::clamp(c, west, east));
+      }
+    band[0].push_back(byte_of(sum / (across * across)));
+  });
+  MAQUETTE_TRY(pictures.occlusion_png, detail::png_bytes(count, count, band));
   return pictures;
 }
 

@@ -25,10 +25,9 @@ struct LodPictures {
 };
 
 /// Light at nodes of every second row and column (pyramid level 1; level 0 if there is no other).
-/// Seconds of CPU: 2.5 for 4001 x 4001 nodes of the field.
 [[nodiscard]] Grid<float> lod_occlusion(const LodPyramid& pyramid);
 
-/// @param texels  along the picture's side
+/// @param texels  along the picture's side; of light no more than it has nodes there
 /// @param occlusion  lod_occlusion()
 /// EXPORT_LIBRARY_FAILED: GDAL gave up.
 [[nodiscard]] Result<LodPictures> make_lod_pictures(const LodPyramid& pyramid,

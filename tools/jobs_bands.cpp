@@ -12,6 +12,7 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
+#include "meshing/grid_stream.hpp"
 #include "tools/exploded_view.hpp"
 #include "tools/jobs.hpp"
 #include "tools/schema.hpp"
@@ -133,6 +134,12 @@ Result<JobResult> band_layout_job(const BandLayoutJob& job, const fs::path& fold
                        : std::span<const meshing::PlacedStone>{};
   auto layout = meshing::split_beside_stones(design, job.split, avoided, job.clearance);
   if (!layout) return tl::unexpected(std::move(layout.error()).within(job.design.string()));
+  // What no band could be made of is said before anything is written.
+  const auto lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
+  if (const auto solid = meshing::GridSolidStream::create(
+          design, {.base_z = Millimetres{lowest - job.base_thickness.value()}});
+      !solid)
+    return tl::unexpected(Error(solid.error()).within(job.design.string()));
   if (job.most_bands > 0 && layout->bands.size() > job.most_bands)
     return fail(meshing::kBandsDegenerate,
                 fmt::format("{}: joints that keep off the stones make {} bands, but work offsets "

@@ -16,6 +16,7 @@
 #include "tools/exploded_view.hpp"
 #include "tools/jobs.hpp"
 #include "tools/schema.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -93,8 +94,7 @@ Result<ExplodedView> view_of(const heightmap::ModelField& design, const meshing:
                            design.x_mm(design.z_mm.cols() - 1) - design.x_mm(0),
                            design.y_mm(design.z_mm.rows() - 1) - design.y_mm(0),
                            layout.bands.size(), layout.bands.size() > 1 ? "s" : "");
-  view.base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
-                job.base_thickness;
+  view.base_z = solid_options(design, job.base_thickness).base_z;
   view.stones = stones;
   for (const auto& kept : layout.kept) view.marked.insert(kept.through.begin(), kept.through.end());
   if (!stones.empty())
@@ -135,9 +135,8 @@ Result<JobResult> band_layout_job(const BandLayoutJob& job, const fs::path& fold
   auto layout = meshing::split_beside_stones(design, job.split, avoided, job.clearance);
   if (!layout) return tl::unexpected(std::move(layout.error()).within(job.design.string()));
   // What no band could be made of is said before anything is written.
-  const auto lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
-  if (const auto solid = meshing::GridSolidStream::create(
-          design, {.base_z = Millimetres{lowest - job.base_thickness.value()}});
+  if (const auto solid =
+          meshing::GridSolidStream::create(design, solid_options(design, job.base_thickness));
       !solid)
     return tl::unexpected(Error(solid.error()).within(job.design.string()));
   if (job.most_bands > 0 && layout->bands.size() > job.most_bands)

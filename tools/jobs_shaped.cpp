@@ -19,6 +19,7 @@
 #include "meshing/mesh_io.hpp"
 #include "meshing/shaped_solid.hpp"
 #include "meshing/stones.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -158,10 +159,7 @@ Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& jo
     }
     tile = tiles[job.band->index];
   }
-  // The base is that of the whole, so that bands stand level beside each other.
-  const meshing::SolidOptions options{
-      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
-                job.base_thickness};
+  const auto options = solid_options(design, job.base_thickness);
   MAQUETTE_TRY(JointHoles holes,
                place_holes(design, tiles, options.base_z, job.base_thickness, job.in_joints));
   for (HolesOfKind* kind : {&holes.dowels, &holes.magnets})

@@ -15,16 +15,11 @@
 #include "meshing/solid.hpp"
 #include "meshing/stones.hpp"
 #include "tools/jobs.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
 namespace {
-
-meshing::SolidOptions solid_options(const heightmap::ModelField& design,
-                                    Millimetres base_thickness) {
-  const auto lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
-  return {.base_z = Millimetres{lowest} - base_thickness};
-}
 
 fs::path certificate_path(const fs::path& mesh) {
   return mesh.parent_path() / (mesh.stem().string() + ".certificate.json");

@@ -13,6 +13,7 @@
 #include "tools/jobs_bands.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/part_with_stones.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -157,12 +158,8 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
-  const meshing::SolidOptions solid_options{
-      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
-                job.base_thickness};
-
-  const auto holes =
-      place_holes(design, *tiles, solid_options.base_z, job.base_thickness, job.in_joints);
+  const Millimetres base_z = solid_options(design, job.base_thickness).base_z;
+  const auto holes = place_holes(design, *tiles, base_z, job.base_thickness, job.in_joints);
   if (!holes) return tl::unexpected(Error(holes.error()).within(job.design.string()));
 
   JobResult result;
@@ -171,13 +168,12 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   for (std::size_t i = 0; i < tiles->size(); ++i) {
     if (run.stopped()) return fail(kCancelled, "cutting into tiles was stopped");
     const Tile& t = (*tiles)[i];
-    const Vec3 corner{design.x_mm(t.nodes.col0), design.y_mm(t.nodes.row0),
-                      solid_options.base_z.value()};
+    const Vec3 corner{design.x_mm(t.nodes.col0), design.y_mm(t.nodes.row0), base_z.value()};
     const Vec3 origin = job.own_frame ? corner : Vec3{};
     const std::string name = fmt::format("tile_{:02}", t.number);
     result.outputs.push_back(folder / (name + ".ply"));
-    auto made = make_tile(design, t, solid_options.base_z, *holes, stones, job, origin,
-                          result.outputs.back(), run);
+    auto made =
+        make_tile(design, t, base_z, *holes, stones, job, origin, result.outputs.back(), run);
     if (!made)
       return tl::unexpected(std::move(made.error())
                                 .within(fmt::format("{}: tile {}", job.design.string(), t.number)));
@@ -199,8 +195,7 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   }
   result.outputs.push_back(folder / "tiles.svg");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones, *holes)));
-  const ExplodedView view =
-      view_of(design, *tiles, solid_options.base_z, stones, *holes, job.with_stones);
+  const ExplodedView view = view_of(design, *tiles, base_z, stones, *holes, job.with_stones);
   MAQUETTE_TRY_VOID(write_exploded(design, view, folder, result.outputs));
   json figures{{"tiles", list}, {"volume_mm3", volume}};
   figures.update(json::parse(to_json(*holes)));

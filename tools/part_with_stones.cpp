@@ -11,6 +11,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "tools/jobs.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -70,10 +71,7 @@ Result<JobResult> band_with_stones_job(const fs::path& design_path, const fs::pa
   MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(stones_path));
   MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, split));
   MAQUETTE_CHECK(band < bands.size(), "band {} of {}", band, bands.size());
-  // The base is that of the whole, so that bands stand level beside each other.
-  const meshing::SolidOptions options{
-      .base_z = Millimetres{static_cast<double>(heightmap::height_range(design.z_mm).min)} -
-                base_thickness};
+  const auto options = solid_options(design, base_thickness);
   auto made = part_with_stones(design, meshing::band_window(design, bands[band]), stones, options,
                                part(run, 0.0, 0.9));
   if (!made)

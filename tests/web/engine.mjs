@@ -11,11 +11,11 @@
 //   of folders of one compression all choose the same levels: what lies on a body at full size those
 //   that the model does
 
-import { createServer } from 'node:http';
-import { existsSync, readFileSync, statSync } from 'node:fs';
-import { join, normalize } from 'node:path';
+import { existsSync, readFileSync } from 'node:fs';
+import { join } from 'node:path';
 
 import { browser, expect, finish, here, load, skip } from './packages.mjs';
+import { serve } from './serving.mjs';
 
 load('playwright-core');
 if (!existsSync(join(here, 'node_modules/3d-tiles-renderer'))) skip('3d-tiles-renderer is not installed');
@@ -32,25 +32,7 @@ const page = `<!doctype html><meta charset="utf-8"><title>engine</title>
   "3d-tiles-renderer/plugins": "/node_modules/3d-tiles-renderer/build/index.plugins.js"
 }}</script><body style="margin:0"></body>`;
 
-const types = { js: 'text/javascript', mjs: 'text/javascript', wasm: 'application/wasm', json: 'application/json' };
-let folder = '';
-const server = createServer((request, response) => {
-  const path = normalize(decodeURIComponent(new URL(request.url, 'http://x').pathname));
-  if (path === '/') {
-    response.setHeader('content-type', 'text/html');
-    response.end(page);
-    return;
-  }
-  const file = path.startsWith('/data/') ? join(folder, path.slice(6)) : join(here, path);
-  if (path.includes('..') || !existsSync(file) || !statSync(file).isFile()) {
-    response.statusCode = 404;
-    response.end();
-    return;
-  }
-  response.setHeader('content-type', types[file.split('.').pop()] ?? 'application/octet-stream');
-  response.end(readFileSync(file));
-});
-await new Promise((resolve) => { server.listen(0, '127.0.0.1', resolve); });
+const site = await serve(page);
 const chromium = await browser();
 
 /** Runs in the page. */
@@ -167,8 +149,8 @@ async function show({ tileset, size, scale, root }) {
 const wanted = process.argv.slice(2);
 let loaded = 0;
 const choices = new Map(), shaded = new Map();
-for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
-  folder = path;
+for (const folder of wanted.filter((p) => !p.endsWith('.png'))) {
+  site.folder = folder;
   const lod = JSON.parse(readFileSync(join(folder, 'lod.json')));
   const scale = lod.metres_per_model_metre[0];
   const size = lod.nodes.map((n) => 1e-3 * scale * lod.spacing_mm * (n - 1));
@@ -181,7 +163,7 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
       if (['error', 'warning'].includes(m.type()) && !known) said.push(m.text());
     });
     tab.on('pageerror', (e) => said.push(String(e)));
-    await tab.goto(`http://127.0.0.1:${server.address().port}/`);
+    await tab.goto(`${site.url}/`);
     const seen = await tab.evaluate(show, { tileset: `/data/${name}`, size, scale, root: '/data/tiles/0/0/0.glb' });
     const what = `${folder}/${name}`;
     loaded += 1;
@@ -189,7 +171,7 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
     expect(seen.failed.length === 0, `${what}: ${seen.failed.slice(0, 3)}`);
     expect(seen.visible > 0, `${what}: nothing is visible`);
     if (lod.levels.length > 2) expect(seen.levels.length > 1, `${what}: levels ${seen.levels} only`);
-    shaded.set(path, seen.shades);
+    shaded.set(folder, seen.shades);
     const [min, max] = seen.box;
     const near = (a, b) => Math.abs(a - b) < 1e-6 * scale;
     const choice = [name, lod.compression].join(), chosen = [seen.levels.sort(), seen.visible, seen.holes.map((h) => h[3])].join();
@@ -213,7 +195,7 @@ for (const path of wanted.filter((p) => !p.endsWith('.png'))) {
   }
 }
 await chromium.close();
-server.close();
+site.close();
 if (shaded.has('draco') && shaded.has('textured')) {
   const apart = (a, b) => Math.sqrt(a.reduce((sum, v, i) => sum + (v - b[i]) ** 2, 0) / a.length);
   const full = shaded.get('draco').at(-1), without = apart(shaded.get('draco')[0], full),

@@ -186,6 +186,43 @@ double hole_volume_mm3(const DowelOptions& o) {
   return 0.5 * kDowelSides * r * r * std::sin(2.0 * std::numbers::pi / kDowelSides) * o.depth_mm;
 }
 
+double pin_length_mm(const DowelOptions& o) {
+  constexpr double kAir_mm = 0.5, kShortShare = 0.05;
+  return 2.0 * (o.depth_mm - std::fmin(kAir_mm, kShortShare * o.depth_mm));
+}
+
+TriMesh dowel_pin(const DowelOptions& o) {
+  constexpr std::uint32_t kSides = 64;
+  const double r = 0.5 * o.diameter_mm, length = pin_length_mm(o);
+  const double chamfer = std::fmin(0.1 * o.diameter_mm, 0.25 * length);
+  struct Ring {
+    double radius_mm, z_mm;
+  };
+  const std::array<Ring, 4> rings{
+      {{r - chamfer, 0.0}, {r, chamfer}, {r, length - chamfer}, {r - chamfer, length}}};
+  TriMesh pin;
+  for (const Ring& ring : rings)
+    for (std::uint32_t k = 0; k < kSides; ++k) {
+      const double a = 2.0 * std::numbers::pi * k / kSides;
+      pin.vertices_mm.push_back(
+          {ring.radius_mm * std::cos(a), ring.radius_mm * std::sin(a), ring.z_mm});
+    }
+  const auto bottom = static_cast<std::uint32_t>(pin.vertices_mm.size()), top = bottom + 1;
+  pin.vertices_mm.push_back({0.0, 0.0, 0.0});
+  pin.vertices_mm.push_back({0.0, 0.0, length});
+  constexpr auto kLast = static_cast<std::uint32_t>(rings.size() - 1) * kSides;
+  for (std::uint32_t k = 0; k < kSides; ++k) {
+    const std::uint32_t next = (k + 1) % kSides;
+    pin.triangles.push_back({bottom, next, k});
+    for (std::uint32_t low = 0; low < kLast; low += kSides) {
+      pin.triangles.push_back({low + k, low + next, low + kSides + next});
+      pin.triangles.push_back({low + k, low + kSides + next, low + kSides + k});
+    }
+    pin.triangles.push_back({top, kLast + k, kLast + next});
+  }
+  return pin;
+}
+
 Result<std::vector<Dowel>> place_dowels(const ModelField& surface, std::span<const Tile> tiles,
                                         Millimetres base_z, Millimetres base_thickness,
                                         const DowelOptions& options) {

@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "core/result.hpp"
+#include "core/tri_mesh.hpp"
 #include "meshing/engraving.hpp"
 #include "meshing/tiles.hpp"
 
@@ -51,6 +52,13 @@ struct Dowel {
 inline constexpr int kDowelSides = 32;
 [[nodiscard]] double hole_radius_mm(const DowelOptions& options);  ///< of the corners
 [[nodiscard]] double hole_volume_mm3(const DowelOptions& options);
+
+/// The dowel itself, to be printed or turned: a closed cylinder of 64 sides standing on z = 0 round
+/// the z axis, corners on the dowel's radius, both ends chamfered by a tenth of the diameter, half
+/// a millimetre (of short ones a twentieth of the depth) of air before the floor of either hole.
+/// @pre diameter and depth positive
+[[nodiscard]] TriMesh dowel_pin(const DowelOptions& options);
+[[nodiscard]] double pin_length_mm(const DowelOptions& options);
 
 /// Two or more in each joint, evenly; one in the middle where two do not fit, none where the joint
 /// is shorter than that.

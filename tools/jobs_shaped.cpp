@@ -162,6 +162,11 @@ Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& jo
   const auto options = solid_options(design, job.base_thickness);
   MAQUETTE_TRY(JointHoles holes,
                place_holes(design, tiles, options.base_z, job.base_thickness, job.in_joints));
+  JobResult result;
+  result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
+  // Once for all strips, with the first.
+  if (job.band && job.band->index == 0)
+    MAQUETTE_TRY_VOID(write_pins(holes, out.parent_path(), result.outputs));
   for (HolesOfKind* kind : {&holes.dowels, &holes.magnets})
     std::erase_if(kind->places, [&](const meshing::Dowel& d) {
       return d.tiles[0] != tile.number && d.tiles[1] != tile.number;
@@ -175,10 +180,8 @@ Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& jo
   auto text = ordered_json::parse(meshing::to_json(certificate));
   text.update(ordered_json::parse(shaped.figures_json));
   text.update(ordered_json::parse(to_json(holes)));
-  JobResult result;
-  result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
   result.figures_json = text.dump(2) + "\n";
-  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
+  MAQUETTE_TRY_VOID(write_file(result.outputs[1], result.figures_json));
   result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
   if (const double removed = shaped.shaping.underside.volume_mm3; job.shape.hollow)
     result.note += fmt::format(", {:.1f} of {:.1f} cm^3 hollow", 1e-3 * removed,

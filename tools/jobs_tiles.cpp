@@ -193,6 +193,7 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
     list.back().update(made->figures);
     run.progress(static_cast<double>(i + 1) / static_cast<double>(tiles->size()));
   }
+  MAQUETTE_TRY_VOID(write_pins(*holes, folder, result.outputs));
   result.outputs.push_back(folder / "tiles.svg");
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), plan_svg(design, *tiles, stones, *holes)));
   const ExplodedView view = view_of(design, *tiles, base_z, stones, *holes, job.with_stones);

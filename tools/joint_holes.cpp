@@ -2,13 +2,22 @@
 #include "tools/joint_holes.hpp"
 
 #include <algorithm>
+#include <cmath>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
+
+#include "core/check.hpp"
+#include "export/cad.hpp"
+#include "meshing/mesh_checks.hpp"
 
 namespace maquette::tools {
 namespace {
 
 using nlohmann::json;
+
+/// Of pins that are printed together.
+constexpr double kBetweenPins_mm = 2.0;
 
 json holes_json(const HolesOfKind& holes) {
   const meshing::DowelOptions& o = holes.options;
@@ -66,9 +75,36 @@ Holes holes_of(const heightmap::ModelField& design, const meshing::Tile& tile, M
   return found;
 }
 
+Result<void> write_pins(const JointHoles& holes, const std::filesystem::path& folder,
+                        std::vector<std::filesystem::path>& outputs) {
+  const auto& places = holes.dowels.places;
+  if (places.empty()) return {};
+  const meshing::DowelOptions& o = holes.dowels.options;
+  const TriMesh pin = meshing::dowel_pin(o);
+  MAQUETTE_TRY(const auto certificate, meshing::check_mesh(pin));
+  MAQUETTE_CHECK(certificate.passed(), "a pin of {} mm is no solid", o.diameter_mm);
+  const auto in_a_row =
+      static_cast<std::size_t>(std::ceil(std::sqrt(static_cast<double>(places.size()))));
+  const double apart_mm = o.diameter_mm + kBetweenPins_mm;
+  std::vector<exporting::BuildItem> items;
+  for (std::size_t i = 0; i < places.size(); ++i)
+    items.push_back({0,
+                     {apart_mm * static_cast<double>(i % in_a_row),
+                      apart_mm * static_cast<double>(i / in_a_row), 0.0},
+                     fmt::format("P{:03}", places[i].number)});
+  outputs.push_back(folder / "pins.3mf");
+  return exporting::write_3mf({{fmt::format("pin {:g} x {:g} mm", o.diameter_mm,
+                                            meshing::pin_length_mm(o)),
+                                "P", &pin}},
+                              items, outputs.back());
+}
+
 std::string to_json(const JointHoles& holes) {
   json said = json::object();
-  if (holes.dowels.wanted) said["dowels"] = holes_json(holes.dowels);
+  if (holes.dowels.wanted) {
+    said["dowels"] = holes_json(holes.dowels);
+    said["dowels"]["pin_length_mm"] = meshing::pin_length_mm(holes.dowels.options);
+  }
   if (holes.magnets.wanted) {
     said["magnets"] = holes_json(holes.magnets);
     // Whatever meets, attracts.

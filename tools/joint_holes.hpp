@@ -5,6 +5,7 @@
 /// Dowels and magnets in the joints of bands and tiles (meshing/dowels.hpp), both kinds at once.
 
 #include <array>
+#include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
@@ -44,6 +45,11 @@ struct Holes {
 };
 [[nodiscard]] Holes holes_of(const heightmap::ModelField& design, const meshing::Tile& tile,
                              Millimetres base_z, const JointHoles& holes);
+
+/// `pins.3mf` in a folder: a pin for each dowel, standing in rows, numbered as they are. Nothing
+/// where there are no dowels. @param outputs  gets the file
+[[nodiscard]] Result<void> write_pins(const JointHoles& holes, const std::filesystem::path& folder,
+                                      std::vector<std::filesystem::path>& outputs);
 
 /// An object with "dowels" and "magnets": where they sit, and what their holes take.
 [[nodiscard]] std::string to_json(const JointHoles& holes);

@@ -7,13 +7,17 @@
 //   round holes are where they are said to be ... ring of 32 corners on both sides, a pin of the
 //   dowel's
 //                                           size touches no vertex or facet
+//   a pin ................................. CGAL; volume = prism + two frusta, goes in with its play
 //   wall around them ...................... distance of every hole from every other surface
 //   a ring's triangles .................... area = outer - hole; no corner twice; random outlines
 //   MESHING_DOWEL_DOES_NOT_FIT ............ thin base, small tile, senseless lengths
 
 #include "meshing/dowels.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <map>
+#include <numbers>
 #include <set>
 
 #include <gmock/gmock.h>
@@ -135,6 +139,30 @@ TEST(BoredSolid, TakesThePinAndKeepsItsWalls) {
         }
       }
     }
+}
+
+TEST(DowelPin, IsASolidThatGoesIntoTwoHoles) {
+  for (const auto& [diameter, depth] : {std::pair{4.0, 10.0}, {1.5, 2.0}, {12.0, 3.0}}) {
+    const DowelOptions o{.diameter_mm = diameter, .depth_mm = depth};
+    const TriMesh pin = dowel_pin(o);
+    const auto certificate = check_mesh(pin);
+    ASSERT_TRUE(certificate.has_value());
+    EXPECT_TRUE(certificate->passed());
+    // Prism and two frusta over a regular polygon.
+    const double r = 0.5 * diameter, length = pin_length_mm(o);
+    const double c = std::min(0.1 * diameter, 0.25 * length), s = r - c;
+    const double unit = 32.0 * std::sin(2.0 * std::numbers::pi / 64.0);
+    const double volume =
+        unit * (r * r * (length - 2.0 * c) + 2.0 / 3.0 * c * (r * r + r * s + s * s));
+    EXPECT_NEAR(certificate->volume_mm3, volume, 1e-9 * volume);
+    const Box3 box = pin.bounds();
+    EXPECT_NEAR(box.max.z - box.min.z, length, 1e-12);
+    EXPECT_LT(length, 2.0 * depth);
+    EXPECT_GT(length, 1.8 * depth);
+    EXPECT_NEAR(box.max.x, r, 1e-12);
+    EXPECT_LT(r, hole_radius_mm(o) * std::cos(std::numbers::pi / kDowelSides))
+        << "flats of the hole are nearer than its corners";
+  }
 }
 
 TEST(PlaceDowels, PutsTwoOrMoreInEachJoint) {

@@ -1103,6 +1103,8 @@ TEST_F(CommandLine, DowelsHoldTilesTogether) {
   const json tiles = json::parse(slurp(out / "tiles.json"));
   ASSERT_EQ(tiles["tiles"].size(), 2U);
   ASSERT_EQ(tiles["dowels"]["places"].size(), 2U);
+  EXPECT_NEAR(tiles["dowels"]["pin_length_mm"].get<double>(), 3.8, 1e-12);
+  EXPECT_GT(fs::file_size(out / "pins.3mf"), 500U);
   ASSERT_EQ(run("mesh " + d + " --quiet --out " + (scratch / "whole.ply").string()).exit_code, 0);
   const double whole = json::parse(slurp(scratch / "whole.certificate.json"))["volume_mm3"];
   EXPECT_NEAR(
@@ -1266,6 +1268,7 @@ TEST_F(CommandLine, ASiteSaysHowItsSolidsAreShaped) {
       const json said = json::parse(slurp(here / ("bands/band_0" + band + ".certificate.json")));
       EXPECT_EQ(said["passed"], true);
       EXPECT_EQ(said["engraved"][0]["what"], "\"S 1:" + scale + " " + band + "\"");
+      EXPECT_TRUE(fs::exists(here / "bands/pins.3mf"));
       volume += said["volume_mm3"].get<double>() + said["hollow"]["removed_mm3"].get<double>() +
                 said["engraved"][0]["removed_mm3"].get<double>();
       for (const char* kind : {"dowels", "magnets"}) {

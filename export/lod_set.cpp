@@ -12,6 +12,7 @@
 #include "export/cad.hpp"
 #include "export/glb_file.hpp"
 #include "export/gltf.hpp"
+#include "export/lod_skirts.hpp"
 #include "export/lod_stones.hpp"
 #include "export/lod_tileset.hpp"
 
@@ -59,7 +60,8 @@ std::string key_of(const heightmap::ModelField& field, const LodSetOptions& o) {
                             o.position_bits, o.tile_quads, static_cast<int>(o.filter),
                             name(o.asset.compression), name(o.asset.material), o.asset.normals,
                             o.asset.normal_bits, o.asset.scale_denominator, scale.horizontal,
-                            scale.vertical, o.texels));
+                            scale.vertical, o.texels) +
+                (o.skirts ? " skirts" : ""));
 }
 
 Result<void> make_folder(const fs::path& folder) {
@@ -105,16 +107,27 @@ std::vector<LodTileKey> tiles_of(const heightmap::ModelField& field, const LodLa
   return keys;
 }
 
-/// @param light  lod_occlusion(), for pictures; null: none
-Result<LodTileReport> make_one(const LodPyramid& pyramid, const Grid<float>* light,
-                               const LodLattice& lattice, LodTileKey key,
-                               const LodSetOptions& options, const fs::path& path) {
-  const LodTileMesh tile = make_lod_tile(pyramid, lattice, key);
+/// What a tile of a level needs beside the options.
+struct Making {
+  const LodPyramid& pyramid;
+  const LodLattice& lattice;
+  const Grid<float>* light;          ///< lod_occlusion(), for pictures; null: none
+  std::vector<std::int32_t> skirts;  ///< depth by level, steps; empty: none
+};
+
+Result<LodTileReport> make_one(const Making& making, LodTileKey key, const LodSetOptions& options,
+                               const fs::path& path) {
+  const auto& [pyramid, lattice, light, skirts] = making;
+  LodTileMesh tile = make_lod_tile(pyramid, lattice, key);
   LodTileReport report;
   report.key = key;
+  report.error = measure_lod_tile(pyramid.field(), lattice, tile);
+  if (!skirts.empty()) {
+    report.skirt = skirts[static_cast<std::size_t>(key.level)];
+    add_skirts(tile, pyramid.field(), report.skirt);
+  }
   report.triangles = tile.triangles.size();
   report.vertices = tile.vertices.size();
-  report.error = measure_lod_tile(pyramid.field(), lattice, tile);
   report.lowest = report.highest = tile.vertices.front().height;
   for (const LodVertex& v : tile.vertices) {
     report.lowest = std::min(report.lowest, v.height);
@@ -137,6 +150,30 @@ Result<LodTileReport> make_one(const LodPyramid& pyramid, const Grid<float>* lig
   return report;
 }
 
+/// By level, of the tiles' errors. What is left out after a stop is so in write_tiles, too.
+std::vector<std::int32_t> skirt_depths(const LodPyramid& pyramid, const LodLattice& lattice,
+                                       const std::vector<LodTileKey>& keys, const RunContext& run) {
+  std::vector<LodTileError> of_tile(keys.size());
+  tbb::parallel_for(
+      std::size_t{0}, keys.size(),
+      [&](std::size_t i) {
+        if (run.stopped()) return;
+        of_tile[i] =
+            measure_lod_tile(pyramid.field(), lattice, make_lod_tile(pyramid, lattice, keys[i]));
+      },
+      tbb::simple_partitioner());
+  std::vector<LodTileError> largest(static_cast<std::size_t>(pyramid.levels()));
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    double& most = largest[static_cast<std::size_t>(keys[i].level)].vertical_mm;
+    most = std::max(most, of_tile[i].vertical_mm);
+  }
+  std::vector<std::int32_t> depths;
+  for (std::size_t level = 0; level < largest.size(); ++level)
+    depths.push_back(
+        skirt_depth(largest[level], largest[std::min(level + 1, largest.size() - 1)], lattice));
+  return depths;
+}
+
 Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const LodLattice& lattice,
                                                const LodSetOptions& options, const fs::path& folder,
                                                const RunContext& run) {
@@ -148,6 +185,8 @@ Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const 
   }
   std::optional<Grid<float>> light;
   if (options.texels > 0) light = lod_occlusion(pyramid);
+  Making making{pyramid, lattice, light ? &*light : nullptr, {}};
+  if (options.skirts) making.skirts = skirt_depths(pyramid, lattice, keys, run);
   std::vector<std::optional<Result<LodTileReport>>> made(keys.size());
   std::atomic<std::size_t> done{0};
   std::atomic<bool> failed{false};
@@ -155,7 +194,7 @@ Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const 
       std::size_t{0}, keys.size(),
       [&](std::size_t i) {
         if (run.stopped() || failed) return;
-        made[i] = make_one(pyramid, light ? &*light : nullptr, lattice, keys[i], options, paths[i]);
+        made[i] = make_one(making, keys[i], options, paths[i]);
         if (!*made[i]) failed = true;
         run.progress(0.1 + 0.9 * static_cast<double>(++done) / static_cast<double>(keys.size()));
       },
@@ -179,6 +218,7 @@ void sum_levels(LodSetReport& report, const heightmap::ModelField& field, int le
     ++level.tiles;
     level.triangles += t.triangles;
     level.bytes += t.bytes;
+    level.skirt_mm = std::max(level.skirt_mm, report.lattice.step_mm * t.skirt);
     level.error.vertical_mm = std::max(level.error.vertical_mm, t.error.vertical_mm);
     level.error.hausdorff_mm = std::max(level.error.hausdorff_mm, t.error.hausdorff_mm);
     const std::ptrdiff_t width = report.lattice.tile_quads << t.key.level;
@@ -310,11 +350,9 @@ std::string to_json(const LodSetReport& report, const LodSetOptions& options,
   std::uint64_t bytes = 0, triangles = 0;
   for (std::size_t level = 0; level < report.levels.size(); ++level) {
     const LodLevelReport& l = report.levels[level];
-    Json one{{"level", level},
-             {"depth", top - static_cast<int>(level)},
-             {"tiles", l.tiles},
-             {"triangles", l.triangles},
-             {"bytes", l.bytes}};
+    Json one{{"level", level},   {"depth", top - static_cast<int>(level)},
+             {"tiles", l.tiles}, {"triangles", l.triangles},
+             {"bytes", l.bytes}, {"skirt_mm", l.skirt_mm}};
     one.update(json_of(l.error));
     json["levels"].push_back(std::move(one));
     bytes += l.bytes;

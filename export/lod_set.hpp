@@ -22,6 +22,8 @@
 ///         to the full surface, measured everywhere (lod_tile.hpp), and not less than any child's.
 ///         With implicit tiling it halves from level to level, so the root's is as large as that
 ///         takes.
+/// Skirts  only if asked for. Errors are those of the surface without them; tiles are then made
+///         twice, once to measure how deep skirts have to be.
 /// Boxes   contain content and children, and are a step larger on each side.
 /// Work    tiles in parallel, each file whole or not at all. A run that was stopped goes on: tiles
 ///         of the same heights, options and version are kept if they are as long as their header
@@ -58,6 +60,7 @@ struct LodSetOptions {
   std::ptrdiff_t tile_quads = 256;  ///< edge of a tile, 16 to 1024
   LodFilter filter = LodFilter::smooth;
   LodAssetOptions asset;
+  bool skirts = false;  ///< lod_skirts.hpp
   int texels = 0;  ///< along the side of a tile's pictures (lod_pictures.hpp), 0: none; to 4096
   std::optional<Millimetres> max_error;  ///< that the finest level must keep
   std::optional<LodPlace> place;
@@ -67,13 +70,15 @@ struct LodTileReport {
   LodTileKey key;
   std::uint64_t triangles = 0, vertices = 0, bytes = 0;
   LodTileError error;
-  std::int32_t lowest = 0, highest = 0;  ///< steps
+  std::int32_t lowest = 0, highest = 0;  ///< steps, skirt included
+  std::int32_t skirt = 0;                ///< its depth in steps; 0: none
   bool kept = false;                     ///< was there from an earlier run
 };
 
 struct LodLevelReport {
   std::uint64_t tiles = 0, triangles = 0, bytes = 0;
-  LodTileError error;  ///< the largest, and the root of the mean square
+  LodTileError error;     ///< the largest, and the root of the mean square
+  double skirt_mm = 0.0;  ///< depth
 };
 
 struct LodSetReport {

@@ -9,6 +9,7 @@
 //   no crack, by what was decoded: tiles of one level, and of two levels that alternate like the
 //                               fields of a chess board, welded by step * number: every edge has two
 //                               triangles but on the outline
+//   skirts .................... with --skirts, as high as stated; what is without them has no crack
 //   pictures .................. of light for each tile with --textures, of normals for coarse ones
 //   material .................. is there, and as the folder's name says if that is one
 //   boxes ..................... every decoded vertex lies in the box of its tile
@@ -111,11 +112,22 @@ for (const folder of process.argv.slice(2)) {
         Math.abs(y * high - box[2]) <= box[11];
       corners.push(`${x},${y},${z}`);
     }
+    // Skirts are all that is upright: two corners above each other.
+    const ground = [], skirt = Math.round(lod.levels.find((l) => l.depth === +uri.split('/')[1]).skirt_mm / lod.step_mm);
+    let drops = 0;
+    for (let i = 0; i < inside.indices.length; i += 3) {
+      const t = [...inside.indices.subarray(i, i + 3)];
+      const above = [[0, 1], [1, 2], [2, 0]].find(([a, b]) => [0, 2].every((k) => p[3 * t[a] + k] === p[3 * t[b] + k]));
+      if (!above) { ground.push(...t); continue; }
+      drops += 1;
+      expect(Math.abs(p[3 * t[above[0]] + 1] - p[3 * t[above[1]] + 1]) === skirt, `${uri}: a skirt is not ${skirt} steps high`);
+    }
+    expect((drops > 0) === (skirt > 0 && !uri.startsWith('tiles/0/')), `${uri}: ${drops} triangles of skirts`);
     expect(whole, `${uri}: positions are not whole numbers`);
     expect(inBox, `${uri}: vertices outside the box`);
     const [, depth, column, row] = uri.split('/');
     if (!levels.has(+depth)) levels.set(+depth, []);
-    levels.get(+depth).push({ column: +column, row: parseInt(row, 10), corners, indices: inside.indices });
+    levels.get(+depth).push({ column: +column, row: parseInt(row, 10), corners, indices: ground });
   }
   const width = (lod.nodes[0] - 1) * lod.steps_per_quad, height = (lod.nodes[1] - 1) * lod.steps_per_quad;
   const check = (tiles, what) => {

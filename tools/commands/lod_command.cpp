@@ -44,6 +44,9 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
   app->add_option("--textures", o->set.texels,
                   "texels along a tile's side: pictures of the full surface's normals for coarse "
                   "tiles, of ambient occlusion for all; 512 shows twice the detail of 256 quads");
+  app->add_flag("--skirts", o->set.skirts,
+                "walls below the sides that tiles share, for engines that move vertices; without "
+                "that nothing gapes");
   app->add_option("--tile-quads", o->set.tile_quads, "edge of a tile")->capture_default_str();
   app->add_option("--material", o->material, "paint, regolith or foil")
       ->capture_default_str()

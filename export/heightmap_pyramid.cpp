@@ -5,7 +5,6 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
-#include <numbers>
 
 #include <cpl_string.h>
 #include <fmt/format.h>
@@ -16,6 +15,7 @@
 #include "core/files.hpp"
 #include "export/cad.hpp"
 #include "export/detail/gdal_memory.hpp"
+#include "export/detail/place_reference.hpp"
 #include "export/glb_file.hpp"
 #include "heightmap/model_frame.hpp"
 
@@ -28,6 +28,7 @@ using detail::gdal_memory;
 using detail::GdalDataset;
 using detail::GdalMessages;
 using detail::put_row;
+using detail::set_place;
 using heightmap::ModelField;
 
 constexpr double kMostNumber = 65535.0;
@@ -200,18 +201,6 @@ Result<std::uint64_t> write_tiles(const std::vector<Grid<std::uint16_t>>& levels
       report.outputs.push_back(fs::path(tiles[i].stem).concat(ending));
   }
   return bytes;
-}
-
-/// Orthographic about the place: its plane is the tileset's x and y (lod_tileset.hpp).
-void set_place(OGRSpatialReference& frame, const LodPlace& place) {
-  const double a = place.body.equatorial_radius_m, b = place.body.polar_radius_m;
-  const double degree = std::numbers::pi / 180.0, centric = place.latitude_deg * degree;
-  const double geodetic = std::atan2(a * a * std::sin(centric), b * b * std::cos(centric)) / degree;
-  frame.SetProjCS(fmt::format("{} orthographic", place.body.name).c_str());
-  frame.SetGeogCS(place.body.name.c_str(), fmt::format("D_{}", place.body.name).c_str(),
-                  place.body.name.c_str(), a, a == b ? 0.0 : a / (a - b), "Reference meridian",
-                  0.0);
-  frame.SetOrthographic(geodetic, place.longitude_deg, 0.0, 0.0);
 }
 
 Result<std::uint64_t> write_geotiff(const ModelField& field, const HeightmapOptions& options,

@@ -151,18 +151,23 @@ void add_pictures(Json& json, std::vector<char>& binary, const Local& local) {
                        {"minFilter", kLinearMipmapLinear},
                        {"wrapS", kClampToEdge},
                        {"wrapT", kClampToEdge}}};
-  const auto add = [&](const char* use, const std::vector<char>& png) {
+  const auto add = [&](Json& of, const char* use, const std::vector<char>& png) {
     if (png.empty()) return;
     json["images"].push_back(
         {{"bufferView", json["bufferViews"].size()}, {"mimeType", "image/png"}});
     json["bufferViews"].push_back(
         {{"buffer", 0}, {"byteOffset", binary.size()}, {"byteLength", png.size()}});
     json["textures"].push_back({{"sampler", 0}, {"source", json["images"].size() - 1}});
-    json["materials"][0][use] = {{"index", json["textures"].size() - 1}};
+    of[use] = {{"index", json["textures"].size() - 1}};
     append(binary, png);
   };
-  add("normalTexture", local.pictures->normal_png);
-  add("occlusionTexture", local.pictures->occlusion_png);
+  Json& material = json["materials"][0];
+  add(material, "normalTexture", local.pictures->normal_png);
+  add(material, "occlusionTexture", local.pictures->occlusion_png);
+  if (local.pictures->colour_png.empty()) return;
+  Json& surface = material["pbrMetallicRoughness"];
+  surface["baseColorFactor"] = {1.0, 1.0, 1.0, 1.0};  // the picture is multiplied by it
+  add(surface, "baseColorTexture", local.pictures->colour_png);
 }
 
 /// glTF's axes turned so that up is x (draco_normals.hpp), and the quaternion that turns them back:

@@ -19,10 +19,10 @@
 ///            vertex caches like
 ///   plain    floats and 32 bit indices
 ///
-/// With pictures (lod_pictures.hpp) the material has them as normalTexture and occlusionTexture,
-/// and texture coordinates are whole numbers of the field's nodes over the picture's side (in 16
-/// bits of it for meshopt). Where there is a picture of normals the vertices' are upright,
-/// with tangents to the east.
+/// With pictures (lod_pictures.hpp) the material has them as normalTexture, occlusionTexture and
+/// baseColorTexture, and texture coordinates are whole numbers of the field's nodes over the
+/// picture's side (in 16 bits of it for meshopt). Where there is a picture of normals the vertices'
+/// are upright, with tangents to the east.
 
 #include <string>
 #include <string_view>

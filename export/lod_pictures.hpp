@@ -4,7 +4,7 @@
 /// @file lod_pictures.hpp
 /// What a tile's triangles do not show, as pictures over it: normals of the full surface at the
 /// places of texels, for tiles that are coarser than that; and how much of an even light the ground
-/// gets (sky_view.hpp), for all.
+/// gets (sky_view.hpp), for all. Colours of the ground lie the same way (lod_albedo.hpp).
 ///
 /// A picture covers a square from the tile's north-western corner, as wide as the tile's longer
 /// side; where the tile ends before, its last values go on. Its first row is in the north. Normals
@@ -22,6 +22,7 @@ namespace maquette::exporting {
 struct LodPictures {
   std::vector<char> normal_png;     ///< empty at full resolution
   std::vector<char> occlusion_png;  ///< one band
+  std::vector<char> colour_png;     ///< albedo_picture() (lod_albedo.hpp); empty: none
 };
 
 /// Light at nodes of every second row and column (pyramid level 1; level 0 if there is no other).

@@ -12,6 +12,7 @@
 #include "export/cad.hpp"
 #include "export/glb_file.hpp"
 #include "export/gltf.hpp"
+#include "export/lod_albedo.hpp"
 #include "export/lod_skirts.hpp"
 #include "export/lod_stones.hpp"
 #include "export/lod_tileset.hpp"
@@ -42,6 +43,7 @@ Result<void> check_options(const heightmap::ModelField& field, const LodSetOptio
         fmt::format("pictures of {} texels a side: 16 to {} expected", o.texels, kMostTexels));
   if (o.texels != 0 && !o.asset.normals)
     return bad("pictures without normals: engines turn a picture's normals by the mesh's");
+  if (o.albedo && o.texels == 0) return bad("an albedo without pictures: texels expected");
   if (o.max_error && !(o.max_error->value() > 0.0))
     return bad(fmt::format("an error of {} mm: more than 0 expected", o.max_error->value()));
   MAQUETTE_TRY_VOID(check_place(o.place, o.asset.scale_denominator));
@@ -50,18 +52,26 @@ Result<void> check_options(const heightmap::ModelField& field, const LodSetOptio
   return {};
 }
 
-std::string key_of(const heightmap::ModelField& field, const LodSetOptions& o) {
+/// @param albedo  null: none
+std::string key_of(const heightmap::ModelField& field, const LodSetOptions& o,
+                   const LodAlbedo* albedo) {
   const auto heights = field.z_mm.cells();
   const std::string content =
       sha256({reinterpret_cast<const char*>(heights.data()), heights.size() * sizeof(heights[0])});
   const LodContentScale scale = content_scale(o);
+  std::string colours;
+  if (albedo != nullptr) {
+    colours = fmt::format(" {} {}", albedo->width, albedo->height);
+    for (const auto& band : albedo->bands)
+      colours += ' ' + sha256({reinterpret_cast<const char*>(band.data()), band.size()});
+  }
   return sha256(fmt::format("{} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}", kTileVersion,
                             content, field.z_mm.rows(), field.z_mm.cols(), field.spacing.value(),
                             o.position_bits, o.tile_quads, static_cast<int>(o.filter),
                             name(o.asset.compression), name(o.asset.material), o.asset.normals,
                             o.asset.normal_bits, o.asset.scale_denominator, scale.horizontal,
                             scale.vertical, o.texels) +
-                (o.skirts ? " skirts" : ""));
+                (o.skirts ? " skirts" : "") + colours);
 }
 
 Result<void> make_folder(const fs::path& folder) {
@@ -112,12 +122,13 @@ struct Making {
   const LodPyramid& pyramid;
   const LodLattice& lattice;
   const Grid<float>* light;          ///< lod_occlusion(), for pictures; null: none
+  const LodAlbedo* albedo;           ///< null: none
   std::vector<std::int32_t> skirts;  ///< depth by level, steps; empty: none
 };
 
 Result<LodTileReport> make_one(const Making& making, LodTileKey key, const LodSetOptions& options,
                                const fs::path& path) {
-  const auto& [pyramid, lattice, light, skirts] = making;
+  const auto& [pyramid, lattice, light, albedo, skirts] = making;
   LodTileMesh tile = make_lod_tile(pyramid, lattice, key);
   LodTileReport report;
   report.key = key;
@@ -142,6 +153,10 @@ Result<LodTileReport> make_one(const Making& making, LodTileKey key, const LodSe
   LodPictures pictures;
   if (light != nullptr) {
     MAQUETTE_TRY(pictures, make_lod_pictures(pyramid, *light, tile, options.texels));
+    if (albedo != nullptr) {
+      MAQUETTE_TRY(pictures.colour_png,
+                   albedo_picture(*albedo, pyramid.field(), tile, options.texels));
+    }
   }
   MAQUETTE_TRY(const GlbContent content,
                encode_lod_tile(tile, lattice, report.error, options.asset, content_scale(options),
@@ -175,6 +190,7 @@ std::vector<std::int32_t> skirt_depths(const LodPyramid& pyramid, const LodLatti
 }
 
 Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const LodLattice& lattice,
+                                               const LodAlbedo* albedo,
                                                const LodSetOptions& options, const fs::path& folder,
                                                const RunContext& run) {
   const auto keys = tiles_of(pyramid.field(), lattice, pyramid.levels());
@@ -185,7 +201,7 @@ Result<std::vector<LodTileReport>> write_tiles(const LodPyramid& pyramid, const 
   }
   std::optional<Grid<float>> light;
   if (options.texels > 0) light = lod_occlusion(pyramid);
-  Making making{pyramid, lattice, light ? &*light : nullptr, {}};
+  Making making{pyramid, lattice, light ? &*light : nullptr, albedo, {}};
   if (options.skirts) making.skirts = skirt_depths(pyramid, lattice, keys, run);
   std::vector<std::optional<Result<LodTileReport>>> made(keys.size());
   std::atomic<std::size_t> done{0};
@@ -276,10 +292,15 @@ Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
   MAQUETTE_TRY(report.lattice, lod_lattice(field, options));
   const int levels = lod_levels(field, options.tile_quads);
   MAQUETTE_TRY(const auto pyramid, LodPyramid::create(field, levels, options.filter));
+  std::optional<LodAlbedo> colours;
+  if (options.albedo) {
+    MAQUETTE_TRY(colours, read_lod_albedo(*options.albedo, field, options));
+  }
+  const LodAlbedo* albedo = colours ? &*colours : nullptr;
   run.progress(0.1);
   MAQUETTE_TRY_VOID(make_folder(folder));
-  MAQUETTE_TRY_VOID(prepare_folder(folder, key_of(field, options)));
-  MAQUETTE_TRY(report.tiles, write_tiles(pyramid, report.lattice, options, folder, run));
+  MAQUETTE_TRY_VOID(prepare_folder(folder, key_of(field, options, albedo)));
+  MAQUETTE_TRY(report.tiles, write_tiles(pyramid, report.lattice, albedo, options, folder, run));
   sum_levels(report, field, levels);
   const auto put = [&](const std::string& path, const std::string& content) -> Result<void> {
     MAQUETTE_TRY_VOID(make_folder((folder / path).parent_path()));
@@ -340,6 +361,7 @@ std::string to_json(const LodSetReport& report, const LodSetOptions& options,
             {"steps_per_quad", report.lattice.steps_per_quad},
             {"tile_quads", report.lattice.tile_quads},
             {"texels", options.texels},
+            {"albedo", options.albedo.has_value()},
             {"nodes", {field.z_mm.cols(), field.z_mm.rows()}},
             {"spacing_mm", field.spacing.value()},
             {"x0_mm", field.x0.value()},

@@ -23,7 +23,7 @@
 ///         With implicit tiling it halves from level to level, so the root's is as large as that
 ///         takes.
 /// Skirts  only if asked for. Errors are those of the surface without them; tiles are then made
-///         twice, once to measure how deep skirts have to be.
+///         and measured twice, first to know how deep skirts have to be.
 /// Boxes   contain content and children, and are a step larger on each side.
 /// Work    tiles in parallel, each file whole or not at all. A run that was stopped goes on: tiles
 ///         of the same heights, options and version are kept if they are as long as their header
@@ -62,7 +62,8 @@ struct LodSetOptions {
   LodAssetOptions asset;
   bool skirts = false;  ///< lod_skirts.hpp
   int texels = 0;  ///< along the side of a tile's pictures (lod_pictures.hpp), 0: none; to 4096
-  std::optional<Millimetres> max_error;  ///< that the finest level must keep
+  std::optional<std::filesystem::path> albedo;  ///< a raster over the surface (lod_albedo.hpp)
+  std::optional<Millimetres> max_error;         ///< that the finest level must keep
   std::optional<LodPlace> place;
 };
 
@@ -95,8 +96,8 @@ struct LodSetReport {
                                              const LodSetOptions& options);
 
 /// Writes the set into `folder`, which is made. EXPORT_HEIGHT_NOT_FINITE; EXPORT_LIBRARY_FAILED;
-/// CORE_FILE_NOT_WRITABLE, CORE_DISK_FULL; CORE_CANCELLED (tiles that are done stay); and
-/// lod_lattice's.
+/// EXPORT_ALBEDO_UNUSABLE; CORE_FILE_NOT_WRITABLE, CORE_DISK_FULL; CORE_CANCELLED (tiles that are
+/// done stay); and lod_lattice's.
 [[nodiscard]] Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
                                                  std::span<const meshing::PlacedStone> stones,
                                                  const LodSetOptions& options,

@@ -10,7 +10,8 @@
 //                               fields of a chess board, welded by step * number: every edge has two
 //                               triangles but on the outline
 //   skirts .................... with --skirts, as high as stated; what is without them has no crack
-//   pictures .................. of light for each tile with --textures, of normals for coarse ones
+//   pictures .................. of light for each tile with --textures, of normals for coarse ones, with
+//                               --albedo of colours for all
 //   material .................. is there, and as the folder's name says if that is one
 //   boxes ..................... every decoded vertex lies in the box of its tile
 
@@ -93,7 +94,7 @@ for (const folder of process.argv.slice(2)) {
     expect(material === (['regolith', 'foil'].includes(folder) ? folder : 'paint'), `${path}: the material is ${material}`);
     expect((lod.normal_bits > 0) === Boolean(inside.attributes.NORMAL), `${path}: normals`);
     const pictures = glb.json.images?.length ?? 0, full = path.includes(`tiles/${lod.levels.length - 1}/`);
-    expect(pictures === (lod.texels === 0 ? 0 : full ? 1 : 2), `${path}: ${pictures} pictures`);
+    expect(pictures === (lod.texels === 0 ? 0 : full ? 1 : 2) + (lod.albedo ? 1 : 0), `${path}: ${pictures} pictures`);
     await valid(plainAgain(glb, inside), `${path}, unpacked`, lod.compression === 'meshopt');
     const p = turned(glb.json.nodes[0], inside.attributes.POSITION);
     const origin = glb.json.nodes[0].translation.map((t, k) => Math.round(t / steps[k]));

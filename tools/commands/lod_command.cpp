@@ -13,7 +13,7 @@ namespace maquette::tools {
 
 Command add_lod(CLI::App& root, const CommonOptions&) {
   struct Options {
-    fs::path design, stones, out = "lod";
+    fs::path design, stones, albedo, out = "lod";
     std::string compression = "draco", material = "paint", body;
     exporting::LodSetOptions set;
     exporting::LodPlace place;
@@ -41,9 +41,14 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
                   "that the finest level must keep; refused where --bits do not do");
   app->add_option("--normal-bits", o->set.asset.normal_bits, "of draco")->capture_default_str();
   app->add_flag("--no-normals", o->no_normals, "fewer bytes; engines shade by triangles");
-  app->add_option("--textures", o->set.texels,
-                  "texels along a tile's side: pictures of the full surface's normals for coarse "
-                  "tiles, of ambient occlusion for all; 512 shows twice the detail of 256 quads");
+  auto* textures = app->add_option(
+      "--textures", o->set.texels,
+      "texels along a tile's side: pictures of the full surface's normals for coarse "
+      "tiles, of ambient occlusion for all; 512 shows twice the detail of 256 quads");
+  app->add_option("--albedo", o->albedo,
+                  "colour of the ground, a raster over the surface: from edge to edge, or in the "
+                  "model's frame, or with --body in a CRS of the body")
+      ->needs(textures);
   app->add_flag("--skirts", o->set.skirts,
                 "walls below the sides that tiles share, for engines that move vertices; without "
                 "that nothing gapes");
@@ -80,6 +85,7 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
         job.design = o->design;
         if (!o->stones.empty()) job.stones = o->stones;
         job.options = o->set;
+        if (!o->albedo.empty()) job.options.albedo = o->albedo;
         job.options.asset.normals = !o->no_normals;
         for (const auto c : {LodCompression::draco, LodCompression::meshopt, LodCompression::plain})
           if (o->compression == name(c)) job.options.asset.compression = c;

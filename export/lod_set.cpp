@@ -27,13 +27,15 @@ using Json = nlohmann::ordered_json;
 constexpr double kCoarsestStep = 0.25;
 /// Goes up when tiles of the same heights and options get other bytes.
 constexpr int kTileVersion = 4;
+/// Of a coordinate: differences of whole numbers stay below the 2^24 that floats hold.
+constexpr int kMostBits = 22;
 /// Of a picture's side: what WebGL 2 grants is 2048, what engines do 4096.
 constexpr int kMostTexels = 4096;
 
 Result<void> check_options(const heightmap::ModelField& field, const LodSetOptions& o) {
   const auto bad = [](const std::string& what) { return fail(kOptionOutOfRange, what); };
-  if (o.position_bits < 8 || o.position_bits > 22)
-    return bad(fmt::format("{} bits a coordinate: 8 to 22 expected", o.position_bits));
+  if (o.position_bits < 8 || o.position_bits > kMostBits)
+    return bad(fmt::format("{} bits a coordinate: 8 to {} expected", o.position_bits, kMostBits));
   if (o.tile_quads < 16 || o.tile_quads > 1024)
     return bad(fmt::format("tiles of {} quads: 16 to 1024 expected", o.tile_quads));
   if (o.asset.normal_bits < 4 || o.asset.normal_bits > 16)
@@ -271,13 +273,18 @@ Result<LodLattice> lod_lattice(const heightmap::ModelField& field, const LodSetO
   const double step_mm = per_quad > 0.0 ? spacing / per_quad : longest / steps;
   if (step_mm > most_mm) {
     const double per_quad_asked = std::ceil(spacing / most_mm);
+    const double bits = std::ceil(std::log2(per_quad_asked * longest / spacing + 1.0));
     return fail(kQuantisationTooCoarse,
                 fmt::format("{} bits over {:.4g} mm make steps of {:.4g} mm; at most {:.4g} mm are "
-                            "allowed ({}), {} bits would do",
+                            "allowed ({}), {} bits would do{}",
                             options.position_bits, longest, step_mm, most_mm,
                             options.max_error ? "a quarter of the spacing, and twice the error"
                                               : "a quarter of the spacing",
-                            std::ceil(std::log2(per_quad_asked * longest / spacing + 1.0))));
+                            bits,
+                            bits > kMostBits ? fmt::format(", of which there are {}: ask for less "
+                                                           "or for a part of the surface",
+                                                           kMostBits)
+                                             : ""));
   }
   return LodLattice{.step_mm = step_mm,
                     .steps_per_quad = static_cast<std::int32_t>(per_quad),

@@ -76,6 +76,19 @@ Members pruned(Members with, Linearised& residuals) {
   const double null = residuals.score({}), null_left = residuals.left_by({});
   while (!with.empty()) {
     const double all = residuals.score(with), left = residuals.left_by(with);
+    if (!std::isfinite(all)) {
+      // Cut anew two that fit against each other grow beyond belief: without the one that is missed
+      // least.
+      std::size_t least_missed = with.size() - 1;
+      double best = INFINITY;
+      for (std::size_t k = 0; k < with.size(); ++k)
+        if (const double s = residuals.score(without(with, k)); s < best) {
+          best = s;
+          least_missed = k;
+        }
+      with = without(with, least_missed);
+      continue;
+    }
     const double price = kPriceOfGain * std::fmax(0.0, null - all);
     double least = 0.0;
     std::size_t drop = with.size();
@@ -121,6 +134,7 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
     if (!(size > kLeastSize_mm) || std::abs(std::log(size / made_of_mm)) < same) continue;
     moved = true;
     k.form = (k.form.*make)(size);
+    k.form.before = {made_of_mm, f.coefficients(at)};
     add_columns(bank, search.observations, k.form.columns);
   }
   return moved;

@@ -70,6 +70,11 @@ struct Form {
   /// The size that the signature was made of, where it hangs on that; 0: it does not, or `follows`
   /// has it.
   double made_of_mm = 0.0;
+  /// Of a lag that was made of another size before: which, and its coefficient then.
+  struct Before {
+    double size_mm, coefficient;
+  };
+  std::optional<Before> before{};
   /// The form made of another size.
   std::function<Form(double size_mm)> of_size{};
   /// The same with the tangent at that size for a signature; empty: none.

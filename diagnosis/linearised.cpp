@@ -105,7 +105,8 @@ Fit Linearised::fit_of(const Members& model) const {
 }
 
 double Linearised::score_as_is(const Members& model) const {
-  return fit(bank_, columns_of(bank_, model), {kChoose}).objective + price(bank_, model);
+  const Fit f = fit(bank_, columns_of(bank_, model), {kChoose});
+  return believable(bank_, model, f) ? f.objective + price(bank_, model) : INFINITY;
 }
 
 double Linearised::score(const Members& model) {

@@ -20,16 +20,16 @@ constexpr std::size_t kMostCauses = 5;
 constexpr double kFar = 2000.0;     // in -2 log likelihood
 constexpr std::size_t kFitted = 4;  // of the forms of a candidate, at either noise
 
-bool physical(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f) {
-  for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
-    const Column& c = member.form.columns[k];
-    const auto at = std::find(model.begin(), model.end(), bank.index.at(c.key)) - model.begin();
-    const double value = f.coefficients(at);
-    if (k < member.form.signed_columns && member.form.sign != 0 && value * member.form.sign < 0.0)
-      return false;
-    if (std::abs(value * c.parameter.per_column) > c.parameter.plausible) return false;
-  }
-  return true;
+/// Of the signs that the laws allow, and of believable sizes.
+bool physical(const Bank& bank, const std::vector<Member>& members, const Fit& f) {
+  const auto model = columns_of(bank, members);
+  for (const Member& m : members)
+    for (std::size_t k = 0; k < std::min(m.form.columns.size(), m.form.signed_columns); ++k) {
+      const auto at = std::find(model.begin(), model.end(), bank.index.at(m.form.columns[k].key)) -
+                      model.begin();
+      if (f.coefficients(at) * m.form.sign < 0.0) return false;
+    }
+  return believable(bank, members, f);
 }
 
 /// In -2 log likelihood: scores that differ by less are the same.
@@ -44,8 +44,7 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
                 bool priced) {
   const auto model = columns_of(bank, members);
   const Fit f = fit(bank, model, sets);
-  for (const Member& m : members)
-    if (!physical(bank, model, m, f)) return INFINITY;
+  if (!physical(bank, members, f)) return INFINITY;
   return f.objective + (priced ? price(bank, members) : 0.0);
 }
 
@@ -108,6 +107,26 @@ void offer(Search& search, const Member& member) {
 }
 
 }  // namespace
+
+bool believable(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f,
+                double sigmas) {
+  for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
+    const Column& c = member.form.columns[k];
+    const auto at = std::find(model.begin(), model.end(), bank.index.at(c.key)) - model.begin();
+    const double value = f.coefficients(at);
+    const double unsure =
+        sigmas > 0.0 ? sigmas * std::sqrt(std::fmax(0.0, f.covariance(at, at))) : 0.0;
+    if ((std::abs(value) - unsure) * std::abs(c.parameter.per_column) > c.parameter.plausible)
+      return false;
+  }
+  return true;
+}
+
+bool believable(const Bank& bank, const std::vector<Member>& members, const Fit& f) {
+  const auto model = columns_of(bank, members);
+  return std::all_of(members.begin(), members.end(),
+                     [&](const Member& m) { return believable(bank, model, m, f); });
+}
 
 bool has(const std::vector<Member>& members, const Effect* effect) {
   return std::any_of(members.begin(), members.end(),

@@ -85,6 +85,20 @@ double variance_over_laws(const Search& search, const Bank& bank, const Model& m
   return weight > 0.0 ? sum / weight : 0.0;
 }
 
+/// By how much more a size changes than what it moves: half the square of a lag is reported, and
+/// what a lag moves grows with its power 1.4 or so, for bends are shorter than the way it needs.
+/// From the coefficients that the form had before it was made of its size and has now.
+double change_of_size(const Form& form, double coefficient) {
+  constexpr double kReported = 2.0, kUsual = 1.4;
+  const auto& what = form.columns[0].follows;
+  if (!what || !what->lag) return 1.0;
+  double power = kUsual;
+  if (form.before)
+    power = std::log(form.before->coefficient / coefficient) /
+            std::log(what->size_mm / form.before->size_mm);
+  return kReported / (power >= 0.5 * kReported && power <= kReported ? power : kUsual);
+}
+
 /// Sizes as fitted, with standard errors.
 std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Model& model,
                                std::size_t k) {
@@ -99,9 +113,11 @@ std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Mod
     if (sizes.empty() && model.members[k].form.alternatives)
       variance = std::fmax(variance,
                            variance_over_laws(search, bank, model, k, model.fit.coefficients(at)));
-    sizes.push_back({column.parameter.name,
-                     model.fit.coefficients(at) * column.parameter.per_column,
-                     wider * std::sqrt(variance) * std::abs(column.parameter.per_column)});
+    double coefficient = model.fit.coefficients(at);
+    const double change = change_of_size(model.members[k].form, coefficient);
+    if (change != 1.0 && coefficient > 0.0) coefficient = std::pow(coefficient, change);
+    sizes.push_back({column.parameter.name, coefficient * column.parameter.per_column,
+                     wider * change * std::sqrt(variance) * std::abs(column.parameter.per_column)});
   }
   return sizes;
 }
@@ -319,8 +335,28 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
       causes.push_back(
           cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out, shapes[k]));
       causes.back().parameters = std::move(sizes[k]);
+      // With the form of the size that is reported the extended model needs no share of it.
+      if (const auto& what = members[k].form.columns[0].follows; what && what->lag)
+        for (auto& [name, value] : causes.back().fixed)
+          if (name == kFollowedLag && causes.back().parameters[0].value > 0.0)
+            value = std::sqrt(2.0 * causes.back().parameters[0].value);
     }
     residuals.about(members);
+    constexpr double kBeyond = 3.0;  // standard errors
+    const auto beyond_belief = static_cast<std::size_t>(
+        std::find_if(members.begin(), members.end(),
+                     [&](const Member& m) {
+                       return !believable(bank, model.columns, m, model.fit, kBeyond);
+                     }) -
+        members.begin());
+    if (beyond_belief < members.size()) {
+      const Cause& c = causes[beyond_belief];
+      vague += c.share;
+      d.rejected.push_back({c.effect, fmt::format("no workshop would believe its size: {} = {:.4g}",
+                                                  c.parameters[0].name, c.parameters[0].value)});
+      confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(beyond_belief));
+      continue;
+    }
     const std::size_t drop = nameless(causes, shapes);
     if (drop == members.size()) {
       d.causes = std::move(causes);

@@ -15,6 +15,8 @@ namespace maquette::diagnosis::detail {
 
 /// Among the fixed values of a lost motion beside a lag: 1 where it is behind the drive that lags.
 inline constexpr const char* kSlackBehindLag = "behind_the_lag";
+/// What the form of a lag was made of.
+inline constexpr const char* kFollowedLag = "followed_lag_mm";
 
 /// A column of such a cause with its coefficient.
 struct FollowedTerm {

@@ -41,7 +41,7 @@ class Linearised {
   /// Fit of a model on all blocks, with residuals as they are.
   [[nodiscard]] Fit fit_of(const Members& model) const;
   /// -2 log likelihood on the choosing blocks with the price of a model, residuals as they are;
-  /// less is better.
+  /// less is better. Infinite where a size is not one to believe.
   [[nodiscard]] double score_as_is(const Members& model) const;
   /// The same with residuals about the model.
   [[nodiscard]] double score(const Members& model);

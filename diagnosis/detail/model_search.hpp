@@ -63,6 +63,14 @@ struct Search {
 /// May the effect be beside these? Not one of them, nor one that says the same (never_beside).
 [[nodiscard]] bool may_join(const std::vector<Member>& members, const Effect* effect);
 
+/// Whether every size of a member is one that a workshop would believe.
+/// @param model   columns_of() the fitted model
+/// @param sigmas  standard errors by which a size may be beyond
+[[nodiscard]] bool believable(const Bank& bank, const std::vector<int>& model, const Member& member,
+                              const Fit& f, double sigmas = 0.0);
+/// The same of all members of a model.
+[[nodiscard]] bool believable(const Bank& bank, const std::vector<Member>& members, const Fit& f);
+
 /// What a model costs while choosing.
 [[nodiscard]] double price(const Bank& bank, const std::vector<Member>& members);
 

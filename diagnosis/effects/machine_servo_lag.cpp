@@ -4,6 +4,7 @@
 // bend the tip runs inside by e^2 / 2 times the curvature: peaks low, pits high, along the feed
 // only. The path is filtered by p' = (c - p) / e and compared at the same place. e up to 1 mm.
 #include "diagnosis/detail/forms.hpp"
+#include "diagnosis/detail/lag_and_slack.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -21,7 +22,7 @@ struct Make {
                        [trail](const Observation&, const CutState& s, Vec3) {
                          return CutChange{trail(s).at, 0.0};
                        })},
-           {{"followed_lag_mm", lag_mm}},
+           {{kFollowedLag, lag_mm}},
            1};
     // The bent pass itself, wherever causes are cut together: a ball of 3 mm in a pit meets it
     // elsewhere than the straight command, 3 % of all that a lag of 1.8 mm does. Too dear to search

@@ -17,6 +17,7 @@
 #include "export/detail/gdal_memory.hpp"
 #include "export/detail/place_reference.hpp"
 #include "export/glb_file.hpp"
+#include "export/lod_pictures.hpp"
 
 namespace maquette::exporting {
 namespace {
@@ -243,11 +244,7 @@ Result<LodAlbedo> read_lod_albedo(const fs::path& path, const ModelField& field,
 
 Result<std::vector<char>> albedo_picture(const LodAlbedo& albedo, const ModelField& field,
                                          const LodTileMesh& tile, int texels) {
-  const auto north = static_cast<double>(tile.rows.back()),
-             south = static_cast<double>(tile.rows.front()),
-             west = static_cast<double>(tile.cols.front()),
-             east = static_cast<double>(tile.cols.back());
-  const double side = std::fmax(north - south, east - west);  // nodes of the field
+  const auto [north, south, west, east, side] = picture_square(tile);
   const double top = static_cast<double>(field.z_mm.rows() - 1);
   // Pixels a quad.
   const double across =

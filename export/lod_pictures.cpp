@@ -77,6 +77,14 @@ int occlusion_level(const LodPyramid& pyramid) {
 
 }  // namespace
 
+PictureSquare picture_square(const LodTileMesh& tile) {
+  const auto north = static_cast<double>(tile.rows.back()),
+             south = static_cast<double>(tile.rows.front()),
+             west = static_cast<double>(tile.cols.front()),
+             east = static_cast<double>(tile.cols.back());
+  return {north, south, west, east, std::fmax(north - south, east - west)};
+}
+
 Grid<float> lod_occlusion(const LodPyramid& pyramid) {
   const int level = occlusion_level(pyramid);
   return sky_view(pyramid.heights_mm(level), std::ldexp(pyramid.field().spacing.value(), level),
@@ -85,11 +93,7 @@ Grid<float> lod_occlusion(const LodPyramid& pyramid) {
 
 Result<LodPictures> make_lod_pictures(const LodPyramid& pyramid, const Grid<float>& occlusion,
                                       const LodTileMesh& tile, int texels) {
-  const auto north = static_cast<double>(tile.rows.back()),
-             south = static_cast<double>(tile.rows.front()),
-             west = static_cast<double>(tile.cols.front()),
-             east = static_cast<double>(tile.cols.back());
-  const double side = std::fmax(north - south, east - west);  // nodes of the field
+  const auto [north, south, west, east, side] = picture_square(tile);
   /// of(row, col, texel) in nodes of the field, for each texel from the upper left.
   const auto each = [&](int count, const auto& of) {
     const double texel = side / count;

@@ -19,6 +19,13 @@
 
 namespace maquette::exporting {
 
+/// What a tile's picture covers, in nodes of the field.
+struct PictureSquare {
+  double north = 0.0, south = 0.0, west = 0.0, east = 0.0;  ///< of the tile
+  double side = 0.0;                                        ///< of the square
+};
+[[nodiscard]] PictureSquare picture_square(const LodTileMesh& tile);
+
 struct LodPictures {
   std::vector<char> normal_png;     ///< empty at full resolution
   std::vector<char> occlusion_png;  ///< one band

@@ -93,10 +93,9 @@ Result<void> write_pins(const JointHoles& holes, const std::filesystem::path& fo
                       apart_mm * static_cast<double>(i / in_a_row), 0.0},
                      fmt::format("P{:03}", places[i].number)});
   outputs.push_back(folder / "pins.3mf");
-  return exporting::write_3mf({{fmt::format("pin {:g} x {:g} mm", o.diameter_mm,
-                                            meshing::pin_length_mm(o)),
-                                "P", &pin}},
-                              items, outputs.back());
+  return exporting::write_3mf(
+      {{fmt::format("pin {:g} x {:g} mm", o.diameter_mm, meshing::pin_length_mm(o)), "P", &pin}},
+      items, outputs.back());
 }
 
 std::string to_json(const JointHoles& holes) {

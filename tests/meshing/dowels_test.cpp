@@ -7,7 +7,7 @@
 //   round holes are where they are said to be ... ring of 32 corners on both sides, a pin of the
 //   dowel's
 //                                           size touches no vertex or facet
-//   a pin ................................. CGAL; volume = prism + two frusta, goes in with its play
+//   a pin ................................. CGAL; volume of prism and two frusta; goes into a hole
 //   wall around them ...................... distance of every hole from every other surface
 //   a ring's triangles .................... area = outer - hole; no corner twice; random outlines
 //   MESHING_DOWEL_DOES_NOT_FIT ............ thin base, small tile, senseless lengths

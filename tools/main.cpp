@@ -54,7 +54,8 @@ int run_program(int argc, char** argv) {
       add_deviate(root, common),    add_diagnose(root, common),    add_detectability(root, common),
       add_compensate(root, common), add_info(root, common),        add_doctor(root, common),
       add_expose(root, common),     add_stack(root, common),       add_view(root, common),
-      add_calibrate(root, common),  add_match(root, common),       add_sheet(root, common)};
+      add_calibrate(root, common),  add_match(root, common),       add_sheet(root, common),
+      add_simplify(root, common)};
   for (CLI::App* verb : root.get_subcommands({})) verb->fallthrough();
 
   try {

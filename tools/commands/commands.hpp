@@ -44,6 +44,7 @@ Command add_fuse(CLI::App& root, const CommonOptions& common);
 Command add_stones(CLI::App& root, const CommonOptions& common);
 Command add_stone_parts(CLI::App& root, const CommonOptions& common);
 Command add_mesh(CLI::App& root, const CommonOptions& common);
+Command add_simplify(CLI::App& root, const CommonOptions& common);
 Command add_bands(CLI::App& root, const CommonOptions& common);
 Command add_mill(CLI::App& root, const CommonOptions& common);
 Command add_spheres(CLI::App& root, const CommonOptions& common);

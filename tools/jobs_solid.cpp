@@ -21,10 +21,6 @@ namespace maquette::tools {
 using nlohmann::json;
 namespace {
 
-fs::path certificate_path(const fs::path& mesh) {
-  return mesh.parent_path() / (mesh.stem().string() + ".certificate.json");
-}
-
 /// Progress of one part of a job, as a share of the whole.
 RunContext part(const RunContext& run, double from, double to) {
   RunContext sub = run;

@@ -81,7 +81,7 @@ Result<JobResult> band_with_stones_job(const fs::path& design_path, const fs::pa
   auto text = nlohmann::ordered_json::parse(meshing::to_json(made->certificate));
   text["stones"] = made->stones;
   JobResult result;
-  result.outputs = {out, out.parent_path() / (out.stem().string() + ".certificate.json")};
+  result.outputs = {out, certificate_path(out)};
   result.figures_json = text.dump(2) + "\n";
   MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
   result.note = fmt::format("{} triangles with {} stones, closed, manifold",

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <filesystem>
+
 #include "heightmap/height_field.hpp"
 #include "meshing/solid.hpp"
 
@@ -12,6 +14,11 @@ namespace maquette::tools {
                                                          Millimetres base_thickness) {
   const auto lowest = static_cast<double>(heightmap::height_range(design.z_mm).min);
   return {.base_z = Millimetres{lowest} - base_thickness};
+}
+
+/// Beside the solid: surface.ply, surface.certificate.json.
+[[nodiscard]] inline std::filesystem::path certificate_path(const std::filesystem::path& solid) {
+  return solid.parent_path() / (solid.stem().string() + ".certificate.json");
 }
 
 }  // namespace maquette::tools

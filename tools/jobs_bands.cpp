@@ -16,6 +16,7 @@
 #include "tools/exploded_view.hpp"
 #include "tools/jobs.hpp"
 #include "tools/schema.hpp"
+#include "tools/set_aside.hpp"
 #include "tools/solid_base.hpp"
 
 namespace maquette::tools {
@@ -149,6 +150,7 @@ Result<JobResult> band_layout_job(const BandLayoutJob& job, const fs::path& fold
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  MAQUETTE_TRY_VOID(set_aside_beyond(folder, "band_", layout->bands.size(), run));
   std::vector<std::string> warnings;
   for (const auto& kept : layout->kept) {
     warnings.push_back(said(kept, layout->bands.front().axis, job.clearance.value()));

@@ -33,9 +33,10 @@ struct BandLayoutJob {
   std::size_t most_bands = 0;  ///< as there are work offsets; 0: any number
 };
 
-/// bands.json (bands, joints, stones that these meet), exploded.svg and exploded.png. A joint that
-/// meets a stone is warned of by name, and by stone. MESHING_BANDS_DEGENERATE as
-/// split_beside_stones, and if there are more bands than `most_bands`.
+/// bands.json (bands, joints, stones that these meet), exploded.svg and exploded.png; what an
+/// earlier run has left of bands beyond these is set aside (set_aside.hpp). A joint that meets a
+/// stone is warned of by name, and by stone. MESHING_BANDS_DEGENERATE as split_beside_stones, and
+/// if there are more bands than `most_bands`.
 [[nodiscard]] Result<JobResult> band_layout_job(const BandLayoutJob& job,
                                                 const std::filesystem::path& folder,
                                                 const RunContext& run);

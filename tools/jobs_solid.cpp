@@ -16,6 +16,8 @@
 #include "meshing/stones.hpp"
 #include "tools/jobs.hpp"
 #include "tools/solid_base.hpp"
+#include "tools/jobs_shaped.hpp"
+#include "tools/set_aside.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
@@ -201,6 +203,8 @@ Result<meshing::MeshCertificate> check_rounded(const TriMesh& mesh, const std::s
                meshing::check_mesh(in_file, design, {.rounding = rounding}, part(run, 0.0, 0.8)));
   certificate.rounding_mm = meshing::rounding_displacement_mm(TriMeshStream(mesh), rounding);
   if (certificate.passed()) return certificate;
+  MAQUETTE_TRY_VOID(set_aside_beyond(out.parent_path(), out.stem().string() + "_band_",
+                                     bands.size() > 1 ? bands.size() : 0, run));
   MAQUETTE_TRY(const auto before, meshing::check_mesh(mesh, design, {}, part(run, 0.8, 1.0)));
   if (!before.passed())
     return fail(meshing::kNotASolid, fmt::format("{}: the mesh is no solid: {}; repair it first",

@@ -13,6 +13,7 @@
 #include "tools/jobs_bands.hpp"
 #include "tools/jobs_tiles.hpp"
 #include "tools/part_with_stones.hpp"
+#include "tools/set_aside.hpp"
 #include "tools/solid_base.hpp"
 
 namespace maquette::tools {
@@ -158,6 +159,7 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
+  MAQUETTE_TRY_VOID(set_aside_beyond(folder, "tile_", tiles->size(), run));
   const Millimetres base_z = solid_options(design, job.base_thickness).base_z;
   const auto holes = place_holes(design, *tiles, base_z, job.base_thickness, job.in_joints);
   if (!holes) return tl::unexpected(Error(holes.error()).within(job.design.string()));

@@ -21,7 +21,8 @@ struct TilesJob {
   bool with_stones = false;  ///< united with the tiles that they stand on; then nothing is shaped
 };
 /// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels, magnets), tiles.svg
-/// (plan from above with stones, 1:1), exploded.svg and exploded.png (tiles moved apart).
+/// (plan from above with stones, 1:1), exploded.svg and exploded.png (tiles moved apart). What an
+/// earlier run has left of tiles beyond these is set aside (set_aside.hpp).
 [[nodiscard]] Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder,
                                           const RunContext& run);
 

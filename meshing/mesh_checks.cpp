@@ -117,16 +117,26 @@ bool cuts_itself(const TriMesh& source, const Mesh& mesh, const heightmap::Model
   return found;
 }
 
-void measure_height_error(const TriMesh& mesh, const heightmap::ModelField& field,
-                          MeshCertificate& certificate) {
+/// The mesh's first triangles and the vertices that they have. @pre indices in range
+detail::PartOfMesh top_of(const TriMesh& mesh, std::uint64_t triangles) {
+  detail::PartOfMesh top{mesh.vertices_mm, mesh.triangles};
+  if (triangles >= mesh.triangles.size()) return top;
+  top.triangles = top.triangles.first(triangles);
+  std::size_t vertices = 0;
+  for (const Triangle& t : top.triangles)
+    vertices = std::max<std::size_t>(vertices, std::size_t{std::max({t[0], t[1], t[2]})} + 1);
+  top.vertices_mm = top.vertices_mm.first(vertices);
+  return top;
+}
+
+void measure_height_error(std::span<const Vec3> vertices_mm, double base_z,
+                          const heightmap::ModelField& field, MeshCertificate& certificate) {
   constexpr double kNearWall_mm = 1e-6;
   constexpr double kStoneAbove_mm = 0.05;
   const double x_last = field.x_mm(field.z_mm.cols() - 1);
   const double y_last = field.y_mm(field.z_mm.rows() - 1);
-  double base_z = INFINITY;
-  for (const Vec3& v : mesh.vertices_mm) base_z = std::fmin(base_z, v.z);
   double sum = 0.0;
-  for (const Vec3& v : mesh.vertices_mm) {
+  for (const Vec3& v : vertices_mm) {
     const bool inside = v.x > field.x_mm(0) + kNearWall_mm && v.x < x_last - kNearWall_mm &&
                         v.y > field.y_mm(0) + kNearWall_mm && v.y < y_last - kNearWall_mm;
     if (!inside || v.z <= base_z) continue;
@@ -161,15 +171,18 @@ Result<MeshCertificate> check_mesh(const TriMesh& mesh, const heightmap::ModelFi
     for (const std::uint32_t v : t)
       if (v >= mesh.vertices_mm.size()) return certificate;
   if (mesh.triangles.empty()) return certificate;
+  const detail::PartOfMesh top = top_of(mesh, options.top_triangles);
+  const double base_z = mesh.bounds().min.z;
   if (surface != nullptr && !options.stones.empty()) {
-    const detail::UnionError error = detail::union_error(mesh, *surface, options.stones, run);
+    const detail::UnionError error =
+        detail::union_error(top, base_z, *surface, options.stones, run);
     certificate.vertices_compared = error.on_terrain;
     certificate.vertices_above_surface = error.on_stones;
     certificate.max_vertical_error_mm = error.max_vertical_mm;
     certificate.rms_vertical_error_mm = error.rms_vertical_mm;
     certificate.max_union_error_mm = error.max_mm;
   } else if (surface != nullptr) {
-    measure_height_error(mesh, *surface, certificate);
+    measure_height_error(top.vertices_mm, base_z, *surface, certificate);
   }
   certificate.degenerate_triangles = count_degenerate(mesh);
   try {

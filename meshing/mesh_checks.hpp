@@ -64,6 +64,9 @@ struct MeshCheckOptions {
   /// it; where `surface` is given, most of the terrain's own triangles need not be looked at.
   bool self_intersections = true;
   std::uint64_t self_intersection_limit = UINT64_MAX;  ///< off above this many triangles
+  /// Of so many first triangles, whose vertices come first, too, heights are compared: the top of a
+  /// part that is hollow or engraved (shaped_solid.hpp). All other checks look at all.
+  std::uint64_t top_triangles = UINT64_MAX;
   /// That the mesh's coordinates have been through, and the surface's have not.
   CoordinateRounding rounding = CoordinateRounding::none;
   /// What was united with the surface: vertices on them are then told from terrain by distance, and

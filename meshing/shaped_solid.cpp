@@ -147,13 +147,18 @@ Result<MeshCertificate> ShapedSolid::certify(const RunContext& run) const {
   return c;
 }
 
-TriMesh shaped(TriMesh solid, const heightmap::ModelField& surface, const Shaping& shaping) {
+std::uint64_t top_triangles(const TriMesh& solid, const heightmap::ModelField& surface) {
   const std::uint64_t rim = rim_of(all_nodes(surface));
   MAQUETTE_CHECK(solid.vertices_mm.size() > rim && solid.triangles.size() > kPerEdge * rim,
                  "no solid of this surface");
+  return solid.triangles.size() - kPerEdge * rim;
+}
+
+TriMesh shaped(TriMesh solid, const heightmap::ModelField& surface, const Shaping& shaping) {
+  const std::uint64_t rim = rim_of(all_nodes(surface)), top = top_triangles(solid, surface);
   const std::vector<MeshStream::Triangle> walls(
-      solid.triangles.end() - static_cast<std::ptrdiff_t>(kPerEdge * rim), solid.triangles.end());
-  solid.triangles.resize(solid.triangles.size() - walls.size());
+      solid.triangles.begin() + static_cast<std::ptrdiff_t>(top), solid.triangles.end());
+  solid.triangles.resize(top);
   solid.vertices_mm.pop_back();  // the middle of the plain base
   const Below below = close_below(walls, solid.vertices_mm.size() - rim, shaping);
   solid.triangles.insert(solid.triangles.end(), below.triangles.begin(), below.triangles.end());

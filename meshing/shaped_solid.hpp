@@ -68,8 +68,15 @@ class ShapedSolid final : public MeshStream {
   double removed_mm3_ = 0.0;
 };
 
-/// The same for a solid in memory, with stones.
-/// @pre the mesh is as grid_solid or volume_solid made it of this surface
+/// Of a solid as grid_solid or volume_solid made it of this surface: triangles of the top. They are
+/// the mesh's first ones, and so are their vertices.
+[[nodiscard]] std::uint64_t top_triangles(const TriMesh& solid,
+                                          const heightmap::ModelField& surface);
+
+/// The same for a solid in memory, with stones; the top stays as it is. A hollow one keeps its wall
+/// under stones, too: the top is nowhere below the terrain.
+/// @pre the mesh is as grid_solid or volume_solid made it of this surface, or of the window's part
+///      of it in the frame of the whole
 [[nodiscard]] TriMesh shaped(TriMesh solid, const heightmap::ModelField& surface,
                              const Shaping& shaping);
 

@@ -124,13 +124,11 @@ Sums together(const Sums& a, const Sums& b) {
 
 }  // namespace
 
-UnionError union_error(const TriMesh& solid, const ModelField& field,
+UnionError union_error(const PartOfMesh& solid, double base_z_mm, const ModelField& field,
                        std::span<const TriMesh> stones, const RunContext& run) {
   const NearStones near(field, stones);
   const double x_last = field.x_mm(field.z_mm.cols() - 1),
                y_last = field.y_mm(field.z_mm.rows() - 1), s = field.spacing.value();
-  double base_z = INFINITY;
-  for (const Vec3& v : solid.vertices_mm) base_z = std::fmin(base_z, v.z);
   const auto is_node = [&](Vec3 p) {
     const double c = std::round((p.x - field.x_mm(0)) / s),
                  r = std::round((p.y - field.y_mm(0)) / s);
@@ -160,7 +158,7 @@ UnionError union_error(const TriMesh& solid, const ModelField& field,
   };
   Sums sums = all(solid.vertices_mm.size(), [&](std::size_t i, Sums& sum) {
     const Vec3 v = solid.vertices_mm[i];
-    if (v.z == base_z) return;
+    if (v.z == base_z_mm) return;
     const double off = off_at(v);
     if (const double stone = near.from_vertex_mm(v); stone < INFINITY) {
       kind[i] = Kind::stone;
@@ -183,7 +181,7 @@ UnionError union_error(const TriMesh& solid, const ModelField& field,
                     const auto& [a, b, c] = solid.triangles[i];
                     const Vec3 p = solid.vertices_mm[a], q = solid.vertices_mm[b],
                                r = solid.vertices_mm[c];
-                    if (p.z == base_z || q.z == base_z || r.z == base_z) return;
+                    if (p.z == base_z_mm || q.z == base_z_mm || r.z == base_z_mm) return;
                     sample((1.0 / 3.0) * (p + q + r), sum);
                     if (kind[a] == kind[b] && kind[b] == kind[c] && kind[a] != Kind::other) return;
                     sample(0.5 * (p + q), sum);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// maquette mesh --hollow-mm, --label, --scale-bar: solids with another underside, engraved walls
+// maquette mesh --hollow-mm, --label, --scale-bar: solids with another underside, engraved walls,
+// with stones and without
 
 #include "tools/jobs_shaped.hpp"
 
@@ -18,7 +19,7 @@
 #include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/shaped_solid.hpp"
-#include "meshing/stones.hpp"
+#include "tools/part_with_stones.hpp"
 #include "tools/solid_base.hpp"
 
 namespace maquette::tools {
@@ -54,59 +55,23 @@ ordered_json engraved_json(const std::vector<meshing::WallMark>& marks,
 /// Of what the construction proves CGAL looks at meshes up to this size, too: 44 CPU s, 1 GiB.
 constexpr std::uint64_t kLookedAtTwice = 4'000'000;
 
-/// CGAL's word on it.
-Result<MeshCertificate> found_by_cgal(const TriMesh& mesh, const RunContext& run) {
-  MAQUETTE_TRY(MeshCertificate found, meshing::check_mesh(mesh, nullptr, {}, run));
+/// What the construction proves, and where it is not too large CGAL's word on it, too.
+Result<MeshCertificate> prove(const meshing::ShapedSolid& solid, const RunContext& run) {
+  MAQUETTE_TRY(MeshCertificate proven, solid.certify(part(run, 0.0, 0.3)));
+  if (proven.triangles > kLookedAtTwice) return proven;
+  TriMesh mesh;
+  mesh.vertices_mm.resize(solid.vertex_count());
+  mesh.triangles.resize(solid.triangle_count());
+  solid.vertices(0, mesh.vertices_mm);
+  solid.triangles(0, mesh.triangles);
+  MAQUETTE_TRY(const MeshCertificate found,
+               meshing::check_mesh(mesh, nullptr, {}, part(run, 0.3, 1.0)));
   if (!found.passed())
     return fail(kMeshFailed,
                 fmt::format("CGAL does not find the solid valid ({}); it was not written: {}",
                             meshing::shortcomings(found), to_json(found)));
-  return found;
-}
-
-/// Stones make the top no graph of a height: CGAL alone speaks of it. Heights are compared before
-/// the underside is put in; what is above stays.
-Result<MeshCertificate> prove(const TriMesh& shaped, const TriMesh& plain,
-                              const heightmap::ModelField& design, std::span<const TriMesh> stones,
-                              const RunContext& run) {
-  MAQUETTE_TRY(const MeshCertificate above,
-               meshing::check_mesh(plain, &design, {.self_intersections = false, .stones = stones},
-                                   part(run, 0.0, 0.4)));
-  MAQUETTE_TRY(MeshCertificate found, found_by_cgal(shaped, part(run, 0.4, 1.0)));
-  found.max_vertical_error_mm = above.max_vertical_error_mm;
-  found.rms_vertical_error_mm = above.rms_vertical_error_mm;
-  found.vertices_compared = above.vertices_compared;
-  found.vertices_above_surface = above.vertices_above_surface;
-  found.max_union_error_mm = above.max_union_error_mm;
-  found.rounding_mm = 0.0;
-  if (!found.passed())
-    return fail(kSolidInexact,
-                fmt::format("the solid was not written: {}", meshing::shortcomings(found)));
-  return found;
-}
-
-Result<MeshCertificate> make(const heightmap::ModelField& design, const meshing::NodeWindow& window,
-                             const meshing::SolidOptions& options, const meshing::Shaping& shaping,
-                             const ShapedJob& job, const fs::path& out, const RunContext& run) {
-  std::vector<meshing::PlacedStone> plan;
-  if (job.stones) {
-    MAQUETTE_TRY(plan, meshing::read_stone_plan(*job.stones));
-  }
-  if (plan.empty()) {
-    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, window, options, shaping));
-    MAQUETTE_TRY(const MeshCertificate certificate, prove_shaped(solid, part(run, 0.0, 0.5)));
-    MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.5, 1.0)));
-    return certificate;
-  }
-  std::vector<TriMesh> stones;
-  for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
-  MAQUETTE_TRY(const TriMesh plain,
-               meshing::volume_solid(design, stones, options, part(run, 0.0, 0.4)));
-  const TriMesh solid = meshing::shaped(plain, design, shaping);
-  MAQUETTE_TRY(const MeshCertificate certificate,
-               prove(solid, plain, design, stones, part(run, 0.4, 0.9)));
-  MAQUETTE_TRY_VOID(meshing::write_ply(solid, out, part(run, 0.9, 1.0)));
-  return certificate;
+  proven.proof += ", and CGAL";
+  return proven;
 }
 
 /// Label and scale bar into walls, beside their holes; what the certificate says of them.
@@ -145,7 +110,6 @@ Result<void> hollow(const heightmap::ModelField& piece, Millimetres base_z,
 
 Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& job,
                         const fs::path& out, const RunContext& run) {
-  MAQUETTE_CHECK(!job.plain() && !(job.band && job.stones), "nothing to shape");
   meshing::Tile tile{1, 1, 1, meshing::all_nodes(design)};
   std::vector<meshing::Tile> tiles{tile};
   if (job.band) {
@@ -174,15 +138,25 @@ Result<JobResult> shape(const heightmap::ModelField& design, const ShapedJob& jo
   MAQUETTE_TRY(const ShapedPart shaped,
                shape_part(design, tile.nodes, options.base_z, job.shape,
                           holes_of(design, tile, options.base_z, holes), part(run, 0.0, 0.4)));
+  std::vector<meshing::PlacedStone> stones;
+  if (job.stones) {
+    MAQUETTE_TRY(stones, meshing::read_stone_plan(*job.stones));
+    stones = stones_over(design, tile.nodes, stones);
+  }
   MAQUETTE_TRY(const MeshCertificate certificate,
-               make(design, tile.nodes, options, shaped.shaping, job, out, part(run, 0.4, 1.0)));
+               write_part(
+                   design, tile.nodes, stones, options, shaped.shaping, out,
+                   [&](const MeshStream& mesh) { return meshing::write_ply(mesh, out); },
+                   part(run, 0.4, 1.0)));
 
   auto text = ordered_json::parse(meshing::to_json(certificate));
   text.update(ordered_json::parse(shaped.figures_json));
   text.update(ordered_json::parse(to_json(holes)));
+  if (job.stones && job.band) text["stones"] = numbers_of(stones);
   result.figures_json = text.dump(2) + "\n";
   MAQUETTE_TRY_VOID(write_file(result.outputs[1], result.figures_json));
-  result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
+  result.note = fmt::format("{} triangles{}, closed, manifold", certificate.triangles,
+                            stones.empty() ? "" : fmt::format(" with {} stones", stones.size()));
   if (const double removed = shaped.shaping.underside.volume_mm3; job.shape.hollow)
     result.note += fmt::format(", {:.1f} of {:.1f} cm^3 hollow", 1e-3 * removed,
                                1e-3 * (removed + certificate.volume_mm3));
@@ -217,24 +191,31 @@ Result<ShapedPart> shape_part(const heightmap::ModelField& design,
   return result;
 }
 
-Result<MeshCertificate> prove_shaped(const meshing::ShapedSolid& solid, const RunContext& run) {
-  MAQUETTE_TRY(MeshCertificate proven, solid.certify(part(run, 0.0, 0.3)));
-  if (proven.triangles > kLookedAtTwice) return proven;
-  TriMesh mesh;
-  mesh.vertices_mm.resize(solid.vertex_count());
-  mesh.triangles.resize(solid.triangle_count());
-  solid.vertices(0, mesh.vertices_mm);
-  solid.triangles(0, mesh.triangles);
-  MAQUETTE_TRY_VOID(found_by_cgal(mesh, part(run, 0.3, 1.0)));
-  proven.proof += ", and CGAL";
-  return proven;
+Result<MeshCertificate> write_part(const heightmap::ModelField& design,
+                                   const meshing::NodeWindow& window,
+                                   std::span<const meshing::PlacedStone> stones,
+                                   const meshing::SolidOptions& options,
+                                   const meshing::Shaping& shaping, const fs::path& out,
+                                   const std::function<Result<void>(const MeshStream&)>& write,
+                                   const RunContext& run) {
+  if (stones.empty()) {
+    MAQUETTE_TRY(const auto solid, meshing::ShapedSolid::create(design, window, options, shaping));
+    MAQUETTE_TRY(MeshCertificate certificate, prove(solid, part(run, 0.0, 0.8)));
+    MAQUETTE_TRY_VOID(write(solid));
+    return certificate;
+  }
+  MAQUETTE_TRY(const PartWithStones made, part_with_stones(design, window, stones, options, shaping,
+                                                           out, part(run, 0.0, 0.9)));
+  MAQUETTE_TRY_VOID(write(TriMeshStream(made.mesh)));
+  return made.certificate;
 }
 
 Result<JobResult> shaped_job(const ShapedJob& job, const fs::path& out, const RunContext& run) {
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(job.design));
   auto result = shape(design, job, out, run);
-  if (!result) return tl::unexpected(std::move(result.error()).within(job.design.string()));
-  return result;
+  if (result) return result;
+  const std::string which = job.band ? fmt::format(": band {}", job.band->index + 1) : "";
+  return tl::unexpected(std::move(result.error()).within(job.design.string() + which));
 }
 
 }  // namespace maquette::tools

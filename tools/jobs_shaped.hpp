@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "meshing/mesh_checks.hpp"
 #include "meshing/shaped_solid.hpp"
+#include "meshing/stones.hpp"
 #include "tools/jobs.hpp"
 #include "tools/joint_holes.hpp"
 
@@ -30,16 +33,16 @@ struct Shape {
 
 struct ShapedJob {
   fs::path design;
-  std::optional<fs::path> stones{};
+  std::optional<fs::path> stones{};  ///< united with the ground that they stand on
   Millimetres base_thickness{10.0};  ///< under the lowest point of the whole design
-  std::optional<BandOf> band{};      ///< that band alone; without stones
+  std::optional<BandOf> band{};      ///< that band alone
   Shape shape{};
   InJoints in_joints{};  ///< of bands
   [[nodiscard]] bool plain() const { return shape.plain() && !in_joints.any(); }
 };
 /// The solid (PLY) and its certificate beside it, with what was shaped under "hollow",
-/// "engraved", "dowels" and "magnets" (those of the band). A mesh that fails its checks is not
-/// written. @pre not plain
+/// "engraved", "dowels" and "magnets" (those of the band), of a band with stones their numbers
+/// under "stones". A mesh that fails its checks is not written.
 [[nodiscard]] Result<JobResult> shaped_job(const ShapedJob& job, const fs::path& out,
                                            const RunContext& run);
 
@@ -53,8 +56,15 @@ struct ShapedPart {
                                             const meshing::NodeWindow& window, Millimetres base_z,
                                             const Shape& shape, Holes holes, const RunContext& run);
 
-/// What the construction proves, and where it is not too large CGAL's word on it, too.
-[[nodiscard]] Result<meshing::MeshCertificate> prove_shaped(const meshing::ShapedSolid& solid,
-                                                            const RunContext& run);
+/// Proves the part, with the stones that stand on it (part_with_stones), and then writes it.
+/// Without stones it is streamed: what the construction proves, and where it is not too large
+/// CGAL's word on it, too.
+/// @param shaping  of the window (shape_part)
+/// @param write  to `out`
+[[nodiscard]] Result<meshing::MeshCertificate> write_part(
+    const heightmap::ModelField& design, const meshing::NodeWindow& window,
+    std::span<const meshing::PlacedStone> stones, const meshing::SolidOptions& options,
+    const meshing::Shaping& shaping, const fs::path& out,
+    const std::function<Result<void>(const MeshStream&)>& write, const RunContext& run);
 
 }  // namespace maquette::tools

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
+#include "core/run_part.hpp"
 #include "export/cad.hpp"
 #include "export/gltf.hpp"
 #include "export/step.hpp"
@@ -15,20 +16,13 @@
 #include "meshing/solid.hpp"
 #include "meshing/stones.hpp"
 #include "tools/jobs.hpp"
-#include "tools/solid_base.hpp"
 #include "tools/jobs_shaped.hpp"
 #include "tools/set_aside.hpp"
+#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 using nlohmann::json;
 namespace {
-
-/// Progress of one part of a job, as a share of the whole.
-RunContext part(const RunContext& run, double from, double to) {
-  RunContext sub = run;
-  sub.progress = [&run, from, to](double share) { run.progress(from + share * (to - from)); };
-  return sub;
-}
 
 JobResult solid_result(const meshing::MeshCertificate& certificate, const std::string& text,
                        const fs::path& out) {
@@ -37,27 +31,6 @@ JobResult solid_result(const meshing::MeshCertificate& certificate, const std::s
   result.figures_json = text;
   result.note = fmt::format("{} triangles, closed, manifold", certificate.triangles);
   return result;
-}
-
-/// Checks, then writes: the mesh has its final name only if it passed.
-Result<JobResult> check_and_write(const TriMesh& mesh, const heightmap::ModelField& design,
-                                  std::span<const TriMesh> stones, const fs::path& out,
-                                  const RunContext& run) {
-  MAQUETTE_TRY(auto certificate,
-               meshing::check_mesh(mesh, &design, {.stones = stones}, part(run, 0.5, 0.9)));
-  certificate.rounding_mm = 0.0;  // PLY as we write it is float64
-  const std::string text = meshing::to_json(certificate);
-  if (!certificate.passed()) {
-    const fs::path refused = out.parent_path() / (out.stem().string() + ".refused.json");
-    MAQUETTE_TRY_VOID(write_file(refused, text));
-    return fail(certificate.sound() ? kSolidInexact : kMeshFailed,
-                fmt::format("{}: the mesh did not pass its checks and was not written "
-                            "({}); see {}",
-                            out.string(), meshing::shortcomings(certificate), refused.string()));
-  }
-  MAQUETTE_TRY_VOID(meshing::write_ply(mesh, out, part(run, 0.9, 1.0)));
-  MAQUETTE_TRY_VOID(write_file(certificate_path(out), text));
-  return solid_result(certificate, text, out);
 }
 
 /// Terrain alone, over the window, is proven and written without a mesh in memory.
@@ -78,21 +51,18 @@ Result<JobResult> stream_terrain(const heightmap::ModelField& design,
 
 Result<JobResult> mesh_job(const fs::path& design_path, const std::optional<fs::path>& stones_path,
                            Millimetres base_thickness, const fs::path& out, const RunContext& run) {
-  MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
-  std::vector<TriMesh> stones;
   if (stones_path) {
     MAQUETTE_TRY(const auto plan, meshing::read_stone_plan(*stones_path));
-    for (const auto& s : plan) stones.push_back(meshing::stone_mesh(s));
+    if (!plan.empty())
+      return shaped_job(
+          {.design = design_path, .stones = stones_path, .base_thickness = base_thickness}, out,
+          run);
   }
-  const auto options = solid_options(design, base_thickness);
-  if (stones.empty()) {
-    auto result = stream_terrain(design, meshing::all_nodes(design), options, out, run);
-    if (!result) return tl::unexpected(std::move(result.error()).within(design_path.string()));
-    return result;
-  }
-  auto mesh = meshing::volume_solid(design, stones, options, part(run, 0.0, 0.5));
-  if (!mesh) return tl::unexpected(std::move(mesh.error()).within(design_path.string()));
-  return check_and_write(*mesh, design, stones, out, run);
+  MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
+  auto result = stream_terrain(design, meshing::all_nodes(design),
+                               solid_options(design, base_thickness), out, run);
+  if (!result) return tl::unexpected(std::move(result.error()).within(design_path.string()));
+  return result;
 }
 
 Result<JobResult> band_job(const fs::path& design_path, const meshing::BandSplit& split,
@@ -203,8 +173,6 @@ Result<meshing::MeshCertificate> check_rounded(const TriMesh& mesh, const std::s
                meshing::check_mesh(in_file, design, {.rounding = rounding}, part(run, 0.0, 0.8)));
   certificate.rounding_mm = meshing::rounding_displacement_mm(TriMeshStream(mesh), rounding);
   if (certificate.passed()) return certificate;
-  MAQUETTE_TRY_VOID(set_aside_beyond(out.parent_path(), out.stem().string() + "_band_",
-                                     bands.size() > 1 ? bands.size() : 0, run));
   MAQUETTE_TRY(const auto before, meshing::check_mesh(mesh, design, {}, part(run, 0.8, 1.0)));
   if (!before.passed())
     return fail(meshing::kNotASolid, fmt::format("{}: the mesh is no solid: {}; repair it first",
@@ -235,6 +203,8 @@ Result<void> export_step(const heightmap::ModelField& field, const ExportOptions
       const auto bands,
       meshing::split_into_bands(
           field, options.step_bands.value_or(meshing::BandSplit{.max_width = Millimetres{width}})));
+  MAQUETTE_TRY_VOID(set_aside_beyond(out.parent_path(), out.stem().string() + "_band_",
+                                     bands.size() > 1 ? bands.size() : 0, run));
   figures["files"] = json::array();
   for (std::size_t b = 0; b < bands.size(); ++b) {
     const double parts = static_cast<double>(bands.size()), done = static_cast<double>(b);

@@ -126,23 +126,19 @@ Result<MadeTile> make_tile(const heightmap::ModelField& design, const Tile& tile
   };
   MadeTile made;
   const meshing::SolidOptions options{.base_z = base_z};
-  if (job.with_stones) {
-    MAQUETTE_TRY(const auto stony, part_with_stones(design, tile.nodes, stones, options, run));
-    made.certificate = stony.certificate;
-    made.figures["stones"] = stony.stones;
-    MAQUETTE_TRY_VOID(write(TriMeshStream(stony.mesh)));
-    return made;
-  }
   Holes own = holes_of(design, tile, base_z, holes);
   Shape shape = job.shape;
   if (!shape.label.empty()) shape.label += fmt::format(" {}", tile.number);
   MAQUETTE_TRY(const ShapedPart part,
                shape_part(design, tile.nodes, base_z, shape, std::move(own), run));
   made.figures = json::parse(part.figures_json);
-  MAQUETTE_TRY(const auto solid,
-               meshing::ShapedSolid::create(design, tile.nodes, options, part.shaping));
-  MAQUETTE_TRY(made.certificate, prove_shaped(solid, run));
-  MAQUETTE_TRY_VOID(write(solid));
+  std::vector<meshing::PlacedStone> own_stones;
+  if (job.with_stones) {
+    own_stones = stones_over(design, tile.nodes, stones);
+    made.figures["stones"] = numbers_of(own_stones);
+  }
+  MAQUETTE_TRY(made.certificate,
+               write_part(design, tile.nodes, own_stones, options, part.shaping, file, write, run));
   return made;
 }
 
@@ -159,11 +155,11 @@ Result<JobResult> tiles_job(const TilesJob& job, const fs::path& folder, const R
   std::error_code ec;
   fs::create_directories(folder, ec);
   if (ec) return tl::unexpected(write_error(folder, ec.value()));
-  MAQUETTE_TRY_VOID(set_aside_beyond(folder, "tile_", tiles->size(), run));
   const Millimetres base_z = solid_options(design, job.base_thickness).base_z;
   const auto holes = place_holes(design, *tiles, base_z, job.base_thickness, job.in_joints);
   if (!holes) return tl::unexpected(Error(holes.error()).within(job.design.string()));
 
+  MAQUETTE_TRY_VOID(set_aside_beyond(folder, "tile_", tiles->size(), run));
   JobResult result;
   json list = json::array();
   double volume = 0.0;

@@ -18,7 +18,7 @@ struct TilesJob {
   bool own_frame = false;  ///< each with its south-western corner and base at the origin
   InJoints in_joints{};
   Shape shape{};             ///< of each tile; its number is added to the label
-  bool with_stones = false;  ///< united with the tiles that they stand on; then nothing is shaped
+  bool with_stones = false;  ///< united with the tiles that they stand on
 };
 /// tile_01.ply with certificate ..., tiles.json (place, origin, volume, dowels, magnets), tiles.svg
 /// (plan from above with stones, 1:1), exploded.svg and exploded.png (tiles moved apart). What an

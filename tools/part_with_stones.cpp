@@ -2,16 +2,13 @@
 #include "tools/part_with_stones.hpp"
 
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "core/files.hpp"
 #include "core/run_part.hpp"
-#include "heightmap/field_io.hpp"
-#include "meshing/mesh_io.hpp"
 #include "tools/jobs.hpp"
-#include "tools/solid_base.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -35,58 +32,56 @@ void count_from_the_whole(TriMesh& mesh, const ModelField& piece, const ModelFie
 
 }  // namespace
 
+std::vector<meshing::PlacedStone> stones_over(const ModelField& design,
+                                              const meshing::NodeWindow& window,
+                                              std::span<const meshing::PlacedStone> stones) {
+  const auto within = [](double p, double from, double to, bool first, bool last) {
+    return (first || p >= from) && (last || p < to);
+  };
+  std::vector<meshing::PlacedStone> over;
+  for (const auto& s : stones) {
+    const Vec3 at = s.model_from_stone.translation_mm;
+    if (within(at.x, design.x_mm(window.col0), design.x_mm(window.col1), window.col0 == 0,
+               window.col1 + 1 == design.z_mm.cols()) &&
+        within(at.y, design.y_mm(window.row0), design.y_mm(window.row1), window.row0 == 0,
+               window.row1 + 1 == design.z_mm.rows()))
+      over.push_back(s);
+  }
+  return over;
+}
+
+std::vector<int> numbers_of(std::span<const meshing::PlacedStone> stones) {
+  std::vector<int> numbers;
+  for (const auto& s : stones) numbers.push_back(s.number);
+  return numbers;
+}
+
 Result<PartWithStones> part_with_stones(const ModelField& design, const meshing::NodeWindow& window,
                                         std::span<const meshing::PlacedStone> stones,
                                         const meshing::SolidOptions& options,
+                                        const meshing::Shaping& shaping, const fs::path& out,
                                         const RunContext& run) {
-  const ModelField piece = meshing::window_field(design, window);
-  PartWithStones made;
+  ModelField copy;
+  const bool whole = window == meshing::all_nodes(design);
+  if (!whole) copy = meshing::window_field(design, window);
+  const ModelField& piece = whole ? design : copy;
   std::vector<TriMesh> bodies;
-  for (const auto& s : stones) {
-    const Vec3 at = s.model_from_stone.translation_mm;
-    // Of a joint's two sides the eastern and northern one has what stands exactly on it.
-    if (at.x < design.x_mm(window.col0) || at.x >= design.x_mm(window.col1) ||
-        at.y < design.y_mm(window.row0) || at.y >= design.y_mm(window.row1))
-      continue;
-    bodies.push_back(meshing::stone_mesh(s));
-    made.stones.push_back(s.number);
-  }
-  MAQUETTE_TRY(made.mesh, meshing::volume_solid(piece, bodies, options, part(run, 0.0, 0.5)));
-  count_from_the_whole(made.mesh, piece, design, window);
+  for (const auto& s : stones) bodies.push_back(meshing::stone_mesh(s));
+  PartWithStones made;
+  MAQUETTE_TRY(made.mesh, meshing::volume_solid(piece, bodies, options, part(run, 0.0, 0.4)));
+  if (!whole) count_from_the_whole(made.mesh, piece, design, window);
+  const std::uint64_t top = meshing::top_triangles(made.mesh, piece);
+  made.mesh = meshing::shaped(std::move(made.mesh), piece, shaping);
   MAQUETTE_TRY(made.certificate,
-               meshing::check_mesh(made.mesh, &piece, {.stones = bodies}, part(run, 0.5, 1.0)));
+               meshing::check_mesh(made.mesh, &piece, {.top_triangles = top, .stones = bodies},
+                                   part(run, 0.4, 1.0)));
   made.certificate.rounding_mm = 0.0;  // PLY as we write it is float64
-  if (!made.certificate.passed())
-    return fail(made.certificate.sound() ? kSolidInexact : kMeshFailed,
-                fmt::format("the solid with {} stones was not written: {}", made.stones.size(),
-                            meshing::shortcomings(made.certificate)));
-  return made;
-}
-
-Result<JobResult> band_with_stones_job(const fs::path& design_path, const fs::path& stones_path,
-                                       const meshing::BandSplit& split, std::size_t band,
-                                       Millimetres base_thickness, const fs::path& out,
-                                       const RunContext& run) {
-  MAQUETTE_TRY(const auto design, heightmap::read_model_field(design_path));
-  MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(stones_path));
-  MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, split));
-  MAQUETTE_CHECK(band < bands.size(), "band {} of {}", band, bands.size());
-  const auto options = solid_options(design, base_thickness);
-  auto made = part_with_stones(design, meshing::band_window(design, bands[band]), stones, options,
-                               part(run, 0.0, 0.9));
-  if (!made)
-    return tl::unexpected(
-        std::move(made.error()).within(fmt::format("{}: band {}", design_path.string(), band + 1)));
-  MAQUETTE_TRY_VOID(meshing::write_ply(made->mesh, out, part(run, 0.9, 1.0)));
-  auto text = nlohmann::ordered_json::parse(meshing::to_json(made->certificate));
-  text["stones"] = made->stones;
-  JobResult result;
-  result.outputs = {out, certificate_path(out)};
-  result.figures_json = text.dump(2) + "\n";
-  MAQUETTE_TRY_VOID(write_file(result.outputs.back(), result.figures_json));
-  result.note = fmt::format("{} triangles with {} stones, closed, manifold",
-                            made->certificate.triangles, made->stones.size());
-  return result;
+  if (made.certificate.passed()) return made;
+  const fs::path refused = out.parent_path() / (out.stem().string() + ".refused.json");
+  MAQUETTE_TRY_VOID(write_file(refused, meshing::to_json(made.certificate)));
+  return fail(made.certificate.sound() ? kSolidInexact : kMeshFailed,
+              fmt::format("{}: the mesh did not pass its checks and was not written ({}); see {}",
+                          out.string(), meshing::shortcomings(made.certificate), refused.string()));
 }
 
 }  // namespace maquette::tools

@@ -275,6 +275,22 @@ TEST(Hollow, WithStones) {
   const auto top = static_cast<std::ptrdiff_t>(full.triangles.size() - 3 * u.rim_vertices);
   EXPECT_TRUE(
       std::equal(full.triangles.begin(), full.triangles.begin() + top, hollow.triangles.begin()));
+  // Heights are compared of the top alone, whatever is below it.
+  EXPECT_EQ(top_triangles(full, f), static_cast<std::uint64_t>(top));
+  const auto whole = check_mesh(full, &f, {.stones = stones}).value();
+  const auto above =
+      check_mesh(hollow, &f, {.top_triangles = static_cast<std::uint64_t>(top), .stones = stones})
+          .value();
+  EXPECT_TRUE(above.passed()) << to_json(above);
+  EXPECT_EQ(above.vertices_compared, whole.vertices_compared);
+  EXPECT_EQ(above.vertices_above_surface, whole.vertices_above_surface);
+  EXPECT_EQ(above.max_vertical_error_mm, whole.max_vertical_error_mm);
+  EXPECT_EQ(above.max_union_error_mm, whole.max_union_error_mm);
+  EXPECT_GT(check_mesh(hollow, &f, {.stones = stones})->max_union_error_mm, 1.5);
+  const auto terrain =
+      check_mesh(hollow, &f, {.top_triangles = static_cast<std::uint64_t>(top)}).value();
+  EXPECT_LE(terrain.max_vertical_error_mm, 0.05);  // what is higher is taken for a stone
+  EXPECT_GT(check_mesh(hollow, &f)->max_vertical_error_mm, 1.5);
 }
 
 TEST(Hollow, RefusesWhatDoesNotFit) {

@@ -19,6 +19,7 @@
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
 #include "support/matchers.hpp"
+#include "support/placed_stones.hpp"
 #include "support/program.hpp"
 
 namespace maquette {
@@ -962,9 +963,16 @@ TEST_F(CommandLine, BandsKeepOffStones) {
   std::size_t carried = 0;
   for (const json& t : tiles["tiles"]) carried += t["stones"].size();
   EXPECT_EQ(carried, 1U);
-  const auto both = run(verb + "--count 2 --with-stones --hollow-mm 1");
-  EXPECT_EQ(both.exit_code, 2);
-  EXPECT_THAT(both.err, HasSubstr("--with-stones makes plain solids"));
+  // Whatever is below is of one piece with the stones on it, too.
+  ASSERT_EQ(run(verb + "--count 2 --with-stones --base-thickness-mm 12 --hollow-mm 1 --rib-mm 1 "
+                       "--pocket-mm 9 --label N --letter-mm 2")
+                .exit_code,
+            0);
+  for (const char* name : {"band_01", "band_02"}) {
+    const json said = json::parse(slurp(out / (std::string(name) + ".certificate.json")));
+    EXPECT_EQ(said["passed"], true);
+    EXPECT_TRUE(said.contains("hollow") && said.contains("engraved") && said.contains("stones"));
+  }
 
   // A stone wider than any place that the joint may have.
   ASSERT_TRUE(meshing::write_stone_plan(stones, plan));

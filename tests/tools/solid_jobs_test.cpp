@@ -10,7 +10,6 @@
 //   a union that is not exact ............... not written: a stone that cuts itself
 
 #include <cmath>
-#include <memory>
 #include <tuple>
 
 #include <gmock/gmock.h>
@@ -22,13 +21,13 @@
 #include "meshing/bands.hpp"
 #include "meshing/mesh_checks.hpp"
 #include "meshing/mesh_io.hpp"
-#include "meshing/stone_body.hpp"
 #include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "support/mesh_properties.hpp"
+#include "support/placed_stones.hpp"
 #include "support/shapes.hpp"
 #include "tools/jobs.hpp"
-#include "tools/part_with_stones.hpp"
+#include "tools/jobs_shaped.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -138,7 +137,11 @@ TEST_P(BandsWithStones, AreTheWholeWithStones) {
   for (std::size_t b = 0; b < 3; ++b) {
     SCOPED_TRACE(testing::Message() << "band " << b + 1);
     const fs::path file = scratch / "band.ply";
-    ASSERT_THAT(band_with_stones_job(design, plan, split, b, base, file, {}), Succeeds());
+    ASSERT_THAT(
+        shaped_job(
+            {.design = design, .stones = plan, .base_thickness = base, .band = BandOf{split, b}},
+            file, {}),
+        Succeeds());
     const json said = certificate_of(file);
     EXPECT_EQ(said["passed"], true);
     EXPECT_EQ(said["stones"], json(on[b]));
@@ -163,34 +166,20 @@ TEST_P(BandsWithStones, AreTheWholeWithStones) {
   stones[0].model_from_stone.translation_mm.x = field.x0.value() + (along_x ? at : 15.0);
   stones[0].model_from_stone.translation_mm.y = field.y0.value() + (along_x ? 15.0 : at);
   ASSERT_THAT(meshing::write_stone_plan(stones, plan), Succeeds());
-  const auto refused = band_with_stones_job(design, plan, split, 1, base, scratch / "band.ply", {});
+  const auto refused = shaped_job(
+      {.design = design, .stones = plan, .base_thickness = base, .band = BandOf{split, 1}},
+      scratch / "band.ply", {});
   ASSERT_THAT(refused, FailsWith(meshing::kNotASolid));
   EXPECT_THAT(refused.error().message,
               testing::AllOf(testing::HasSubstr("band 2"), testing::HasSubstr("walls")));
-}
-
-/// Two balls in one, so that only a level set with a fillet unites it with terrain.
-meshing::PlacedStone that_cuts_itself(Vec3 at) {
-  auto body = std::make_shared<meshing::StoneBody>();
-  body->name = body->source = "two";
-  body->mesh = testing_support::unit_sphere(3);
-  for (Vec3& v : body->mesh.vertices_mm) v = 0.5 * v;
-  TriMesh second = testing_support::unit_sphere(3);
-  for (Vec3& v : second.vertices_mm) v = 0.2 * v + Vec3{0.4, 0.05, 0.1};
-  append(body->mesh, second);
-  meshing::PlacedStone stone;
-  stone.number = 1;
-  stone.body = body;
-  stone.scale_mm = 12.0;
-  stone.model_from_stone.translation_mm = at;
-  return stone;
 }
 
 TEST(MeshJob, DoesNotWriteAUnionThatIsNotExact) {
   const ScratchFolder scratch;
   const heightmap::ModelField field = random_terrain(8, 101, 101, 0.5, 0.1);
   ASSERT_THAT(heightmap::write_model_field(field, scratch / "design.tif"), Succeeds());
-  const std::vector stones{that_cuts_itself({25, 25, heightmap::height_at(field, 25, 25)})};
+  const std::vector stones{
+      testing_support::two_balls_in_one({25, 25, heightmap::height_at(field, 25, 25)})};
   ASSERT_THAT(meshing::write_stone_plan(stones, scratch / "stones.json"), Succeeds());
   const auto refused = mesh_job(scratch / "design.tif", scratch / "stones.json", Millimetres{10},
                                 scratch / "surface.ply", {});

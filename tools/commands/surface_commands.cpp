@@ -20,7 +20,6 @@
 #include "tools/jobs_tiles.hpp"
 #include "tools/jobs_undercoat.hpp"
 #include "tools/machining_time.hpp"
-#include "tools/part_with_stones.hpp"
 #include "tools/report.hpp"
 
 namespace maquette::tools {
@@ -370,8 +369,7 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
       ->check(CLI::Range(0.0, 1000.0))
       ->needs(stones);
   app->add_flag("--with-stones", o->with_stones,
-                "bands or tiles and the stones on them as one solid each; not with --hollow-mm, "
-                "labels, dowels, magnets")
+                "bands or tiles and the stones on them as one solid each")
       ->needs(stones);
   auto* own = app->add_flag("--own-frame", o->own_frame,
                             "tiles with their south-western corner and base at the origin");
@@ -414,11 +412,6 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
               o->shape.side = "south";
             Shape shape;
             MAQUETTE_TRY_VOID(take_shape_options(o->shape, shape));
-            if (o->with_stones &&
-                (!shape.plain() || o->dowels.diameter_mm > 0.0 || o->magnets.diameter_mm > 0.0))
-              return fail(kUsage,
-                          "--with-stones makes plain solids; leave out --hollow-mm, --label, "
-                          "--scale-bar, --dowel-mm and --magnet-mm, or glue the stones on");
             const auto plan = o->stones.empty() ? std::nullopt : std::optional(o->stones);
             if (std::isfinite(o->max_length_mm) || o->own_frame || o->dowels.diameter_mm > 0.0 ||
                 o->magnets.diameter_mm > 0.0) {
@@ -456,21 +449,15 @@ Command add_bands(CLI::App& root, const CommonOptions&) {
             const std::size_t bands = 1 + (split.joints ? split.joints->size() : 0);
             ShapedJob job{.design = o->design, .base_thickness = Millimetres{o->base_thickness_mm}};
             job.shape = shape;
+            if (o->with_stones) job.stones = plan;
             for (std::size_t b = shard.index; b < bands; b += shard.count) {
               const std::string name = fmt::format("band_{:02}", b + 1);
-              if (!job.plain()) {
+              if (!job.plain() || job.stones) {
                 job.band = BandOf{split, b};
                 if (!o->shape.label.empty())
                   job.shape.label = fmt::format("{} {}", o->shape.label, b + 1);
                 MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
                   return shaped_job(job, o->out / (name + ".ply"), run);
-                }));
-                continue;
-              }
-              if (o->with_stones) {
-                MAQUETTE_TRY_VOID(finish(console, name, [&](const RunContext& run) {
-                  return band_with_stones_job(o->design, o->stones, split, b, job.base_thickness,
-                                              o->out / (name + ".ply"), run);
                 }));
                 continue;
               }

@@ -16,8 +16,10 @@
 ///
 /// Accuracy. Nodes where the ball fits stay to the bit, and so do those that it leaves less on than
 /// the tolerance. Others are too high by at most (spacing / 16)^2 / (2 R cos^3 t) on slopes of
-/// angle t, or a fifth of the tolerance, and by float. Between nodes facets join them: the ball
-/// enters a round of its own radius by s^2 / (8 R). Cost    of rest.hpp
+/// angle t, or a fifth of the tolerance, and by float; where the ball rests on two sides at once
+/// and its places make a kink, by up to the tolerance (0.011 mm beside a ball on a plane). Between
+/// nodes facets join them: the ball enters a round of its own radius by s^2 / (8 R). Cost    of
+/// rest.hpp
 
 #include "core/result.hpp"
 #include "core/run_context.hpp"

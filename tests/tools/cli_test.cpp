@@ -1155,6 +1155,25 @@ TEST_F(CommandLine, ASolidIsFilletedAndMoved) {
   EXPECT_TRUE(raised);
   const auto top = meshing::read_mesh(scratch / "part.ply")->bounds().max.z;
   EXPECT_EQ(top, static_cast<double>(heightmap::height_range(moved.z_mm).max));
+  // With a stone: what is changed is both together, and the solid has no stones of its own.
+  const std::vector stones{
+      testing_support::placed_rock(3, design, design.x_mm(20), design.y_mm(20), 4.0)};
+  ASSERT_TRUE(meshing::write_stone_plan(stones, scratch / "stones.json"));
+  ASSERT_EQ(run(verb + (scratch / "stony.ply").string() + " --fillet-mm 2 --stones " +
+                (scratch / "stones.json").string())
+                .exit_code,
+            0);
+  const auto relief = heightmap::read_model_field(scratch / "stony.relief.tif").value();
+  const auto round = heightmap::read_model_field(scratch / "stony.fillet.tif").value();
+  EXPECT_EQ(relief.z_mm, meshing::with_stones(design, stones).z_mm);
+  bool beside = false;
+  for (std::size_t i = 0; i < relief.z_mm.cells().size(); ++i) {
+    ASSERT_GE(round.z_mm.cells()[i], relief.z_mm.cells()[i]);
+    beside = beside || (round.z_mm.cells()[i] > fillet.z_mm.cells()[i] + 0.02F &&
+                        relief.z_mm.cells()[i] == design.z_mm.cells()[i]);
+  }
+  EXPECT_TRUE(beside) << "no round at the stone's foot";
+  EXPECT_EQ(json::parse(slurp(scratch / "stony.certificate.json"))["proof"], "graph of a height");
   out = scratch / "x.ply";
   expect_refused(run(verb + out.string() + " --offset-mm 60"), HasSubstr("offset of 60 mm"));
 }

@@ -227,6 +227,8 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
       "--coating-mm one that meets the design once it is coated (surface.undercoat.tif is for "
       "mill);\n"
       "with --fillet-mm or --offset-mm of a changed one (surface.fillet.tif, surface.offset.tif);\n"
+      "all three take stones as relief, as a cutter on three axes makes them "
+      "(surface.relief.tif);\n"
       "with --hollow-mm opened from below into pockets between ribs; with --label, --scale-bar\n"
       "engraved at a side (docs/solids.md).\n"
       "Example: maquette mesh design.tif --stones stones.json --out surface.ply\n"
@@ -235,19 +237,19 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
       "--out part.ply");
   app->add_option("design", o->design, "model field (.tif, mm)")->required();
   app->add_option("--out", o->out, "PLY file")->capture_default_str();
-  auto* stones = app->add_option("--stones", o->stones, "stones.json of `maquette stones`");
+  app->add_option("--stones", o->stones,
+                  "stones.json of `maquette stones`: united with the terrain; with --fillet-mm, "
+                  "--offset-mm or --coating-mm as one relief with it, seen from above");
   app->add_option("--coating-mm", o->coating_mm,
-                  "thickness of the coat that the terrain gets, along its normal")
-      ->check(CLI::PositiveNumber)
-      ->excludes(stones);
+                  "thickness of the coat that terrain and stones get, along the normal")
+      ->check(CLI::PositiveNumber);
   app->add_option("--fillet-mm", o->fillet_mm,
-                  "rounds concave edges of the terrain to that radius: the cutter's")
-      ->check(CLI::Range(0.05, 100.0))
-      ->excludes(stones);
+                  "rounds concave edges to that radius, the cutter's, also where stones meet the "
+                  "terrain")
+      ->check(CLI::Range(0.05, 100.0));
   app->add_option("--offset-mm", o->offset_mm,
-                  "moves the terrain along its normal, outwards or (negative) inwards")
-      ->check(CLI::Range(-1000.0, 1000.0))
-      ->excludes(stones);
+                  "moves terrain and stones along the normal, outwards or (negative) inwards")
+      ->check(CLI::Range(-1000.0, 1000.0));
   app->add_option("--base-thickness-mm", o->base_thickness_mm, "under the lowest point")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 1000.0));
@@ -258,6 +260,15 @@ Command add_mesh(CLI::App& root, const CommonOptions&) {
                           .base_thickness = Millimetres{o->base_thickness_mm}};
             MAQUETTE_TRY_VOID(take_shape_options(o->shape, job.shape));
             fs::path surface = o->design;
+            // What is milled on three axes is what is seen from above.
+            const bool changes = o->fillet_mm != 0.0 || o->offset_mm != 0.0 || o->coating_mm != 0.0;
+            if (job.stones && changes) {
+              surface = fs::path(o->out).replace_extension(".relief.tif");
+              MAQUETTE_TRY_VOID(finish(console, "relief", [&](const RunContext& run) {
+                return relief_job(o->design, o->stones, surface, run);
+              }));
+              job.stones.reset();
+            }
             // Each change takes what the one before left.
             const auto change = [&](const std::string& what, double by_mm,
                                     auto&& make) -> Result<void> {

@@ -1031,6 +1031,28 @@ TEST_F(CommandLine, StepFilesAreWholeOrBandByBand) {
   }
   // Tolerance times area is the most that the volumes may differ by.
   EXPECT_NEAR(volume, whole["volume_mm3"], 0.021 * 400);
+  // Where `bands` has put the joint, and of an earlier run nothing is taken for a band of this one.
+  meshing::PlacedStone stone;
+  stone.number = 5;
+  stone.scale_mm = 3.0;
+  stone.model_from_stone.translation_mm = {9.0, 10.0, 0.0};
+  ASSERT_TRUE(meshing::write_stone_plan(std::vector{stone}, scratch / "stones.json"));
+  ASSERT_EQ(run("bands " + d + " --quiet --count 2 --stones " + (scratch / "stones.json").string() +
+                " --out " + (scratch / "bands").string())
+                .exit_code,
+            0);
+  const fs::path layout = scratch / "bands" / "bands.json";
+  const int line = json::parse(slurp(layout))["joints"][0]["line"];
+  ASSERT_NE(line, 20);
+  const std::string step = "export " + d + " --quiet --format step --out " + out.string();
+  ASSERT_EQ(run(step + " --bands " + layout.string()).exit_code, 0);
+  EXPECT_EQ(certificate("design_band_01")["nodes_compared"], (line + 1) * 41);
+  EXPECT_EQ(certificate("design_band_02")["nodes_compared"], (41 - line) * 41);
+  EXPECT_EQ(run(step + " --step-band-mm 11 --bands " + layout.string()).exit_code, 2);
+  const auto one = run(step);
+  ASSERT_EQ(one.exit_code, 0);
+  EXPECT_FALSE(fs::exists(out / "design_band_02.step"));
+  EXPECT_TRUE(fs::exists(out / "earlier_1" / "design_band_02.step"));
   const auto mesh =
       run("export " + (scratch / "none.ply").string() + " --format step --out " + out.string());
   EXPECT_EQ(mesh.exit_code, 2);

@@ -12,6 +12,7 @@
 #include "heightmap/field_io.hpp"
 #include "tools/commands/commands.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_bands.hpp"
 #include "tools/program_pictures.hpp"
 #include "tools/tool_table.hpp"
 
@@ -134,7 +135,7 @@ Command add_backplot(CLI::App& root, const CommonOptions&) {
 
 Command add_export(CLI::App& root, const CommonOptions&) {
   struct Options {
-    fs::path surface, out = "export", design;
+    fs::path surface, out = "export", design, bands;
     std::vector<std::string> formats;
     ExportOptions options;
     double interval_mm = 5.0, step_tolerance_mm = 0.02;
@@ -156,10 +157,15 @@ Command add_export(CLI::App& root, const CommonOptions&) {
   app->add_option("--contour-interval-mm", o->interval_mm, "of dxf")->capture_default_str();
   app->add_option("--step-tolerance-mm", o->step_tolerance_mm, "of step, at the surface's nodes")
       ->capture_default_str();
-  app->add_option("--step-band-mm", o->options.step_band_mm,
-                  "of step: a file for each band not wider than that (0: one file)")
-      ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e6));
+  auto* even = app->add_option("--step-band-mm", o->options.step_band_mm,
+                               "of step: a file for each of even bands not wider than that (0: one "
+                               "file)")
+                   ->capture_default_str()
+                   ->check(CLI::Range(0.0, 1e6));
+  app->add_option("--bands", o->bands,
+                  "of step: bands.json of `maquette bands`, whose joints keep off stones: a file "
+                  "for each of these")
+      ->excludes(even);
   app->add_option("--step-schema", o->options.step_schema, "of step: ap242 or ap214")
       ->capture_default_str()
       ->check(CLI::IsMember({"ap214", "ap242"}));
@@ -178,6 +184,9 @@ Command add_export(CLI::App& root, const CommonOptions&) {
                   export_formats().end())
                 return fail(kUnknownFormat, fmt::format("--format {}: known formats are {}", f,
                                                         fmt::join(export_formats(), ", ")));
+            if (!o->bands.empty()) {
+              MAQUETTE_TRY(o->options.step_bands, read_band_layout(o->bands));
+            }
             int code = 0;
             for (const std::string& f : o->formats) {
               MAQUETTE_TRY(

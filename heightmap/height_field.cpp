@@ -20,10 +20,13 @@ HeightRange height_range(const Grid<float>& z) {
 
 double height_at(const ModelField& field, double x_mm, double y_mm) {
   const double s = field.spacing.value();
-  const double u = (x_mm - field.x0.value()) / s;
-  const double v = (y_mm - field.y0.value()) / s;
+  double u = (x_mm - field.x0.value()) / s;
+  double v = (y_mm - field.y0.value()) / s;
   const auto last_col = static_cast<double>(field.z_mm.cols() - 1);
   const auto last_row = static_cast<double>(field.z_mm.rows() - 1);
+  // The last nodes are on the field, whatever their coordinates' rounding says.
+  if (u > last_col && x_mm <= field.x_mm(field.z_mm.cols() - 1)) u = last_col;
+  if (v > last_row && y_mm <= field.y_mm(field.z_mm.rows() - 1)) v = last_row;
   if (!(u >= 0.0 && v >= 0.0 && u <= last_col && v <= last_row)) return NAN;
   const auto c = static_cast<std::ptrdiff_t>(std::min(u, last_col - 1.0));
   const auto r = static_cast<std::ptrdiff_t>(std::min(v, last_row - 1.0));

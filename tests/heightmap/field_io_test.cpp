@@ -80,6 +80,23 @@ TEST(WriteModelField, SameFieldSameBytesAndNothingBeside) {
   EXPECT_EQ(files, 2) << "no .aux.xml, no partial file";
 }
 
+// Corners of fields whose coordinates binary numbers do not hold.
+TEST(HeightAt, IsExactAtTheLastNodes) {
+  for (const double spacing : {0.3, 0.55, 0.6, 0.7})
+    for (int i = 0; i < 100; ++i) {
+      ModelField field = random_field(37, 83, 4);
+      field.spacing = Millimetres{spacing};
+      field.x0 = Millimetres{0.1 * i - 5.0};
+      field.y0 = Millimetres{0.1 * i - 7.3};
+      field.z_mm(35, 81) = field.z_mm(35, 82) = field.z_mm(36, 81) = 0.5F;
+      field.z_mm(36, 82) = 1.25F;
+      // A share of a cell of 1e-14.
+      EXPECT_NEAR(height_at(field, field.x_mm(82), field.y_mm(36)), 1.25, 1e-12)
+          << spacing << " from " << field.x0.value();
+      EXPECT_TRUE(std::isnan(height_at(field, field.x_mm(82) + 1e-9, field.y_mm(36))));
+    }
+}
+
 TEST(HeightsAt, AreThoseOfTheWholeField) {
   const ScratchFolder scratch;
   const ModelField field = random_field(37, 23, 4);

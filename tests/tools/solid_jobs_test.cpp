@@ -108,13 +108,13 @@ TEST_P(BandsWithStones, AreTheWholeWithStones) {
   const ScratchFolder scratch;
   const auto [spacing, axis] = GetParam();
   const bool along_x = axis == meshing::BandAxis::x;
-  heightmap::ModelField field = random_terrain(4, 121, 121, spacing, 0.15, 0.02);
-  field.x0 = Millimetres{-3.7};
-  field.y0 = Millimetres{11.3};
+  heightmap::ModelField field = random_terrain(4, 124, 124, spacing, 0.15, 0.02);
+  field.x0 = Millimetres{along_x ? -2.4 : -3.7};
+  field.y0 = Millimetres{along_x ? 11.3 : -2.4};
   const fs::path design = scratch / "design.tif", plan = scratch / "stones.json";
   ASSERT_THAT(heightmap::write_model_field(field, design), Succeeds());
   field = heightmap::read_model_field(design).value();
-  // Three bands of 40 cells: two stones in the first, none in the second, one in the third.
+  // Three bands of 41 cells: two stones in the first, none in the second, one in the third.
   std::vector<meshing::PlacedStone> stones(3);
   const double places[3][2] = {{20.0, 30.0}, {18.0, 75.0}, {100.0, 50.0}};
   for (std::size_t i = 0; i < 3; ++i) {
@@ -150,10 +150,10 @@ TEST_P(BandsWithStones, AreTheWholeWithStones) {
     const auto found = meshing::check_mesh(mesh).value();
     EXPECT_TRUE(found.passed() && found.self_intersection_checked) << meshing::to_json(found);
     if (b > 0) {
-      const auto line = static_cast<std::ptrdiff_t>(40 * b);
+      const auto line = static_cast<std::ptrdiff_t>(41 * b);
       const double joint = along_x ? field.x_mm(line) : field.y_mm(line);
       const auto mine = in_plane(mesh, along_x, joint, false);
-      EXPECT_EQ(mine.size(), 2U * 120U);
+      EXPECT_EQ(mine.size(), 2U * 123U);
       EXPECT_TRUE(mine == in_plane(before, along_x, joint, true)) << "the wall at " << joint;
     }
     before = std::move(mesh);
@@ -162,7 +162,7 @@ TEST_P(BandsWithStones, AreTheWholeWithStones) {
   EXPECT_NEAR(volume, all, 1e-6 * all);
 
   // On a joint it belongs to no band.
-  const double at = 40.0 * spacing;
+  const double at = 41.0 * spacing;
   stones[0].model_from_stone.translation_mm.x = field.x0.value() + (along_x ? at : 15.0);
   stones[0].model_from_stone.translation_mm.y = field.y0.value() + (along_x ? 15.0 : at);
   ASSERT_THAT(meshing::write_stone_plan(stones, plan), Succeeds());

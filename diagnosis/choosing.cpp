@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/choosing.hpp"
+#include "diagnosis/detail/wrong_signatures.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -72,7 +73,7 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
 
 /// Members without which the rest, cut anew, does as well: straightened residuals favour what they
 /// were straightened for.
-Members pruned(Members with, Linearised& residuals) {
+Members pruned(Members with, const Search& search, Bank& bank, Linearised& residuals) {
   const double null = residuals.score({}), null_left = residuals.left_by({});
   while (!with.empty()) {
     const double all = residuals.score(with), left = residuals.left_by(with);
@@ -89,22 +90,29 @@ Members pruned(Members with, Linearised& residuals) {
       with = without(with, least_missed);
       continue;
     }
-    const double price = kPriceOfGain * std::fmax(0.0, null - all);
     double least = 0.0;
     std::size_t drop = with.size();
     // Without one, to first order: only those that are missed little are cut anew.
-    std::vector<double> linear;
+    std::vector<double> missed;
     for (std::size_t k = 0; k < with.size(); ++k)
-      linear.push_back(residuals.score_as_is(without(with, k)));
+      missed.push_back(residuals.score_as_is(without(with, k)) - all);
     for (std::size_t k = 0; k < with.size(); ++k) {
-      if (linear[k] - all > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
+      if (missed[k] > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
       const auto others = without(with, k);
+      double price = wrong_share(with, missed, k) * std::fmax(0.0, null - all);
       double worth = residuals.score(others) - all - price;
       if (!(worth < least)) continue;
       // What moves much is not what another's signature is wrong by, however well that one shows
       // (a warp beside chatter): it need not earn the share of the gain.
       if (residuals.left_by(others) - left > kMuch * (null_left - left)) worth += price;
       if (!(worth < least)) continue;
+      if (worth + price > 0.0) {
+        worth += price;
+        price = wrong_share_like(k, with, missed, search, bank, residuals, {kChoose}) *
+                std::fmax(0.0, null - all);
+        worth -= price;
+        if (!(worth < least)) continue;
+      }
       least = worth;
       drop = k;
     }
@@ -200,9 +208,9 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals);
-    chosen = pruned(std::move(chosen), residuals);
+    chosen = pruned(std::move(chosen), search, bank, residuals);
     if (auto other = exchanged(chosen, search, bank, residuals); !alike(other, chosen))
-      chosen = pruned(std::move(other), residuals);
+      chosen = pruned(std::move(other), search, bank, residuals);
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
     members = std::move(chosen);

@@ -247,7 +247,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   auto confirmed = choose_and_confirm(search, bank, residuals, d, run);
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
-  detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
+  const Members doubtful =
+      detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
   detail::make_plain(search, bank, residuals, confirmed);
   detail::prefer_poses_as_given(
@@ -262,7 +263,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   prefer_borders_of_the_program(scene, confirmed);
   const auto as_chosen = confirmed;
   sharpen(search, bank, residuals, confirmed);
-  detail::name_causes(search, bank, residuals, null_squares, confirmed, d);
+  detail::name_causes(search, bank, residuals, null_squares, confirmed, doubtful, d);
 
   const Members named = detail::members_of(confirmed);
   const Fit f = residuals.fit_of(named);

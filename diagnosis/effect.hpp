@@ -99,6 +99,10 @@ struct Effect {
   /// A cause that this one says with more or fewer terms: beside each other they would only patch
   /// up what a signature to first order is wrong by.
   std::string never_beside{};
+  /// What its signature may be wrong by, as a share of what it moves, rms: another drive lags by
+  /// another law, another film pools otherwise. What of that could be taken for a second cause gets
+  /// no name. Least where the law leaves nothing open (a scale, a length).
+  double signature_error = 0.09;
   Needs needs = Needs::nothing;
   std::function<std::vector<Form>(const Scene&)> forms;  ///< as scans and probes see it
   /// As photographs see it: numbers of the chain (photo_chain.hpp).

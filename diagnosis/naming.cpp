@@ -7,7 +7,9 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/choosing.hpp"
+#include "diagnosis/detail/sizes.hpp"
 #include "diagnosis/detail/standing.hpp"
+#include "diagnosis/detail/wrong_signatures.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -23,7 +25,7 @@ constexpr double kCloseGain = 10.0, kCloseSquares = 4.0;
 constexpr double kWorthALine = 20.0;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
 /// not named: what several causes look like is also what the error of a large one looks like. (In
-/// amplitude a quarter: signatures are better than that, see kSignatureError.)
+/// amplitude a quarter: signatures are better than that, see Effect::signature_error.)
 constexpr double kVagueShare = 0.075;
 constexpr std::size_t kVagueRivals = 2;
 /// In -2 log likelihood: a rival closer than this is the same shape by another name (a part that
@@ -48,78 +50,6 @@ struct Scored {
 };
 Scored scored(const Linearised& residuals, const Members& with) {
   return {residuals.fit_of(with).objective, residuals.left_by(with)};
-}
-
-/// Variance of the first size of the k-th about `fitted`, over what its law might have fixed:
-/// averaged by likelihood (a profile would end where the law's own range does).
-double variance_over_laws(const Search& search, const Bank& bank, const Model& model, std::size_t k,
-                          double fitted) {
-  const auto forms = model.members[k].form.alternatives();
-  std::vector<Column> columns;
-  for (const Member& m : model.members)
-    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
-  for (const Form& f : forms) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
-  Bank wide = sum_up(search.observations, search.nuisances, columns, search.layout, &bank.theta);
-  wide.weight = bank.weight;
-  struct Law {
-    double objective, square;
-  };
-  std::vector<Law> laws(forms.size());
-  oneapi::tbb::parallel_for(std::size_t{0}, forms.size(), [&](std::size_t i) {
-    Members with = model.members;
-    with[k].form = forms[i];
-    const auto at = columns_of(wide, with);
-    const Fit f = fit(wide, at, kAll);
-    const auto c =
-        std::find(at.begin(), at.end(), wide.index.at(forms[i].columns[0].key)) - at.begin();
-    const double off = f.coefficients(c) - fitted;
-    laws[i] = {f.objective, f.covariance(c, c) + off * off};
-  });
-  double least = INFINITY, sum = 0.0, weight = 0.0;
-  for (const Law& l : laws) least = std::fmin(least, l.objective);
-  for (const Law& l : laws) {
-    const double w = std::exp(-0.5 * (l.objective - least));
-    sum += w * l.square;
-    weight += w;
-  }
-  return weight > 0.0 ? sum / weight : 0.0;
-}
-
-/// By how much more a size changes than what it moves: half the square of a lag is reported, and
-/// what a lag moves grows with its power 1.4 or so, for bends are shorter than the way it needs.
-/// From the coefficients that the form had before it was made of its size and has now.
-double change_of_size(const Form& form, double coefficient) {
-  constexpr double kReported = 2.0, kUsual = 1.4;
-  const auto& what = form.columns[0].follows;
-  if (!what || !what->lag) return 1.0;
-  double power = kUsual;
-  if (form.before)
-    power = std::log(form.before->coefficient / coefficient) /
-            std::log(what->size_mm / form.before->size_mm);
-  return kReported / (power >= 0.5 * kReported && power <= kReported ? power : kUsual);
-}
-
-/// Sizes as fitted, with standard errors.
-std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Model& model,
-                               std::size_t k) {
-  const double wider = std::sqrt(
-      overstated(bank, model.columns, columns_of(bank, without(model.members, k)), model.fit));
-  std::vector<Estimate> sizes;
-  for (const Column& column : model.members[k].form.columns) {
-    const auto at =
-        std::find(model.columns.begin(), model.columns.end(), bank.index.at(column.key)) -
-        model.columns.begin();
-    double variance = std::fmax(0.0, model.fit.covariance(at, at));
-    if (sizes.empty() && model.members[k].form.alternatives)
-      variance = std::fmax(variance,
-                           variance_over_laws(search, bank, model, k, model.fit.coefficients(at)));
-    double coefficient = model.fit.coefficients(at);
-    const double change = change_of_size(model.members[k].form, coefficient);
-    if (coefficient > 0.0) coefficient = std::pow(coefficient, change);
-    sizes.push_back({column.parameter.name, coefficient * column.parameter.per_column,
-                     wider * change * std::sqrt(variance) * std::abs(column.parameter.per_column)});
-  }
-  return sizes;
 }
 
 struct Equivalents {
@@ -179,6 +109,19 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const Search& sear
   return equivalent;
 }
 
+/// Of what is explained or structured, what each member explains.
+std::vector<double> shares_of(const Model& model, Linearised& residuals) {
+  std::vector<double> shares;
+  for (std::size_t k = 0; k < model.members.size(); ++k) {
+    const auto others = without(model.members, k);
+    residuals.about(others);
+    shares.push_back(
+        std::clamp((residuals.left_by(others) - model.left.squares) / model.left.excess, 0.0, 1.0));
+  }
+  residuals.about(model.members);
+  return shares;
+}
+
 /// @param shapes  of its equivalents, how many are other than its own
 Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& search,
                const Bank& bank, Linearised& residuals, std::vector<Rejected>& ruled_out,
@@ -193,10 +136,6 @@ Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& 
     c.fixed.emplace_back(kSlackBehindLag, residuals.lag_first() ? 1.0 : 0.0);
   c.separate_by = member.effect->separate_by;
   c.p_value = std::fmax(p_value, 1e-300);
-  const auto others = without(model.members, k);
-  residuals.about(others);
-  c.share =
-      std::clamp((residuals.left_by(others) - model.left.squares) / model.left.excess, 0.0, 1.0);
   auto equivalent = equivalents_of(model, k, search, bank, residuals, ruled_out);
   c.equivalent = std::move(equivalent.names);
   shapes = equivalent.shapes;
@@ -204,13 +143,16 @@ Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& 
 }
 
 /// The smallest of those that no name is certain enough for; causes.size(): none.
-std::size_t nameless(const std::vector<Cause>& causes, const std::vector<std::size_t>& shapes) {
+/// @param wrong  share of the k-th that may be what the others' signatures are wrong by
+template <class Wrong>
+std::size_t nameless(const std::vector<Cause>& causes, const std::vector<std::size_t>& shapes,
+                     const Wrong& wrong) {
   std::size_t drop = causes.size();
   double least = INFINITY;
   for (std::size_t k = 0; k < causes.size(); ++k) {
     const Cause& c = causes[k];
     const bool small = causes.size() > 1 && c.share < kVagueShare &&
-                       (shapes[k] >= kVagueRivals || c.share < kSignatureError * kSignatureError);
+                       (shapes[k] >= kVagueRivals || c.share < wrong(k));
     if ((small || c.equivalent.size() >= kNameless) && c.share < least) {
       least = c.share;
       drop = k;
@@ -228,8 +170,7 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
     const Form& form = members[k].form;
     if (form.columns.size() < 2) continue;
     residuals.about(members);
-    const Model model{members, residuals.fit_of(members), columns_of(bank, members), {}, 0.0};
-    const auto sizes = sizes_of(search, bank, model, k);
+    const auto sizes = sizes_of(search, bank, members, residuals.fit_of(members), k);
     const auto is_none = [&](std::size_t c) {
       return std::abs(sizes[c].value) < kSure * sizes[c].sigma;
     };
@@ -313,8 +254,8 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
   residuals.about(members_of(confirmed));
 }
 
-void name_causes(const Search& search, const Bank& bank, Linearised& residuals, double null_squares,
-                 std::vector<Confirmed>& confirmed, Diagnosis& d) {
+void name_causes(const Search& search, Bank& bank, Linearised& residuals, double null_squares,
+                 std::vector<Confirmed>& confirmed, Members doubtful, Diagnosis& d) {
   double vague = 0.0;
   while (true) {
     const Members members = members_of(confirmed);
@@ -322,18 +263,20 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
     Model model{members, residuals.fit_of(members), columns_of(bank, members),
                 left_of(residuals, members, null_squares, d.remainder), 0.0};
     // Names hang on differences between fits: those must stand out of what nothing explains.
+    const auto shares = shares_of(model, residuals);
     model.tell_apart_mm =
         std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms : 0.0,
-                  kSignatureError * model.left.moved_mm});
+                  std::sqrt(wrong_share(members, shares, members.size())) * model.left.moved_mm});
     std::vector<Cause> causes;
     std::vector<std::size_t> shapes(members.size());
     std::vector<Rejected> ruled_out;
     std::vector<std::vector<Estimate>> sizes;
     for (std::size_t k = 0; k < members.size(); ++k)
-      sizes.push_back(sizes_of(search, bank, model, k));
+      sizes.push_back(sizes_of(search, bank, members, model.fit, k));
     for (std::size_t k = 0; k < members.size(); ++k) {
       causes.push_back(
           cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out, shapes[k]));
+      causes.back().share = shares[k];
       causes.back().parameters = std::move(sizes[k]);
       // With the form of the size that is reported the extended model needs no share of it.
       if (const auto& what = members[k].form.columns[0].follows; what && what->lag)
@@ -357,13 +300,20 @@ void name_causes(const Search& search, const Bank& bank, Linearised& residuals, 
       confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(beyond_belief));
       continue;
     }
-    const std::size_t drop = nameless(causes, shapes);
+    const auto wrong = [&](std::size_t k) {
+      const double most = wrong_share(members, shares, k);
+      return shares[k] < most ? wrong_share_like(k, members, shares, search, bank, residuals, kAll)
+                              : most;
+    };
+    const std::size_t drop = nameless(causes, shapes, wrong);
     if (drop == members.size()) {
       d.causes = std::move(causes);
+      widen_by_doubtful(bank, residuals, members, doubtful, d);
       d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());
       break;
     }
     const Cause& c = causes[drop];
+    doubtful.push_back(members[drop]);
     const bool several = shapes[drop] >= kVagueRivals;
     if (several) vague += c.share;
     d.rejected.push_back(

@@ -8,6 +8,7 @@
 
 #include "core/chi_squared.hpp"
 #include "diagnosis/detail/remainder.hpp"
+#include "diagnosis/detail/wrong_signatures.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -24,11 +25,37 @@ constexpr double kWithoutOddPlaces = 1e-6;
 struct Drop {
   std::size_t member;
   std::string why;
+  bool may_be_there = false;
 };
 
+/// What the simulation is not believed below, mm rms, where so much of it may be wrong.
+double floor_mm(double wrong_share, const Left& left) {
+  return std::fmax(kSimulationFloor_mm, std::sqrt(wrong_share) * left.moved_mm);
+}
+
+/// What it is not believed below beside the others, of each member.
+std::vector<double> floors_mm(const Members& members, const std::vector<double>& explained,
+                              const Left& left, const Search& search, Bank& bank,
+                              Linearised& residuals) {
+  std::vector<double> floors;
+  const auto above = [&](std::size_t k, double floor) {
+    return explained[k] > left.points * floor * floor;
+  };
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    double floor = floor_mm(wrong_share(members, explained, k), left);
+    if (!above(k, floor) && above(k, kSimulationFloor_mm))
+      floor =
+          floor_mm(wrong_share_like(k, members, explained, search, bank, residuals, kAll), left);
+    floors.push_back(floor);
+  }
+  return floors;
+}
+
 /// Squares that come back without each of the members, the others cut anew where it is close.
-std::vector<double> explained_by(const Members& members, Linearised& residuals, const Left& left,
-                                 double floor) {
+std::vector<double> explained_by(const Members& members, Linearised& residuals, const Left& left) {
+  double worst = 0.0;
+  for (const Member& m : members) worst = std::fmax(worst, m.effect->signature_error);
+  const double floor = std::fmax(kSimulationFloor_mm, worst * left.moved_mm);
   std::vector<double> explained;
   for (std::size_t k = 0; k < members.size(); ++k) {
     const auto fewer = without(members, k);
@@ -43,17 +70,20 @@ std::vector<double> explained_by(const Members& members, Linearised& residuals, 
 }
 
 /// The weakest of those that explain too little.
-std::optional<Drop> too_small(const std::vector<double>& explained, const Left& left, double floor,
+std::optional<Drop> too_small(const std::vector<double>& explained,
+                              const std::vector<double>& floors, const Left& left,
                               bool beside_unknown) {
   std::optional<Drop> drop;
   for (std::size_t k = 0; k < explained.size(); ++k) {
     if (drop && explained[k] >= explained[drop->member]) continue;
+    const double floor = floors[k];
     // Beside something unknown only the largest is taken for what it looks like.
     const bool largest = explained[k] >= *std::max_element(explained.begin(), explained.end());
     if (!(explained[k] > left.points * floor * floor))
       drop = {k,
               fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
-                          floor)};
+                          floor),
+              true};
     else if (beside_unknown && explained[k] < (largest ? 1.0 : kBesideUnknown) * left.structured)
       drop = {k, "explains less than what remains unexplained beside it"};
   }
@@ -101,9 +131,10 @@ Left left_of(const Linearised& residuals, const Members& members, double null_sq
   return l;
 }
 
-void keep_what_stands(const Search& search, const Bank& bank, Linearised& residuals,
-                      double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& d) {
+Members keep_what_stands(const Search& search, Bank& bank, Linearised& residuals,
+                         double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& d) {
   Squares odd;
+  Members doubtful;
   while (true) {
     const Members members = members_of(confirmed);
     residuals.about(members);
@@ -111,17 +142,19 @@ void keep_what_stands(const Search& search, const Bank& bank, Linearised& residu
     const auto r = residuals_of(search.observations, members, bank, f);
     d.remainder = judge(search.observations, r, search.layout, bank, f, odd);
     Left left = left_of(residuals, members, null_squares, d.remainder);
-    const double floor = std::fmax(kSimulationFloor_mm, kSignatureError * left.moved_mm);
-    if (d.remainder.structured_rms < floor) {
+    const auto explained = explained_by(members, residuals, left);
+    if (d.remainder.structured_rms <
+        floor_mm(wrong_share(members, explained, members.size()), left)) {
       d.remainder.found = false;
       left = left_of(residuals, members, null_squares, d.remainder);
     }
     d.remainder.share = left.structured / left.excess;
-    auto drop =
-        too_small(explained_by(members, residuals, left, floor), left, floor, d.remainder.found);
+    const auto floors = floors_mm(members, explained, left, search, bank, residuals);
+    auto drop = too_small(explained, floors, left, d.remainder.found);
     if (!drop && d.remainder.found && odd.count() > 0 && !members.empty())
       drop = hangs_on(odd, members, search);
-    if (!drop) return;
+    if (!drop) return doubtful;
+    if (drop->may_be_there) doubtful.push_back(members[drop->member]);
     d.rejected.push_back({members[drop->member].effect->name, drop->why});
     confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop->member));
   }

@@ -35,9 +35,6 @@ struct Candidate {
 /// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
 inline constexpr double kPricePerColumn = 6.0;
 inline constexpr double kPricePerCause = 14.0;
-/// And, once all are found, as a share of what all gain together: what a large cause leaves because
-/// its signature is not exact is not to be named after a small one.
-inline constexpr double kPriceOfGain = 0.01;
 
 /// Six directions of each set-up's pose, and the difference between cut and designed surface.
 [[nodiscard]] std::vector<Column> nuisances_of(const Measurements& measurements);

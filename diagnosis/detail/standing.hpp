@@ -9,9 +9,6 @@
 
 namespace maquette::diagnosis::detail {
 
-/// What signatures may be wrong by, as a share of what all causes together move.
-inline constexpr double kSignatureError = 0.08;
-
 [[nodiscard]] Members members_of(const std::vector<Confirmed>& confirmed);
 
 /// What a model leaves, in squares of mm over all points.
@@ -28,8 +25,10 @@ struct Left {
 /// Judges what remains (diagnosis.remainder) and takes those causes from `confirmed` that are
 /// smaller than what the simulation may be wrong by, explain less than what nothing explains, or
 /// hang on a few odd places (diagnosis.rejected); residuals are about those that stay.
-void keep_what_stands(const Search& search, const Bank& bank, Linearised& residuals,
-                      double null_squares, std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
+/// @return those that are smaller: they may be there
+[[nodiscard]] Members keep_what_stands(const Search& search, Bank& bank, Linearised& residuals,
+                                       double null_squares, std::vector<Confirmed>& confirmed,
+                                       Diagnosis& diagnosis);
 /// A cause that is another one and something beside it (a film from one side beside an even one) is
 /// that other one where its own sizes are none; the rest's forms are chosen again beside it.
 void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
@@ -45,7 +44,8 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
 
 /// Makes confirmed causes those of the diagnosis, with what would do as well in their place. Small
 /// ones that several others could stand for get no name: they become a remainder.
-void name_causes(const Search& search, const Bank& bank, Linearised& residuals, double null_squares,
-                 std::vector<Confirmed>& confirmed, Diagnosis& diagnosis);
+/// @param doubtful  others that may be there: sizes are less certain by what they would be beside
+void name_causes(const Search& search, Bank& bank, Linearised& residuals, double null_squares,
+                 std::vector<Confirmed>& confirmed, Members doubtful, Diagnosis& diagnosis);
 
 }  // namespace maquette::diagnosis::detail

@@ -67,6 +67,7 @@ void add_machine_backlash(std::vector<Effect>& all) {
     e.unknown_shift = a;
     e.looks_like = {"machine.servo_lag", "tool.deflection"};
     e.separate_by = "one-way passes on a test strip";
+    e.signature_error = 0.05;
     e.correction = "backlash compensation of the " + a + " axis, or one-way passes";
     e.needs = Needs::path;
     e.forms = [axis](const Scene& scene) {

@@ -18,6 +18,7 @@ void add_machine_scale(std::vector<Effect>& all) {
     e.unknown_shift = a;
     e.looks_like = {"stock.swelling", "scanner.range_scale"};
     e.separate_by = "a gauge bar in the scene, or the distance of two milled marks by calliper";
+    e.signature_error = 0.03;
     e.correction = "scale " + a + " in the control or in the program";
     e.forms = [axis, a](const Scene& scene) {
       const double half = scene.half_mm(), c = component(scene.centre(), axis);

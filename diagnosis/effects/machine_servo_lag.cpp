@@ -52,6 +52,7 @@ void add_machine_servo_lag(std::vector<Effect>& all) {
   e.depends_on = "curvature along the feed, square of the feed";
   e.looks_like = {"scanner.spot_blur", "coating.pooling", "tool.radius_error"};
   e.separate_by = "a patch at half the feed";
+  e.signature_error = 0.04;
   e.correction = "lower feed, higher gain, or feed forward";
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {

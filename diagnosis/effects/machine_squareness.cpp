@@ -23,6 +23,7 @@ void add_machine_squareness(std::vector<Effect>& all) {
     e.unknown_shift = kAxisName[p.moved];
     e.looks_like = {"scanner.registration", "stock.warp"};
     e.separate_by = "mill a strip, turn the block by 180 degrees, mill its neighbour";
+    e.signature_error = 0.03;
     e.correction = "square the axes, or shear the program by the angle";
     e.forms = [p](const Scene& scene) {
       const double half = scene.half_mm(), c = component(scene.centre(), p.by);

@@ -21,6 +21,7 @@ void add_machine_step_loss(std::vector<Effect>& all) {
                        : std::vector<std::string>{"machine.scale_" + a, "machine.backlash_" + a};
     if (axis == 2) e.never_beside = "process.band_step";
     e.separate_by = "touch off again and compare with the datum";
+    e.signature_error = 0.03;
     e.correction = "lower acceleration; mill again what came after the moment";
     e.needs = Needs::path;
     e.forms = [axis](const Scene& scene) { return step_forms(axis, scene); };

@@ -23,6 +23,7 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
   e.unknown_shift = std::string("z");
   e.looks_like = {"tool.wear", "machine.straightness_y", "stock.warp", "machine.step_loss_z"};
   e.separate_by = "cut the first strip again at the end";
+  e.signature_error = 0.06;
   e.correction = "let the spindle run warm before the finish";
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {

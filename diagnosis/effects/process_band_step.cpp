@@ -57,6 +57,7 @@ void add_process_band_step(std::vector<Effect>& all) {
   e.never_beside = "machine.step_loss_z";  // a single border
   e.looks_like = {"machine.step_loss_z", "machine.thermal_growth_z"};
   e.separate_by = "touch-off log of each band";
+  e.signature_error = 0.03;
   e.correction = "touch off each band on the same datum";
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {

@@ -16,6 +16,7 @@ void add_scanner_encoder_eccentricity(std::vector<Effect>& all) {
   e.depends_on = "azimuth or elevation seen from the station";
   e.looks_like = {"machine.scale_x", "machine.squareness_xy", "machine.straightness_x"};
   e.separate_by = "both faces, or the scanner turned by 90 degrees on the same station";
+  e.signature_error = 0.04;
   e.needs = Needs::station;
   e.forms = [](const Scene& scene) {
     const auto part = [](bool vertical, int cycle, bool sine, int set_up) {

@@ -15,6 +15,7 @@ void add_scanner_range_scale(std::vector<Effect>& all) {
   e.depends_on = "range";
   e.looks_like = {"stock.swelling"};
   e.separate_by = "a scale bar in the scene";
+  e.signature_error = 0.02;
   e.unknown_shift = std::string("r");
   e.needs = Needs::station;
   e.forms = [](const Scene& scene) {

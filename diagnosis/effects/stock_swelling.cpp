@@ -16,6 +16,7 @@ void add_stock_swelling(std::vector<Effect>& all) {
   e.unknown_shift = std::string("xyzr");
   e.looks_like = {"scanner.range_scale", "machine.scale_x"};
   e.separate_by = "temperature log; invar bar in the scene";
+  e.signature_error = 0.03;
   e.correction = "";
   e.forms = [](const Scene& scene) {
     const Vec3 c = scene.centre();

@@ -16,6 +16,7 @@ void add_tool_radius_error(std::vector<Effect>& all) {
   e.unknown_shift = std::string("z");
   e.looks_like = {"coating.thickness", "tool.runout", "scanner.incidence_bias", "tool.wear"};
   e.separate_by = "measure the cutter; or scan before the coat";
+  e.signature_error = 0.04;
   e.correction = "program with the measured radius";
   e.forms = [](const Scene& scene) {
     // Sizes for themselves: at hollows and ridges another pass comes to make the surface.

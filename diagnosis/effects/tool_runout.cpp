@@ -50,6 +50,7 @@ void add_tool_runout(std::vector<Effect>& all) {
   e.unknown_shift = std::string("z");
   e.looks_like = {"tool.radius_error", "tool.deflection"};
   e.separate_by = "dial gauge on the cutter; marks at one tooth per turn under a microscope";
+  e.signature_error = 0.05;
   e.correction = "clean or change the collet";
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;

@@ -7,6 +7,8 @@
 //   one cause ....................................... named, with a size within its errors
 //   two causes ...................................... both, no third
 //   a bow beside a wave ............................. both
+//   a step beside chatter that shows far better ... .. both; chatter that grows is one cause
+//   a radius, and wear too small for a name ......... an error that holds the true size
 //   a bow beside a guide that waves ................. both, where each alone gains nothing
 //   a film that levels over ridges .................. no cause
 //   a step of one raster over another ............... named, with its size
@@ -14,17 +16,21 @@
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
 //   dents, bulges, rings ............................ unexplained, no name
+//   errors of signatures ............................ by hand; full where they look like the cause
 //   a step where a band begins, and elsewhere ....... the band's, the drive's
 //   chi-squared tail ................................ tabulated values
 
 #include <cmath>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
 #include "core/chi_squared.hpp"
 #include "core/random.hpp"
 #include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/sizes.hpp"
+#include "diagnosis/detail/wrong_signatures.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
 
@@ -116,6 +122,15 @@ bool names(const Cause& c, const std::string& name) {
          std::find(c.equivalent.begin(), c.equivalent.end(), name) != c.equivalent.end();
 }
 
+/// For messages: what was named and what was not.
+std::string told(const Diagnosis& d) {
+  std::string s;
+  for (const Cause& c : d.causes)
+    s += fmt::format("{} ({}), share {:.3f}\n", c.effect, c.law, c.share);
+  for (const Rejected& r : d.rejected) s += fmt::format("not {}: {}\n", r.effect, r.why);
+  return s;
+}
+
 class InferenceSeeded : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Seed, InferenceSeeded, testing::Range(1, 3));
 
@@ -192,7 +207,7 @@ TEST(Inference, NamesTwoCausesAndNoThird) {
                                }),
                           1);
   ASSERT_TRUE(d.has_value());
-  ASSERT_EQ(d->causes.size(), 2U);
+  ASSERT_EQ(d->causes.size(), 2U) << told(*d);
   EXPECT_TRUE(names(d->causes[0], "machine.thermal_growth_z") ||
               names(d->causes[1], "machine.thermal_growth_z"));
   EXPECT_TRUE(names(d->causes[0], "machine.backlash_x") ||
@@ -378,6 +393,88 @@ TEST(Inference, FindsABowBesideAWaveThatShowsFarBetter) {
   EXPECT_EQ(d->causes[0].effect, "stock.warp");
   EXPECT_EQ(d->causes[1].effect, "process.chatter");
   EXPECT_EQ(d->verdict, "explained");
+}
+
+TEST(Inference, SizesAreLessCertainByWhatMayBeBesideThem) {
+  // A ball 0.1 mm too large that has worn by 0.08 mm: named alone it is smaller by about as much as
+  // half of that.
+  constexpr double kError_mm = 0.1, kWorn_mm = 0.08;
+  auto m = part(60, {}, [&](const Observation& o) {
+    return (o.normal.z - 1.0) * (kError_mm - kWorn_mm * o.cut_share);
+  });
+  std::vector<detail::Candidate> candidates;
+  const auto member = [&](const char* name) {
+    const Effect* e = find_effect(name);
+    auto forms = e->forms(m.scene);
+    candidates.push_back({e, forms});
+    return detail::Member{e, forms[0]};
+  };
+  const detail::Members named{member("tool.radius_error")}, doubtful{member("tool.wear")};
+  const auto nuisances = detail::nuisances_of(m);
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  auto columns = named[0].form.columns;
+  columns.push_back(doubtful[0].form.columns[0]);
+  auto bank = detail::sum_up(m.observations, nuisances, columns, layout);
+  const detail::Search search{m.observations, nuisances, layout, candidates};
+  detail::Linearised residuals(m.scene, m.observations, bank);
+  residuals.about(named);
+  Diagnosis d;
+  d.causes.emplace_back();
+  d.causes[0].effect = "tool.radius_error";
+  d.causes[0].parameters = detail::sizes_of(search, bank, named, residuals.fit_of(named), 0);
+  const Estimate alone = d.causes[0].parameters[0];
+  EXPECT_GT(std::abs(alone.value - kError_mm), 4.0 * alone.sigma) << "there is something to hide";
+  detail::widen_by_doubtful(bank, residuals, named, doubtful, d);
+  const Estimate now = d.causes[0].parameters[0];
+  EXPECT_EQ(now.value, alone.value);
+  EXPECT_LT(std::abs(now.value - kError_mm), 2.0 * now.sigma);
+  ASSERT_EQ(d.notes.size(), 1U);
+  EXPECT_TRUE(d.notes[0].starts_with("tool.wear, too small")) << d.notes[0];
+}
+
+TEST(WrongSignatures, CountByWhatTheyExplain) {
+  const detail::Members members{{find_effect("machine.scale_x"), {}},
+                                {find_effect("process.chatter"), {}}};
+  const double of_scale = members[0].effect->signature_error,
+               of_chatter = members[1].effect->signature_error;
+  EXPECT_LT(of_scale, of_chatter) << "a scale leaves nothing open";
+  EXPECT_DOUBLE_EQ(detail::wrong_share(members, {3.0, 1.0}, 0), 0.25 * of_chatter * of_chatter);
+  EXPECT_DOUBLE_EQ(detail::wrong_share(members, {3.0, 1.0}, 2),
+                   0.75 * of_scale * of_scale + 0.25 * of_chatter * of_chatter);
+  EXPECT_EQ(detail::wrong_share(members, {3.0, -1.0}, 0), 0.0) << "missed by nobody";
+  EXPECT_EQ(detail::wrong_share({}, {}, 0), 0.0);
+}
+
+// What looks like an error of the large cause counts in full: its waves, growing over the part. A
+// step looks like none.
+TEST(WrongSignatures, CountWhereTheyLookLikeTheCause) {
+  const auto wave = [](const Observation& o) { return std::sin(2.0 * o.place.x); };
+  const auto growing = [wave](const Observation& o) { return wave(o) * o.place.y / 160.0; };
+  const auto step = [](const Observation& o) { return o.path_share > 0.62 ? 1.0 : 0.0; };
+  auto m = part(61, {}, [&](const Observation& o) {
+    return 0.2 * wave(o) + 0.02 * growing(o) + 0.01 * step(o);
+  });
+  const auto member = [](const char* name, std::function<double(const Observation&)> value) {
+    const Effect* chatter = find_effect("process.chatter");
+    return detail::Member{chatter,
+                          Form{"", {Column{name, {"size_mm", 1.0, INFINITY}, std::move(value)}}}};
+  };
+  const detail::Members members{member("wave", wave), member("growing", growing),
+                                member("step", step)};
+  const auto nuisances = detail::nuisances_of(m);
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  std::vector<Column> columns;
+  for (const auto& k : members) columns.push_back(k.form.columns[0]);
+  auto bank = detail::sum_up(m.observations, nuisances, columns, layout);
+  const detail::Search search{m.observations, nuisances, layout, {}};
+  detail::Linearised residuals(m.scene, m.observations, bank);
+  const std::vector<double> explained{100.0, 1.0, 1.0};
+  const auto like = [&](std::size_t k) {
+    return detail::wrong_share_like(k, members, explained, search, bank, residuals, detail::kAll) /
+           detail::wrong_share(members, explained, k);
+  };
+  EXPECT_GT(like(1), 0.99);
+  EXPECT_DOUBLE_EQ(like(2), 0.1) << "least: errors may follow what is neither place nor slope";
 }
 
 TEST(Inference, FindsABowBesideAGuidesWave) {

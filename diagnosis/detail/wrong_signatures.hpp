@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+// What a large cause leaves because its signature is not exact is not to be named after a small
+// one.
+
+#include <cstddef>
+#include <vector>
+
+#include "diagnosis/detail/linearised.hpp"
+
+namespace maquette::diagnosis::detail {
+
+/// The square of what signatures may be wrong by (Effect::signature_error), as a share of what all
+/// members explain together, each by its part of that.
+/// @param explained  what is missed without each member: squares, or -2 log likelihood
+/// @param but        a member whose own error does not count; members.size(): all do
+[[nodiscard]] double wrong_share(const Members& members, const std::vector<double>& explained,
+                                 std::size_t but);
+
+/// The same beside the k-th, less where it does not look like an error of the others: where it
+/// gains as much once each of their signatures is let grow and shrink smoothly over the part and
+/// with the slope (a warp beside a scanner's spot, which has none of its length). Residuals are
+/// about the members then.
+/// @param sets  blocks that are looked at
+[[nodiscard]] double wrong_share_like(std::size_t k, const Members& members,
+                                      const std::vector<double>& explained, const Search& search,
+                                      Bank& bank, Linearised& residuals,
+                                      const std::vector<int>& sets);
+
+}  // namespace maquette::diagnosis::detail

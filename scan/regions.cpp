@@ -101,19 +101,20 @@ Result<std::vector<Region>> read_regions(const std::filesystem::path& path) {
   return regions;
 }
 
-std::vector<Region> band_regions(const ModelField& design, double max_width_mm) {
-  const double x0 = design.x0.value(), x1 = design.x_mm(design.z_mm.cols() - 1);
-  const double y0 = design.y0.value(), y1 = design.y_mm(design.z_mm.rows() - 1);
-  const double count = std::fmax(1.0, std::ceil((y1 - y0) / max_width_mm - 1e-9));
-  std::vector<Region> bands;
-  for (double k = 0.0; k < count; k += 1.0) {
-    const double a = y0 + (y1 - y0) * k / count, b = y0 + (y1 - y0) * (k + 1.0) / count;
-    Region band;
-    band.name = fmt::format("band {}", static_cast<int>(k) + 1);
-    band.rings_mm = {{{x0, a}, {x1, a}, {x1, b}, {x0, b}, {x0, a}}};
-    bands.push_back(std::move(band));
+Result<std::vector<Region>> band_regions(const ModelField& design,
+                                         const meshing::BandSplit& split) {
+  MAQUETTE_TRY(const auto bands, meshing::split_into_bands(design, split));
+  std::vector<Region> regions;
+  for (const meshing::Band& band : bands) {
+    const auto window = meshing::band_window(design, band);
+    const double x0 = design.x_mm(window.col0), x1 = design.x_mm(window.col1),
+                 y0 = design.y_mm(window.row0), y1 = design.y_mm(window.row1);
+    Region region;
+    region.name = fmt::format("band {}", band.number);
+    region.rings_mm = {{{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}, {x0, y0}}};
+    regions.push_back(std::move(region));
   }
-  return bands;
+  return regions;
 }
 
 std::string_view name_of(Verdict verdict) {

@@ -15,6 +15,7 @@
 #include "core/grid.hpp"
 #include "core/result.hpp"
 #include "heightmap/height_field.hpp"
+#include "meshing/bands.hpp"
 #include "meshing/stones.hpp"
 #include "scan/deviate.hpp"
 #include "scan/significance.hpp"
@@ -40,9 +41,10 @@ struct Region {
 /// @return SCAN_REGION_FORMAT with the path of the element, or if a drawing's unit ($INSUNITS) is
 ///   not mm or it has no closed curve; CORE_FILE_*
 [[nodiscard]] Result<std::vector<Region>> read_regions(const std::filesystem::path& path);
-/// Strips along x, as the part is milled: bands of at most this width.
-[[nodiscard]] std::vector<Region> band_regions(const heightmap::ModelField& design,
-                                               double max_width_mm);
+/// The bands that the part is milled in, "band NUMBER". MESHING_BANDS_DEGENERATE as
+/// split_into_bands
+[[nodiscard]] Result<std::vector<Region>> band_regions(const heightmap::ModelField& design,
+                                                       const meshing::BandSplit& split);
 
 /// What each planned stone covers from above: the convex hull of its mesh, "stone NUMBER".
 [[nodiscard]] std::vector<Region> stone_regions(std::span<const meshing::PlacedStone> plan);

@@ -27,6 +27,7 @@
 #include "tools/deviation_page.hpp"
 #include "tools/deviation_rows.hpp"
 #include "tools/jobs.hpp"
+#include "tools/jobs_bands.hpp"
 #include "tools/measured_part.hpp"
 #include "tools/nominal_part.hpp"
 #include "tools/path_under.hpp"
@@ -87,9 +88,15 @@ Result<std::vector<scan::Region>> regions_of(const Case& input, const ModelField
   }
   // Stones have their own table of poses; here is how far each is off as a whole.
   for (scan::Region& stone : scan::stone_regions(stones)) regions.push_back(std::move(stone));
-  if (input.band_width_mm > 0.0)
-    for (scan::Region& band : scan::band_regions(design, input.band_width_mm))
-      regions.push_back(std::move(band));
+  std::optional<meshing::BandSplit> split;
+  if (input.band_width_mm > 0.0) split = {.max_width = Millimetres{input.band_width_mm}};
+  if (!input.bands.empty()) {
+    MAQUETTE_TRY(split, read_band_layout(input.bands));
+  }
+  if (split) {
+    MAQUETTE_TRY(const auto bands, scan::band_regions(design, *split));
+    regions.insert(regions.end(), bands.begin(), bands.end());
+  }
   return regions;
 }
 

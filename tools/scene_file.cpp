@@ -151,8 +151,10 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   t.add({"deviation.scale", &c.scale, "the scans' scale is unknown and estimated"});
   t.add({"deviation.regions", &c.regions,
          "GeoJSON polygons in mm, with name, lower_mm, upper_mm; or closed curves of a DXF"});
-  t.add({"deviation.band_width_mm", &c.band_width_mm, "statistics per strip along x; 0: none", 0,
-         1e5});
+  t.add({"deviation.bands", &c.bands,
+         "statistics per band: bands.json of `maquette bands`, whose joints keep off stones"});
+  t.add({"deviation.band_width_mm", &c.band_width_mm,
+         "the same of even strips along x, at most so wide; 0: none", 0, 1e5});
   const auto datum_schema = [&c] {
     CaseDatum& datum = c.datums.emplace_back();
     Schema e;

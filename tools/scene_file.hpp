@@ -118,7 +118,8 @@ struct Case {
   std::filesystem::path ground, stones;      ///< design without its stones, and their plan
   std::filesystem::path as_milled;           ///< simulated cut of the ground
   std::filesystem::path regions;             ///< GeoJSON
-  double band_width_mm = 0.0;                ///< 0: no table of bands
+  std::filesystem::path bands;               ///< bands.json; empty: even ones, if any
+  double band_width_mm = 0.0;                ///< 0 without `bands`: no table of bands
   double ball_diameter_mm = 6.0;
   double coating_thickness_mm = 0.0, coating_roughness_sigma_mm = 0.04,
          coating_roughness_correlation_mm = 0.25;

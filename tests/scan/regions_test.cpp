@@ -63,13 +63,25 @@ TEST(Regions, AreReadWithHolesAndTolerances) {
 
 TEST(Regions, BandsCoverThePart) {
   const auto part = rough_part(1, 101, 51, 2.0);
-  const auto bands = band_regions(part, 90.0);
-  ASSERT_EQ(bands.size(), 3U);  // 200 mm in strips of 66.7
+  const auto even = band_regions(part, {.max_width = Millimetres{90.0}});
+  ASSERT_THAT(even, Succeeds());
+  ASSERT_EQ(even->size(), 3U);  // 200 mm in strips of 66.7
   for (double y = 1.0; y < 200.0; y += 7.0) {
     int in = 0;
-    for (const Region& b : bands) in += b.holds(50.0, y) ? 1 : 0;
+    for (const Region& b : *even) in += b.holds(50.0, y) ? 1 : 0;
     EXPECT_EQ(in, 1) << y;
   }
+  // Joints that keep off stones, across x: columns 0 to 20 and 20 to 50, 2 mm apart.
+  const auto uneven =
+      band_regions(part, {.axis = meshing::BandAxis::x, .joints = std::vector<std::ptrdiff_t>{20}});
+  ASSERT_THAT(uneven, Succeeds());
+  ASSERT_EQ(uneven->size(), 2U);
+  EXPECT_EQ((*uneven)[1].name, "band 2");
+  EXPECT_TRUE((*uneven)[0].holds(part.x_mm(20) - 0.1, 50.0));
+  EXPECT_FALSE((*uneven)[0].holds(part.x_mm(20) + 0.1, 50.0));
+  EXPECT_TRUE((*uneven)[1].holds(part.x_mm(20) + 0.1, 50.0));
+  EXPECT_THAT(band_regions(part, {.joints = std::vector<std::ptrdiff_t>{200}}),
+              FailsWith(meshing::kBandsDegenerate));
 }
 
 TEST(Regions, VerdictsWithAGuardBand) {

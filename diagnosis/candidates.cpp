@@ -14,24 +14,12 @@ std::vector<Column> nuisances_of(const Measurements& m) {
   const double half = m.scene.half_mm();
   for (std::uint32_t s = 0; s < m.set_ups.size(); ++s) {
     const Vec3 c = m.set_ups[s].centre_mm;
-    for (int k = 0; k < 6; ++k) {
-      all.push_back(
-          column(fmt::format("pose{}_{}", s, k), {"", 1.0, INFINITY}, [=](const Observation& o) {
-            if (o.set_up != s) return 0.0;
-            const Vec3 along = level_along(o);
-            if (k < 3) return component(along, k);
-            const Vec3 turn = (1.0 / half) * cross(o.place - c, along);
-            return k == 3 ? turn.x : k == 4 ? turn.y : turn.z;
+    for (int k = 0; k < 6; ++k)
+      all.push_back(moving_column(
+          fmt::format("pose{}_{}", s, k), {"", 1.0, INFINITY}, [=](const Observation& o) {
+            const Vec3 e = along_axis(k % 3, 1.0);
+            return o.set_up != s ? Vec3{} : k < 3 ? e : (1.0 / half) * cross(e, o.place - c);
           }));
-      // Beside causes that move passes the part is moved with its ridges: a step that half of the
-      // passes share is half of it the pose's.
-      all.back().cut = [=](const Observation& o, const CutState&, Vec3) {
-        const Vec3 e = along_axis(k % 3, 1.0);
-        return o.set_up != s ? CutChange{}
-               : k < 3       ? CutChange{e}
-                             : CutChange{(1.0 / half) * cross(e, o.place - c)};
-      };
-    }
   }
   if (m.scene.has_path)
     all.push_back(column("milled_minus_design", {"", 1.0, INFINITY}, [](const Observation& o) {

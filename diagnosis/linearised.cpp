@@ -46,15 +46,19 @@ void Linearised::about(const Members& model) {
 }
 
 void Linearised::about_alone(const Members& model) {
-  Keys keys, cut;
+  Keys keys, cut, moving;
   bool levels = false;
   for (const Member& k : model)
     for (const Column& c : k.form.columns) {
       keys.push_back(c.key);
       if (c.cut) cut.push_back(c.key);
+      if (c.moves) moving.push_back(c.key);
       levels |= c.levels.has_value();
     }
-  if (levels && model.size() > 1) cut = keys;  // what any of them moves is levelled
+  if (levels && model.size() > 1)
+    cut = keys;  // what any of them moves is levelled
+  else if (!cut.empty())
+    cut.insert(cut.end(), moving.begin(), moving.end());
   if (cut != about_) {
     about_ = std::move(cut);
     now_ = std::move(keys);

@@ -2,6 +2,7 @@
 #include "diagnosis/detail/residuals.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -9,6 +10,14 @@
 #include "diagnosis/detail/squares.hpp"
 
 namespace maquette::diagnosis::detail {
+namespace {
+
+/// A part that is moved sideways by more has other passes there than those that are known
+/// (kRivalHeight_mm): it is moved without its ridges.
+constexpr double kFar_mm = 0.5;
+
+}  // namespace
+
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
                                   const Eigen::VectorXd& coefficients, double ball_radius_mm,
@@ -31,13 +40,13 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     return std::any_of(m.form.columns.begin(), m.form.columns.end(),
                        [](const Column& c) { return static_cast<bool>(c.cut); });
   });
-  // Of causes that act through the cut, of poses beside these, of those that level, and of all
-  // others where any levels.
-  std::vector<Term> cut, poses, levelling, others;
+  // Of causes that act through the cut, of what moves the part beside these, of those that level,
+  // and of all others where any levels.
+  std::vector<Term> cut, moving, levelling, others;
   for (std::size_t k = 0; k < model.size(); ++k) {
     const Column& c = column(k);
-    const bool nuisance = static_cast<int>(k) < bank.nuisances;
-    if (nuisance ? !(c.cut && cuts) : !(c.cut || levels)) continue;
+    const bool nuisance = static_cast<int>(k) < bank.nuisances, moves = cuts && c.moves;
+    if (!moves && (nuisance || !(c.cut || levels))) continue;
     std::vector<float>& signature = known[c.key];
     if (signature.empty()) {
       signature.resize(all.size());
@@ -45,11 +54,9 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
         signature[i] = static_cast<float>(c.value(all[i]));
       });
     }
-    (nuisance   ? poses
-     : c.cut    ? cut
-     : c.levels ? levelling
-                : others)
-        .push_back({c, coefficients(static_cast<Eigen::Index>(k)), &signature});
+    const Term term{c, coefficients(static_cast<Eigen::Index>(k)), &signature};
+    if (moves) moving.push_back(term);
+    if (!nuisance) (c.cut ? cut : c.levels ? levelling : others).push_back(term);
   }
   std::vector<double> beyond(all.size(), 0.0), change(levels ? all.size() : 0, 0.0);
   std::vector<FollowedTerm> followed;
@@ -61,14 +68,17 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
       const Observation& o = all[i];
       double& d = beyond[i];
       CutChange moved;  // all passes alike
-      for (const Term& t : poses) moved += t.coefficient * t.column.cut(o, o, o.normal);
+      for (const Term& t : moving) moved.tip_mm += t.coefficient * t.column.moves(o);
+      const bool far = std::hypot(moved.tip_mm.x, moved.tip_mm.y) > kFar_mm;
+      if (far) moved = {};
       d = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
         CutChange together = moved;
         for (const Term& t : cut) together += t.coefficient * t.column.cut(o, s, n);
         for (const auto& pair : pairs) together += pair(s);
         return together;
       });
-      for (const Term& t : poses) d -= t.at(i);
+      for (const Term& t : moving)
+        if (!far) d -= t.at(i);
       if (levels) change[i] = d;
       for (const Term& t : cut) d -= t.at(i);
     });

@@ -63,8 +63,8 @@ double change_of_size(const Form& form, double coefficient) {
 }
 
 std::size_t place_of(const Bank& bank, const std::vector<int>& model, const Column& column) {
-  return static_cast<std::size_t>(
-      std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin());
+  return static_cast<std::size_t>(std::find(model.begin(), model.end(), bank.index.at(column.key)) -
+                                  model.begin());
 }
 
 /// A size as it is reported.

@@ -42,13 +42,12 @@ std::vector<Column> off_in_all_ways(const Member& member, const Bank& bank,
   }
   std::vector<Column> columns;
   for (int way = 0; way < kWays; ++way)
-    columns.push_back(column(fmt::format("{} way {}", key, way),
-                       {"", 1.0, INFINITY},
-                       [signature, box, way, first = all.data()](const Observation& o) {
-                         return static_cast<double>((*signature)[static_cast<std::size_t>(
-                                    &o - first)]) *
-                                ways(o, box)[static_cast<std::size_t>(way)];
-                       }));
+    columns.push_back(column(fmt::format("{} way {}", key, way), {"", 1.0, INFINITY},
+                             [signature, box, way, first = all.data()](const Observation& o) {
+                               return static_cast<double>(
+                                          (*signature)[static_cast<std::size_t>(&o - first)]) *
+                                      ways(o, box)[static_cast<std::size_t>(way)];
+                             }));
   return columns;
 }
 
@@ -75,8 +74,7 @@ double wrong_share_like(std::size_t k, const Members& members, const std::vector
   std::vector<int> off;
   for (std::size_t j = 0; j < members.size(); ++j) {
     if (j == k) continue;
-    const auto columns =
-        off_in_all_ways(members[j], bank, model, f, search.observations, box);
+    const auto columns = off_in_all_ways(members[j], bank, model, f, search.observations, box);
     add_columns(bank, search.observations, columns);
     for (const Column& c : columns) off.push_back(bank.index.at(c.key));
   }

@@ -17,6 +17,14 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
                                    std::function<double(const Observation&)> value) {
   return {std::move(key), std::move(parameter), std::move(value)};
 }
+/// A column of what moves the part with its ridges, or its points in a scan.
+[[nodiscard]] inline Column moving_column(std::string key, Parameter parameter,
+                                          std::function<Vec3(const Observation&)> moves) {
+  Column c{std::move(key), std::move(parameter),
+           [moves](const Observation& o) { return dot(level_along(o), moves(o)); }};
+  c.moves = std::move(moves);
+  return c;
+}
 /// What an even film of 1 mm moves: along the slope's normal, whatever the ridges do.
 [[nodiscard]] inline double film(const Observation& o) {
   return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;

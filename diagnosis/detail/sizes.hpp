@@ -13,12 +13,11 @@ namespace maquette::diagnosis::detail {
 /// Sizes of the k-th member as fitted, with standard errors: those of the fit, wider where the law
 /// might have been another (Form::alternatives).
 [[nodiscard]] std::vector<Estimate> sizes_of(const Search& search, const Bank& bank,
-                                             const Members& members, const Fit& fit,
-                                             std::size_t k);
+                                             const Members& members, const Fit& fit, std::size_t k);
 
-/// Causes that were confirmed, but are too small beside the others to be named, may be there: errors
-/// of the others' sizes come to hold what these would be beside each of them, too, and a note says
-/// so where that is further off than twice a size's own error.
+/// Causes that were confirmed, but are too small beside the others to be named, may be there:
+/// errors of the others' sizes come to hold what these would be beside each of them, too, and a
+/// note says so where that is further off than twice a size's own error.
 /// @pre diagnosis.causes are those of `members`, in their order
 void widen_by_doubtful(const Bank& bank, Linearised& residuals, const Members& members,
                        const Members& doubtful, Diagnosis& diagnosis);

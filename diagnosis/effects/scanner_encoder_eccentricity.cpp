@@ -22,25 +22,24 @@ void add_scanner_encoder_eccentricity(std::vector<Effect>& all) {
     const auto part = [](bool vertical, int cycle, bool sine, int set_up) {
       const auto key =
           fmt::format("encoder{}{}{}_{}", vertical ? "v" : "h", cycle, sine ? "s" : "c", set_up);
-      return column(key,
-                    {fmt::format("{}{}_urad", sine ? "sine" : "cosine",
-                                 set_up < 0 ? "" : fmt::format("_{}", set_up + 1)),
-                     1000.0, 1e5},
-                    [=](const Observation& o) {
-                      if (!o.has_station || (set_up >= 0 && static_cast<int>(o.set_up) != set_up))
-                        return 0.0;
-                      const double plan = std::hypot(o.beam.x, o.beam.y);
-                      const double azimuth = std::atan2(o.beam.y, o.beam.x);
-                      const double elevation = std::atan2(o.beam.z, plan);
-                      const double angle = cycle * (vertical ? elevation : azimuth);
-                      const Vec3 across =
-                          vertical
-                              ? Vec3{-std::sin(elevation) * std::cos(azimuth),
-                                     -std::sin(elevation) * std::sin(azimuth), std::cos(elevation)}
-                              : Vec3{-plan * std::sin(azimuth), plan * std::cos(azimuth), 0.0};
-                      return 1e-3 * o.range_mm * dot(level_along(o), across) *
-                             (sine ? std::sin(angle) : std::cos(angle));
-                    });
+      return moving_column(
+          key,
+          {fmt::format("{}{}_urad", sine ? "sine" : "cosine",
+                       set_up < 0 ? "" : fmt::format("_{}", set_up + 1)),
+           1000.0, 1e5},
+          [=](const Observation& o) {
+            if (!o.has_station || (set_up >= 0 && static_cast<int>(o.set_up) != set_up))
+              return Vec3{};
+            const double plan = std::hypot(o.beam.x, o.beam.y);
+            const double azimuth = std::atan2(o.beam.y, o.beam.x);
+            const double elevation = std::atan2(o.beam.z, plan);
+            const double angle = cycle * (vertical ? elevation : azimuth);
+            const Vec3 across =
+                vertical ? Vec3{-std::sin(elevation) * std::cos(azimuth),
+                                -std::sin(elevation) * std::sin(azimuth), std::cos(elevation)}
+                         : Vec3{-plan * std::sin(azimuth), plan * std::cos(azimuth), 0.0};
+            return 1e-3 * o.range_mm * (sine ? std::sin(angle) : std::cos(angle)) * across;
+          });
     };
     std::vector<Form> forms;
     for (const bool vertical : {false, true})

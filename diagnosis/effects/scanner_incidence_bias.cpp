@@ -19,14 +19,15 @@ void add_scanner_incidence_bias(std::vector<Effect>& all) {
   e.needs = Needs::station;
   e.forms = [](const Scene&) {
     const auto law = [](const char* key, const char* name, int kind) {
-      return Form{name, {column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
-                    if (!o.has_station) return 0.0;
+      return Form{name,
+                  {moving_column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
+                    if (!o.has_station) return Vec3{};
                     const double c = std::fmax(0.15, -dot(o.beam, o.slope_normal));
                     const double f = kind == 0   ? 1.0 / (c * c) - 1.0
                                      : kind == 1 ? 1.0 / c - 1.0
                                      : kind == 2 ? 1.0 - c * c
                                                  : std::sqrt(std::fmax(0.0, 1.0 / (c * c) - 1.0));
-                    return dot(level_along(o), o.beam) * f;
+                    return f * o.beam;
                   })}};
     };
     return std::vector<Form>{law("incidence_tan2", "tan^2", 0),

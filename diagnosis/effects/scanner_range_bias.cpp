@@ -19,8 +19,8 @@ void add_scanner_range_bias(std::vector<Effect>& all) {
   e.needs = Needs::station;
   e.forms = [](const Scene&) {
     return std::vector<Form>{
-        {"constant", {column("range_bias", {"bias_mm", 1.0, 10.0}, [](const Observation& o) {
-           return o.has_station ? dot(level_along(o), o.beam) : 0.0;
+        {"constant", {moving_column("range_bias", {"bias_mm", 1.0, 10.0}, [](const Observation& o) {
+           return o.has_station ? o.beam : Vec3{};
          })}}};
   };
   all.push_back(std::move(e));

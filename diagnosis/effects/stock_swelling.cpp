@@ -23,8 +23,8 @@ void add_stock_swelling(std::vector<Effect>& all) {
     const double half = scene.half_mm();
     return std::vector<Form>{
         {"isotropic",
-         {column("swelling", {"growth_um_per_m", 1e6 / half, 20000.0},
-                 [=](const Observation& o) { return dot(level_along(o), o.place - c) / half; })}}};
+         {moving_column("swelling", {"growth_um_per_m", 1e6 / half, 20000.0},
+                        [=](const Observation& o) { return (1.0 / half) * (o.place - c); })}}};
   };
   all.push_back(std::move(e));
 }

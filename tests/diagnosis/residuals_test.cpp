@@ -5,12 +5,14 @@
 //
 //   all passes one way, the part the other .... nothing, to a float's rounding
 //   half of the passes one way, and a pose .... the lowest of the moved circles
+//   and a scanner that is off as far as the pose, far ... the same as without these two
 
 #include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/residuals.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -34,8 +36,7 @@ Observation seen_at(double x) {
   };
   const auto normal = [x](double pass) {
     const double off = x - kStepover_mm * pass;
-    return (1.0 / kRadius_mm) *
-           Vec3{-off, 0.0, std::sqrt(kRadius_mm * kRadius_mm - off * off)};
+    return (1.0 / kRadius_mm) * Vec3{-off, 0.0, std::sqrt(kRadius_mm * kRadius_mm - off * off)};
   };
   Observation o;
   static_cast<CutState&>(o) = state(mine);
@@ -45,8 +46,7 @@ Observation seen_at(double x) {
   o.slope_normal = {0.0, 0.0, 1.0};
   std::vector<Rival> rivals;
   for (const double pass : {mine - 2.0, mine - 1.0, mine + 1.0, mine + 2.0})
-    rivals.push_back(
-        {state(pass), normal(pass), underside_mm(x - kStepover_mm * pass) - height});
+    rivals.push_back({state(pass), normal(pass), underside_mm(x - kStepover_mm * pass) - height});
   o.rivals = std::make_shared<const std::vector<Rival>>(std::move(rivals));
   return o;
 }
@@ -67,9 +67,10 @@ Column moved_from(double x) {
   return c;
 }
 
-/// What passes moved by `cause` and a scan moved by `pose` along x change of each observation, mm.
+/// What passes moved by `cause`, and a scan moved by `pose` and by what its scanner is off, along
+/// x, change of each observation, mm.
 std::vector<double> changes(const std::vector<Observation>& all, double from, double cause,
-                            double pose) {
+                            double pose, double scanner = 0.0) {
   Measurements m;
   m.scene.box.add({0, 0, 0});
   m.scene.box.add({40, 40, 1});
@@ -79,12 +80,16 @@ std::vector<double> changes(const std::vector<Observation>& all, double from, do
   bank.columns = nuisances_of(m);
   bank.nuisances = static_cast<int>(bank.columns.size());
   bank.columns.push_back(moved_from(from));
-  for (int k = 0; k < bank.y(); ++k)
-    bank.index[bank.columns[static_cast<std::size_t>(k)].key] = k;
-  const std::vector<Member> members{{nullptr, Form{"", {bank.columns.back()}}}};
+  bank.columns.push_back(moving_column("scanner", {"", 1.0, INFINITY}, [](const Observation&) {
+    return Vec3{1.0, 0.0, 0.0};
+  }));
+  for (int k = 0; k < bank.y(); ++k) bank.index[bank.columns[static_cast<std::size_t>(k)].key] = k;
+  const std::vector<Member> members{{nullptr, Form{"", {bank.columns.end()[-2]}}},
+                                    {nullptr, Form{"", {bank.columns.back()}}}};
   Eigen::VectorXd b = Eigen::VectorXd::Zero(bank.y());
   b(0) = pose;
-  b(bank.y() - 1) = cause;
+  b(bank.y() - 2) = cause;
+  b(bank.y() - 1) = scanner;
   Signatures known;
   LagAndSlack both{m.scene};
   std::vector<double> sum = beyond_linear(all, members, bank, b, kRadius_mm, known, both);
@@ -119,6 +124,14 @@ TEST(Residuals, AStepOfHalfThePassesMovesRidgesWithThePart) {
   }
   // Ridges are 10 um high: half a stepover from its pass a ball of 3 mm rises by 0.25^2 / 6 mm.
   EXPECT_GT(most, 0.005) << "there is something to see";
+}
+
+// A range that is 1.2 mm too long and poses that make up for it: the ridges stay where they are.
+TEST(Residuals, WhatPosesMakeUpForMovesNoRidges) {
+  const auto all = part();
+  const auto plain = changes(all, kMiddle_mm, 0.14, -0.07),
+             beside = changes(all, kMiddle_mm, 0.14, -0.07 - 1.2, 1.2);
+  for (std::size_t i = 0; i < all.size(); ++i) EXPECT_NEAR(beside[i], plain[i], 1e-7);
 }
 
 }  // namespace

@@ -15,7 +15,7 @@
 //   a radius, and the film that looks the same ...... each first where the scans lie as they should
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
-//   dents, bulges, rings ............................ unexplained, no name
+//   dents, bulges, rings, patches ................... unexplained, no name
 //   errors of signatures ............................ by hand; full where they look like the cause
 //   a step where a band begins, and elsewhere ....... the band's, the drive's
 //   chi-squared tail ................................ tabulated values
@@ -341,6 +341,23 @@ TEST(Inference, GivesNoNameToDents) {
   ASSERT_TRUE(d.has_value());
   EXPECT_TRUE(d->causes.empty());
   EXPECT_EQ(d->verdict, "unexplained");
+}
+
+// Each step across the border of a patch is lost in the noise; all along it they are not.
+TEST(Inference, APatchShowsByItsBorder) {
+  const auto patch = [](double raised_mm) {
+    return part(62, {}, [=](const Observation& o) {
+      const double x = o.place.x, y = o.place.y;
+      return x > 40.0 && x < 76.0 && y > 60.0 && y < 92.0 ? raised_mm * o.normal.z : 0.0;
+    });
+  };
+  const auto seen = diagnose(patch(0.04), 1);
+  ASSERT_TRUE(seen.has_value());
+  EXPECT_TRUE(seen->causes.empty()) << told(*seen);
+  EXPECT_EQ(seen->verdict, "unexplained");
+  const auto lost = diagnose(patch(0.003), 1);
+  ASSERT_TRUE(lost.has_value());
+  EXPECT_EQ(lost->verdict, "consistent");
 }
 
 // A smooth process holds a bulge of 0.2 mm over a fifth of the part at a small price, and the

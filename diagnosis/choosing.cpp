@@ -99,21 +99,17 @@ Members pruned(Members with, const Search& search, Bank& bank, Linearised& resid
     for (std::size_t k = 0; k < with.size(); ++k) {
       if (missed[k] > kClose + 0.25 * std::fmax(0.0, null - all)) continue;
       const auto others = without(with, k);
-      double price = wrong_share(with, missed, k) * std::fmax(0.0, null - all);
-      double worth = residuals.score(others) - all - price;
-      if (!(worth < least)) continue;
+      const double gain = residuals.score(others) - all, of_all = std::fmax(0.0, null - all);
+      double price = wrong_share(with, missed, k) * of_all;
+      if (!(gain - price < least)) continue;
       // What moves much is not what another's signature is wrong by, however well that one shows
       // (a warp beside chatter): it need not earn the share of the gain.
-      if (residuals.left_by(others) - left > kMuch * (null_left - left)) worth += price;
-      if (!(worth < least)) continue;
-      if (worth + price > 0.0) {
-        worth += price;
-        price = wrong_share_like(k, with, missed, search, bank, residuals, {kChoose}) *
-                std::fmax(0.0, null - all);
-        worth -= price;
-        if (!(worth < least)) continue;
-      }
-      least = worth;
+      if (residuals.left_by(others) - left > kMuch * (null_left - left))
+        price = 0.0;
+      else if (gain > 0.0)
+        price = wrong_share_like(k, with, missed, search, bank, residuals, {kChoose}) * of_all;
+      if (!(gain - price < least)) continue;
+      least = gain - price;
       drop = k;
     }
     if (drop == with.size()) break;
@@ -136,8 +132,7 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
     const auto what = k.form.columns[0].follows;
     const double made_of_mm = what ? what->size_mm : k.form.made_of_mm;
     if (!(made_of_mm > 0.0) || !(k.form.*make)) continue;
-    const auto at =
-        std::find(model.begin(), model.end(), bank.index.at(k.form.columns[0].key)) - model.begin();
+    const auto at = place_of(bank, model, k.form.columns[0]);
     const double size = what ? size_mm({*what, f.coefficients(at)}) : f.coefficients(at);
     if (!(size > kLeastSize_mm) || std::abs(std::log(size / made_of_mm)) < same) continue;
     moved = true;

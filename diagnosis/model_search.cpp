@@ -26,9 +26,8 @@ bool physical(const Bank& bank, const std::vector<int>& model, const std::vector
   for (const Member& m : members) {
     if (!believable(bank, model, m, f)) return false;
     for (std::size_t k = 0; k < std::min(m.form.columns.size(), m.form.signed_columns); ++k) {
-      const auto at = std::find(model.begin(), model.end(), bank.index.at(m.form.columns[k].key)) -
-                      model.begin();
-      if (f.coefficients(at) * m.form.sign < 0.0) return false;
+      const double size = f.coefficients(place_of(bank, model, m.form.columns[k]));
+      if (size * m.form.sign < 0.0) return false;
     }
   }
   return true;
@@ -114,7 +113,7 @@ bool believable(const Bank& bank, const std::vector<int>& model, const Member& m
                 double sigmas) {
   for (std::size_t k = 0; k < member.form.columns.size(); ++k) {
     const Column& c = member.form.columns[k];
-    const auto at = std::find(model.begin(), model.end(), bank.index.at(c.key)) - model.begin();
+    const auto at = place_of(bank, model, c);
     const double value = f.coefficients(at);
     const double unsure =
         sigmas > 0.0 ? sigmas * std::sqrt(std::fmax(0.0, f.covariance(at, at))) : 0.0;
@@ -201,6 +200,10 @@ std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members
       if (std::find(model.begin(), model.end(), i) == model.end()) model.push_back(i);
     }
   return model;
+}
+
+Eigen::Index place_of(const Bank& bank, const std::vector<int>& model, const Column& column) {
+  return std::find(model.begin(), model.end(), bank.index.at(column.key)) - model.begin();
 }
 
 std::array<double, 2> Screen::gain(const Bank& bank, const Form& form) const {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/sizes.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -33,8 +32,7 @@ double variance_over_laws(const Search& search, const Bank& bank, const Members&
     with[k].form = forms[i];
     const auto at = columns_of(wide, with);
     const Fit f = fit(wide, at, kAll);
-    const auto c =
-        std::find(at.begin(), at.end(), wide.index.at(forms[i].columns[0].key)) - at.begin();
+    const auto c = place_of(wide, at, forms[i].columns[0]);
     const double off = f.coefficients(c) - fitted;
     laws[i] = {f.objective, f.covariance(c, c) + off * off};
   });
@@ -62,11 +60,6 @@ double change_of_size(const Form& form, double coefficient) {
   return kReported / (power >= 0.5 * kReported && power <= kReported ? power : kUsual);
 }
 
-std::size_t place_of(const Bank& bank, const std::vector<int>& model, const Column& column) {
-  return static_cast<std::size_t>(std::find(model.begin(), model.end(), bank.index.at(column.key)) -
-                                  model.begin());
-}
-
 /// A size as it is reported.
 double value_of(const Form& form, const Column& column, double coefficient) {
   if (coefficient > 0.0) coefficient = std::pow(coefficient, change_of_size(form, coefficient));
@@ -83,7 +76,7 @@ std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Mem
       std::sqrt(overstated(bank, model, columns_of(bank, without(members, k)), fit));
   std::vector<Estimate> sizes;
   for (const Column& column : form.columns) {
-    const auto at = static_cast<Eigen::Index>(place_of(bank, model, column));
+    const auto at = place_of(bank, model, column);
     const double coefficient = fit.coefficients(at);
     double variance = std::fmax(0.0, fit.covariance(at, at));
     if (sizes.empty() && form.alternatives)
@@ -112,8 +105,7 @@ void widen_by_doubtful(const Bank& bank, Linearised& residuals, const Members& m
         const Column& column = members[k].form.columns[c];
         const Estimate& now = d.causes[k].parameters[c];
         const double beside =
-            value_of(members[k].form, column,
-                     f.coefficients(static_cast<Eigen::Index>(place_of(bank, model, column))));
+            value_of(members[k].form, column, f.coefficients(place_of(bank, model, column)));
         const double off = std::abs(beside - now.value);
         if (off > kWorthANote * now.sigma)
           d.notes.push_back(fmt::format(

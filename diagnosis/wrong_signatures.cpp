@@ -33,8 +33,7 @@ std::vector<Column> off_in_all_ways(const Member& member, const Bank& bank,
   const auto signature = std::make_shared<std::vector<float>>(all.size(), 0.0F);
   std::string key = "off";
   for (const Column& c : member.form.columns) {
-    const auto at = std::find(model.begin(), model.end(), bank.index.at(c.key)) - model.begin();
-    const double coefficient = f.coefficients(at);
+    const double coefficient = f.coefficients(place_of(bank, model, c));
     key += fmt::format(" {} {}", c.key, coefficient);
     oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
       (*signature)[i] += static_cast<float>(coefficient * c.value(all[i]));

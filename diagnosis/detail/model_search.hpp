@@ -31,6 +31,10 @@ struct Candidate {
 
 /// Indices of nuisances and of the members' columns, each once.
 [[nodiscard]] std::vector<int> columns_of(const Bank& bank, const std::vector<Member>& members);
+/// Where a column is among a model's, and its coefficient in the model's fit.
+/// @pre it is one of them
+[[nodiscard]] Eigen::Index place_of(const Bank& bank, const std::vector<int>& model,
+                                    const Column& column);
 
 /// What a coefficient has to earn in -2 log likelihood to be worth it while choosing.
 inline constexpr double kPricePerColumn = 6.0;

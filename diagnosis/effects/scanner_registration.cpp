@@ -15,7 +15,6 @@ void add_scanner_registration(std::vector<Effect>& all) {
   e.depends_on = "a shift and a turn of a whole scan";
   e.looks_like = {"tool.length_offset", "scanner.range_bias", "machine.squareness_xz"};
   e.separate_by = "register again on targets";
-  e.signature_error = 0.02;
   all.push_back(std::move(e));
 }
 

@@ -15,7 +15,6 @@ void add_tool_length_offset(std::vector<Effect>& all) {
   e.depends_on = "nothing: a constant height";
   e.looks_like = {"coating.thickness", "scanner.registration", "scanner.range_bias"};
   e.separate_by = "datum pads beside the part, left uncoated";
-  e.signature_error = 0.02;
   e.correction = "touch off again";
   all.push_back(std::move(e));
 }

@@ -351,7 +351,7 @@ TEST(Inference, APatchShowsByItsBorder) {
       return x > 40.0 && x < 76.0 && y > 60.0 && y < 92.0 ? raised_mm * o.normal.z : 0.0;
     });
   };
-  const auto seen = diagnose(patch(0.04), 1);
+  const auto seen = diagnose(patch(0.03), 1);
   ASSERT_TRUE(seen.has_value());
   EXPECT_TRUE(seen->causes.empty()) << told(*seen);
   EXPECT_EQ(seen->verdict, "unexplained");

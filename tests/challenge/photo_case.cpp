@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "challenge/photo_blur.hpp"
 #include "heightmap/field_io.hpp"
 
 namespace challenge {
@@ -31,7 +32,8 @@ class Dark {
     scene_.relief = &relief;
     scene_.paint = world.paint;
     scene_.ambient = world.ambient;
-    if (world.ambient > 0) scene_.openness = openness_of(relief, kLightGrid, kLightRays, seed + 3);
+    if (world.ambient[1] > 0)
+      scene_.openness = openness_of(relief, world.room, kLightGrid, kLightRays, seed + 3);
     if (world.bounce > 0)
       for (int k = 0; k < kLamps; ++k) {
         Field f = bounced_light(relief, world.paint, world.photos[static_cast<std::size_t>(k)].lamp,
@@ -45,9 +47,11 @@ class Dark {
   Picture develop(int photo, int stride) const {
     const Photo& p = world_.photos[static_cast<std::size_t>(photo)];
     const Lens lens = stride == 1 ? p.lens : without_blur(p.lens);
+    const int even = margin_of(lens), by_place = place_margin_of(lens, p.camera, *scene_.relief);
     Picture picture =
         render(scene_, p.camera, p.lamp, bounced_[static_cast<std::size_t>(photo % kLamps)],
-               margin_of(lens), stride, seed_ + 100 + static_cast<unsigned>(photo));
+               even + by_place, stride, seed_ + 100 + static_cast<unsigned>(photo));
+    blur_by_place(lens, p.camera, *scene_.relief, by_place, even, picture);
     pass(lens, picture);
     if (stride == 1)
       for (const auto& stain : world_.stains) stain(picture, photo);
@@ -56,8 +60,9 @@ class Dark {
 
  private:
   static Lens without_blur(Lens lens) {
-    lens.defocus_px = 0;
+    lens.defocus_px = lens.pupil_mm = 0;
     lens.motion_px = {0, 0};
+    lens.turning_rad = {};
     return lens;
   }
   const PhotoWorld& world_;
@@ -68,7 +73,9 @@ class Dark {
 
 bool needs_neighbours(const PhotoWorld& w) {
   bool blurred = !w.stains.empty();
-  for (const Photo& p : w.photos) blurred |= kernel_of(p.lens).reach > 0;
+  for (const Photo& p : w.photos)
+    blurred |=
+        margin_of(p.lens) > 0 || p.lens.pupil_mm > 0 || maquette::norm(p.lens.turning_rad) > 0;
   return blurred;
 }
 

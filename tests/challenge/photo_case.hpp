@@ -60,7 +60,9 @@ struct PhotoWorld {
   double pixel_pitch_um = 8.45, focal_mm = 35;
   std::array<Photo, kPhotos> photos;
   Paint paint;
-  double ambient = 0, bounce = 0;
+  std::array<double, 3> ambient{0, 0, 0};
+  Room room;
+  double bounce = 0;
   int bounces = 3;
   /// On the light that reaches the sensor, before it becomes electrons.
   std::vector<std::function<void(Picture&, int photo)>> stains;

@@ -270,33 +270,73 @@ PhotoHidden hide_in_photos(const std::string& e, double size, PhotoWorld& w, Dra
   } else if (e == "photo.chromatic_aberration") {
     const double way = d.sign(), red = size * way * d.uniform(0.5, 1.6),
                  blue = -size * way * d.uniform(0.5, 1.6);
+    const bool cubic = d.uniform(0, 1) < 0.3;
     each(false, [&](Photo& p, int) {
-      p.camera.band_scale[0] *= 1 + red / corner;
-      p.camera.band_scale[2] *= 1 + blue / corner;
+      // A scale of each band; or what grows with the third power, as wide lenses have it.
+      if (cubic) {
+        p.camera.band_k1[0] += red / corner / (tangent * tangent);
+        p.camera.band_k1[2] += blue / corner / (tangent * tangent);
+      } else {
+        p.camera.band_scale[0] *= 1 + red / corner;
+        p.camera.band_scale[2] *= 1 + blue / corner;
+      }
     });
-    h.parameters = {{"red_corner_px", red}, {"blue_corner_px", blue}};
+    h.parameters = {{"red_corner_px", red}, {"blue_corner_px", blue}, {"cubic", cubic ? 1.0 : 0.0}};
   } else if (e == "photo.defocus") {
     const double disc = size * d.uniform(2.0, 6.0);
-    each(true, [&](Photo& p, int) { p.lens.defocus_px = disc; });
-    h.parameters = {{"disc_px", disc}, {"sigma_px", disc / 4}};
+    const double kind = d.uniform(0, 1), f_number = d.uniform(4, 8), way = d.sign();
+    if (kind < 0.5) {
+      each(true, [&](Photo& p, int) { p.lens.defocus_px = disc; });
+      h.parameters = {{"disc_px", disc}, {"sigma_px", disc / 4}};
+    } else {
+      // A thin lens that is focused once, before or behind the part: that disc in the part's middle
+      // as the mean camera sees it, others nearer and farther.
+      const double pupil = w.focal_mm / f_number;
+      double inverse = 0;
+      for (const Photo& p : w.photos)
+        inverse += 1 / maquette::norm(p.camera.place - Vec3{side / 2, side / 2, 20}) / kPhotos;
+      const double focus = 1 / (inverse + way * disc / (camera.focal_px * pupil));
+      each(false, [&](Photo& p, int) {
+        p.lens.pupil_mm = pupil;
+        p.lens.focus_mm = focus;
+      });
+      h.parameters = {{"disc_in_the_middle_px", disc}, {"focus_mm", focus}, {"pupil_mm", pupil}};
+    }
   } else if (e == "photo.motion_blur") {
     const double length = size * d.uniform(2.5, 7.0), angle = d.uniform(0, kPi);
-    each(true, [&](Photo& p, int) {
-      p.lens.motion_px = {length * std::cos(angle), length * std::sin(angle)};
-    });
-    h.parameters = {{"length_px", length}, {"angle_deg", angle * 180 / kPi}};
+    const bool turning = d.uniform(0, 1) < 0.4;
+    const double roll = d.uniform(-1, 1);
+    if (turning) {
+      // A stand that swings: mostly about axes across the view, as far about it.
+      const double rad = length / camera.focal_px;
+      each(true, [&](Photo& p, int) {
+        p.lens.turning_rad = rad * Vec3{std::sin(angle), std::cos(angle), roll};
+      });
+      h.parameters = {{"length_in_the_middle_px", length},
+                      {"angle_deg", angle * 180 / kPi},
+                      {"roll_mrad", 1e3 * rad * roll}};
+    } else {
+      each(true, [&](Photo& p, int) {
+        p.lens.motion_px = {length * std::cos(angle), length * std::sin(angle)};
+      });
+      h.parameters = {{"length_px", length}, {"angle_deg", angle * 180 / kPi}};
+    }
   } else if (e == "photo.veiling_glare") {
     const double share = size * d.uniform(0.02, 0.08);
     each(false, [&](Photo& p, int) { p.lens.veil = share; });
     h.parameters = {{"share", share}};
   } else if (e == "photo.pose") {
     double shift_mm = 0, turn_mrad = 0;
-    // Drawn for all whichever are moved. The lamps do not share the camera's stand: each photograph
-    // of a pose may stand elsewhere.
+    // Drawn for all whichever are moved. Each photograph stands elsewhere; or all of one pose
+    // alike, taken from one stand under one lamp after the other.
     std::array<std::array<Vec3, 2>, kPhotos> moves;
     for (auto& m : moves) m = {d.uniform(0.3, 1.5) * unit(d), d.uniform(0.3, 1.5) * unit(d)};
-    each(true, [&](Photo& p, int k) {
-      const auto& m = moves[static_cast<std::size_t>(k)];
+    const double stands = d.uniform(0, 1);
+    const int stand = static_cast<int>(d.uniform(0, kPoses));
+    each(stands >= 0.5, [&](Photo& p, int k) {
+      // Half on stands; half of these all but one where they should be.
+      if (stands < 0.25 && k / kLamps != stand) return;
+      const auto& m = moves[static_cast<std::size_t>(stands < 0.5 ? k / kLamps : k)];
       const double turn = size * maquette::norm(m[1]);
       p.camera.place += size * m[0];
       p.camera.turn = maquette::normalized(
@@ -304,6 +344,8 @@ PhotoHidden hide_in_photos(const std::string& e, double size, PhotoWorld& w, Dra
       shift_mm = std::max(shift_mm, size * maquette::norm(m[0]));
       turn_mrad = std::max(turn_mrad, turn);
     });
+    if (stands < 0.25) h.photographs = "pose " + std::to_string(stand + 1);
+    if (stands >= 0.25 && stands < 0.5) h.photographs = "all, by stand";
     h.parameters = {{"largest_shift_mm", shift_mm}, {"largest_turn_mrad", turn_mrad}};
   } else if (e == "photo.noise") {
     const double kind = d.uniform(0, 1), much = d.uniform(0, 1);
@@ -323,19 +365,33 @@ PhotoHidden hide_in_photos(const std::string& e, double size, PhotoWorld& w, Dra
       h.parameters = {{"pixel_sensitivity_sigma", share}};
     }
   } else if (e == "lamp.position") {
-    // One lamp, by an angle as seen from the target.
+    // By an angle as seen from the target: one lamp, or each its own way. Its power is known, or
+    // the exposure was set where it stands.
     const int which = static_cast<int>(d.uniform(0, kLamps));
     const double angle = size * d.uniform(0.01, 0.05);
     const Vec3 way = unit(d);
-    Vec3 move;
+    const bool both = d.uniform(0, 1) < 0.4, anew = d.uniform(0, 1) < 0.35;
+    const double other_angle = size * d.uniform(0.01, 0.05);
+    const Vec3 other_way = unit(d);
+    std::array<Vec3, kLamps> moves;
     for (int k = 0; k < kPhotos; ++k)
-      if (k % kLamps == which) {
+      if (both || k % kLamps == which) {
         PhotoLamp& lamp = w.photos[static_cast<std::size_t>(k)].lamp;
-        move = angle * lamp.reference * way;
+        Vec3& move = moves[static_cast<std::size_t>(k % kLamps)];
+        move = k % kLamps == which ? angle * lamp.reference * way
+                                   : other_angle * lamp.reference * other_way;
         lamp.place += move;
+        if (anew) lamp.reference = maquette::norm(lamp.place - lamp.target);
       }
-    h.photographs = "lamp " + std::to_string(which + 1);
+    const Vec3 move = moves[static_cast<std::size_t>(which)],
+               other = moves[static_cast<std::size_t>(1 - which)];
+    h.photographs = both ? "each lamp" : "lamp " + std::to_string(which + 1);
     h.parameters = {{"dx_mm", move.x}, {"dy_mm", move.y}, {"dz_mm", move.z}};
+    if (both)
+      h.parameters.insert(
+          h.parameters.end(),
+          {{"other_dx_mm", other.x}, {"other_dy_mm", other.y}, {"other_dz_mm", other.z}});
+    h.parameters.emplace_back("exposed_anew", anew ? 1.0 : 0.0);
   } else if (e == "lamp.size") {
     // As an angle: a penumbra is that times the distance from what casts it.
     const double angle = size * d.uniform(0.03, 0.1), distance = w.photos[0].lamp.reference;
@@ -356,15 +412,51 @@ PhotoHidden hide_in_photos(const std::string& e, double size, PhotoWorld& w, Dra
       h.parameters = {{"beam_sigma_deg", width * 180 / kPi}, {"loss_at_80_mm", loss}};
     }
   } else if (e == "lamp.ambient") {
-    w.ambient = size * d.uniform(0.01, 0.05);
-    h.parameters = {{"share", w.ambient}};
+    // An even room, a bright ceiling, a wall with windows; and what is not of the lamp's colour.
+    const double share = size * d.uniform(0.01, 0.05), room = d.uniform(0, 1),
+                 azimuth = d.uniform(0, 2 * kPi), side_share = d.uniform(0.3, 0.8),
+                 colour = d.uniform(0, 1) < 0.4 ? d.size(0.1, 0.4) : 0;
+    w.ambient = {share * (1 - colour), share, share * (1 + colour)};
+    if (room > 0.7)
+      w.room.side = side_share * Vec3{std::cos(azimuth), std::sin(azimuth), 0};
+    else if (room > 0.4)
+      w.room.zenith = 1;
+    h.parameters = {{"share", share},
+                    {"ceiling", w.room.zenith},
+                    {"side", maquette::norm(w.room.side)},
+                    {"blue_over_green_less_1", colour}};
   } else if (e == "surface.albedo") {
     const double sigma = size * d.uniform(0.015, 0.05), length = d.uniform(20, 60);
     // exp(-r^2 / 2 l^2): waves of Gaussian wave numbers.
     Field f = mottle(side, 2.0, length, d);
-    for (double& v : f.z) v = std::max(0.1, 1 + sigma * v);
+    const double kind = d.uniform(0, 1);
+    if (kind < 0.4) {
+      for (double& v : f.z) v = std::max(0.1, 1 + sigma * v);
+      h.parameters = {{"sigma", sigma}, {"correlation_mm", length}};
+    } else if (kind < 0.7) {
+      // Thicker coats to one side.
+      const double from_side_to_side = size * d.uniform(0.04, 0.15), angle = d.uniform(0, 2 * kPi);
+      for (int r = 0; r < f.n; ++r)
+        for (int c = 0; c < f.n; ++c)
+          f.at(r, c) =
+              std::max(0.1, 1 + from_side_to_side * ((c * f.step / side - 0.5) * std::cos(angle) +
+                                                     (r * f.step / side - 0.5) * std::sin(angle)));
+      h.parameters = {{"from_side_to_side", from_side_to_side}, {"angle_deg", angle * 180 / kPi}};
+    } else {
+      // What was spilt and ran out: long as wide, or longer; no edge.
+      const double loss = std::min(0.9, size * d.uniform(0.08, 0.3)), radius = d.uniform(8, 22),
+                   stretch = d.uniform(1, 1.8), angle = d.uniform(0, kPi),
+                   x0 = d.uniform(0.2, 0.8) * side, y0 = d.uniform(0.2, 0.8) * side;
+      for (int r = 0; r < f.n; ++r)
+        for (int c = 0; c < f.n; ++c) {
+          const double x = c * f.step - x0, y = r * f.step - y0,
+                       along = (x * std::cos(angle) + y * std::sin(angle)) / (radius * stretch),
+                       across = (y * std::cos(angle) - x * std::sin(angle)) / radius;
+          f.at(r, c) = 1 - loss * std::exp(-0.5 * (along * along + across * across));
+        }
+      h.parameters = {{"stain_loss", loss}, {"stain_radius_mm", radius}, {"stretch", stretch}};
+    }
     w.paint.factor = std::move(f);
-    h.parameters = {{"sigma", sigma}, {"correlation_mm", length}};
   } else if (e == "surface.roughness") {
     w.paint.roughness = std::min(1.0, size * d.uniform(12, 35) * kPi / 180);
     h.parameters = {{"sigma_deg", w.paint.roughness * 180 / kPi}};

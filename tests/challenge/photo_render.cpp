@@ -74,8 +74,9 @@ class Eye {
     } else {
       point(lamp_.place);
     }
-    if (scene_.ambient > 0)
-      s.value += albedo * lamp_.scale * scene_.ambient * scene_.openness.height(place.x, place.y);
+    if (scene_.openness.n > 0)
+      s.value += albedo * lamp_.scale * scene_.ambient[static_cast<std::size_t>(band)] *
+                 scene_.openness.height(place.x, place.y);
     if (bounced_.n > 0) s.value += albedo * bounced_.height(place.x, place.y);
     return s;
   }
@@ -127,13 +128,13 @@ Plane make_plane(int width, int height) {
 Vec3 ray_at(const PhotoCamera& c, double px, double py, int band) {
   const double scale = c.band_scale[static_cast<std::size_t>(band)] * c.focal_px;
   double x = (px - 0.5 * c.width) / scale, y = (0.5 * c.height - py) / scale;
-  if (c.k1 != 0 || c.k2 != 0) {
+  const double k1 = c.k1 + c.band_k1[static_cast<std::size_t>(band)];
+  if (k1 != 0 || c.k2 != 0) {
     const double real = std::hypot(x, y);
     double ideal = real;
     for (int i = 0; i < 8; ++i) {
       const double q = ideal * ideal;
-      ideal -=
-          (ideal * (1 + c.k1 * q + c.k2 * q * q) - real) / (1 + 3 * c.k1 * q + 5 * c.k2 * q * q);
+      ideal -= (ideal * (1 + k1 * q + c.k2 * q * q) - real) / (1 + 3 * k1 * q + 5 * c.k2 * q * q);
     }
     if (real > 0) {
       x *= ideal / real;
@@ -146,8 +147,9 @@ Vec3 ray_at(const PhotoCamera& c, double px, double py, int band) {
 std::array<double, 2> pixel_of(const PhotoCamera& c, Vec3 place, int band) {
   const Vec3 p = maquette::rotate(c.turn.conjugate(), place - c.place);
   const double x = -p.x / p.z, y = -p.y / p.z, q = x * x + y * y;
+  const auto b = static_cast<std::size_t>(band);
   const double scale =
-      c.band_scale[static_cast<std::size_t>(band)] * c.focal_px * (1 + c.k1 * q + c.k2 * q * q);
+      c.band_scale[b] * c.focal_px * (1 + (c.k1 + c.band_k1[b]) * q + c.k2 * q * q);
   return {0.5 * c.width + scale * x, 0.5 * c.height - scale * y};
 }
 
@@ -211,12 +213,20 @@ double reflected(const Paint& paint, double albedo, Vec3 n, Vec3 to_lamp, Vec3 t
   return diffuse + kPi * spread * blocked * fresnel / (4 * ce);
 }
 
-Field openness_of(const Relief& relief, double step, int rays, std::uint64_t seed) {
+double Room::from(Vec3 d) const {
+  // Moon and Spencer 1942: (1 + 2 sin h) / 3 of the zenith, on a level place 7/9 of it.
+  return 1 + zenith * (3.0 / 7 * (1 + 2 * d.z) - 1) + dot(side, d);
+}
+
+Field openness_of(const Relief& relief, const Room& room, double step, int rays,
+                  std::uint64_t seed) {
   const int side = std::max(1, static_cast<int>(std::sqrt(rays)));
   return on_grid(relief, step, [&](Vec3 place, Vec3 n, std::uint64_t k) {
-    int open = 0;
-    cosine_rays(n, side, seed, k, [&](Vec3 d) { open += d.z > 0 && relief.meet(place, d) < 0; });
-    return static_cast<double>(open) / (side * side);
+    double open = 0;
+    cosine_rays(n, side, seed, k, [&](Vec3 d) {
+      if (d.z > 0 && relief.meet(place, d) < 0) open += room.from(d);
+    });
+    return open / (side * side);
   });
 }
 
@@ -256,8 +266,8 @@ Field bounced_light(const Relief& relief, const Paint& paint, const PhotoLamp& l
 Picture render(const PhotoScene& scene, const PhotoCamera& camera, const PhotoLamp& lamp,
                const Field& bounced, int margin, int stride, std::uint64_t seed) {
   const Eye eye(scene, camera, lamp, bounced);
-  const bool same =
-      camera.band_scale[0] == camera.band_scale[1] && camera.band_scale[1] == camera.band_scale[2];
+  const auto alike = [](const auto& band) { return band[0] == band[1] && band[1] == band[2]; };
+  const bool same = alike(camera.band_scale) && alike(camera.band_k1) && alike(scene.ambient);
   const int width = camera.width / stride + 2 * margin,
             height = camera.height / stride + 2 * margin;
   Picture picture;

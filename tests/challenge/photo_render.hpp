@@ -29,6 +29,7 @@ struct PhotoCamera {
   double focal_px = 4142.0;
   double k1 = 0, k2 = 0;                      ///< real = ideal (1 + k1 r^2 + k2 r^4), tangents
   std::array<double, 3> band_scale{1, 1, 1};  ///< magnification of each band, besides
+  std::array<double, 3> band_k1{0, 0, 0};     ///< of each band, added to k1
 };
 /// Unit direction in the model frame of what lies at (px, py) of the picture.
 Vec3 ray_at(const PhotoCamera& camera, double px, double py, int band);
@@ -63,11 +64,20 @@ double reflected(const Paint& paint, double albedo, Vec3 normal, Vec3 to_lamp, V
 struct PhotoScene {
   const Relief* relief = nullptr;
   Paint paint;
-  double ambient = 0;  ///< radiance all round above, over the lamp's scale
-  Field openness;      ///< share of it that reaches a place; n = 0: not needed
+  /// What a level place in the open gets of it, of each band, over the lamp's scale.
+  std::array<double, 3> ambient{0, 0, 0};
+  Field openness;  ///< share of it that reaches a place; n = 0: not needed
 };
-/// Share of an even light from above that reaches places of a grid of `step`.
-Field openness_of(const Relief& relief, double step, int rays, std::uint64_t seed);
+/// Radiance of the room from a direction with z above 0, over that of an even room as bright on a
+/// level place.
+struct Room {
+  double zenith = 0;  ///< 1: an overcast sky, thrice as bright above as at the horizon
+  Vec3 side;          ///< towards a wall with windows, level; its length how much
+  double from(Vec3 d) const;
+};
+/// What of the room's light reaches places of a grid of `step`, over a level place in the open.
+Field openness_of(const Relief& relief, const Room& room, double step, int rays,
+                  std::uint64_t seed);
 /// Light (over white that faces the lamp) that comes from the surface itself after 1 to `bounces`
 /// reflections, on a grid of `step`.
 Field bounced_light(const Relief& relief, const Paint& paint, const PhotoLamp& lamp, int bounces,

@@ -16,8 +16,10 @@ namespace challenge {
 struct Lens {
   double defocus_px = 0;                  ///< diameter of an even disc
   std::array<double, 2> motion_px{0, 0};  ///< an even line, x right, y down
-  double fall2 = 0, fall4 = 0;            ///< 1 + fall2 q^2 + fall4 q^4, q = 1 in the corner
-  double veil = 0;                        ///< share of all light that lies evenly over the picture
+  double focus_mm = 0, pupil_mm = 0;      ///< a thin lens (photo_blur.hpp); pupil 0: all is sharp
+  Vec3 turning_rad;             ///< of the camera about its own axes while it is exposed, evenly
+  double fall2 = 0, fall4 = 0;  ///< 1 + fall2 q^2 + fall4 q^4, q = 1 in the corner
+  double veil = 0;              ///< share of all light that lies evenly over the picture
 };
 
 struct Sensor {

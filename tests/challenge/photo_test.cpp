@@ -9,7 +9,9 @@
 //   that it is; that much light it returns paints at angles where their formulas are one number a
 //   case file tells nothing of what is hidden; the same case is the same bytes; an effect weighs as
 //   the closed form of the simplest says
-//   kernels have the moments of disc and line; a veil leaves the mean; counts scatter as they must
+//   kernels have the moments of disc and line; discs are those of a thin lens, smears those of
+//   rays that turn; rooms light as their integrals say; a veil leaves the mean; counts scatter as
+//   they must
 // Seeds are in the tests; tolerances are derived where they stand.
 
 #include <cmath>
@@ -21,6 +23,7 @@
 
 #include <gmock/gmock.h>
 
+#include "challenge/photo_blur.hpp"
 #include "challenge/photo_case.hpp"
 #include "core/random.hpp"
 #include "heightmap/height_field.hpp"
@@ -84,6 +87,7 @@ TEST(PhotoCamera, RayGoesToThePlaceThatThePictureHasThere) {
   c.k1 = 0.3;
   c.k2 = -2;
   c.band_scale = {1.002, 1, 0.998};
+  c.band_k1 = {0.1, 0, -0.1};
   for (int k = 0; k < 50; ++k) {
     const Vec3 place{maquette::random_uniform(1, static_cast<unsigned>(2 * k)) * 160,
                      maquette::random_uniform(1, static_cast<unsigned>(2 * k + 1)) * 160, 20};
@@ -310,7 +314,7 @@ Relief bowl() {
 
 TEST(PhotoLight, BowlSeesTheSkyByTheShareOfTheSphereThatIsMissing) {
   // Every place inside a sphere sees equal areas of it equally.
-  const Field open = openness_of(bowl(), 4.0, 1024, 3);
+  const Field open = openness_of(bowl(), {}, 4.0, 1024, 3);
   const double want = 0.5 * (1 + std::cos(kBowl));
   double sum = 0;
   int count = 0;
@@ -325,6 +329,37 @@ TEST(PhotoLight, BowlSeesTheSkyByTheShareOfTheSphereThatIsMissing) {
       }
   EXPECT_NEAR(sum / count, want, 0.003);
   EXPECT_EQ(open.at(0, 0), 1.0);
+}
+
+TEST(PhotoLight, RoomsLightALevelPlaceAlikeAndWallsByWhereTheyAre) {
+  const Relief level(field_of(5, 40.0, [](double, double) { return 20.0; }),
+                     Relief::Between::bilinear);
+  // A slope of 45 degrees that looks along x.
+  const Relief slope(field_of(5, 40.0, [](double x, double) { return 200 - x; }),
+                     Relief::Between::bilinear);
+  Room overcast, side;
+  overcast.zenith = 1;
+  side.side = {0.5, 0, 0};
+  // 64 x 64 strata of values up to 9/7: well below a hundredth; the rim of the level sees nothing
+  // else.
+  for (const Room& room : {Room{}, overcast, side})
+    EXPECT_NEAR(openness_of(level, room, 80, 4096, 3).at(1, 1), 1, 0.01);
+  const double c = std::cos(kPi / 4);
+  EXPECT_NEAR(openness_of(slope, {}, 80, 4096, 3).at(1, 1), 0.5 * (1 + c), 0.01);
+  // The integral of cosine times direction over the upper quarter that the slope sees, by a plain
+  // sum over heights and azimuths.
+  const auto integral = [&](const Room& room) {
+    double sum = 0;
+    for (int i = 0; i < 400; ++i)
+      for (int k = 0; k < 800; ++k) {
+        const double h = 0.5 * kPi * (i + 0.5) / 400, a = 2 * kPi * (k + 0.5) / 800;
+        const Vec3 d{std::cos(h) * std::cos(a), std::cos(h) * std::sin(a), std::sin(h)};
+        sum += room.from(d) * std::max(0.0, c * (d.x + d.z)) * std::cos(h);
+      }
+    return sum * 0.5 * kPi / 400 * 2 * kPi / 800 / kPi;
+  };
+  for (const Room& room : {overcast, side})
+    EXPECT_NEAR(openness_of(slope, room, 80, 4096, 3).at(1, 1), integral(room), 0.01);
 }
 
 TEST(PhotoLight, BowlLightsItselfWithTheMeanOfWhatFallsOnIt) {
@@ -391,6 +426,76 @@ TEST(PhotoLens, KernelsHaveTheMomentsOfDiscAndLine) {
   lens.motion_px = {3, 4};
   EXPECT_NEAR(std::pow(kernel_of(lens).spread_px(0.6, 0.8), 2), disc + 25 / 12.0, pixel);
   EXPECT_NEAR(std::pow(kernel_of(lens).spread_px(0.8, -0.6), 2), disc, pixel);
+}
+
+/// A picture with light in one pixel of 96 x 72 and the margin, that lies 800 mm before the camera.
+struct Spot {
+  Relief relief{field_of(161, 1.0, [](double, double) { return 20.0; }), Relief::Between::bilinear};
+  PhotoCamera camera = from_above({80, 80, 820}, 800, 96, 72);
+  int row = 10, col = 80;
+
+  /// Where its light is and how it is spread: mean and variance of x and y, and their covariance.
+  std::array<double, 5> through(const Lens& lens) const {
+    const int margin = place_margin_of(lens, camera, relief);
+    EXPECT_GT(margin, 0);
+    Picture picture;
+    for (Plane& plane : picture) {
+      plane = make_plane(96 + 2 * margin, 72 + 2 * margin);
+      plane.at(row + margin, col + margin) = 1;
+    }
+    blur_by_place(lens, camera, relief, margin, 0, picture);
+    EXPECT_EQ(picture[0].width, 96);
+    std::array<double, 5> m{};
+    double all = 0;
+    for (int r = 0; r < 72; ++r)
+      for (int c = 0; c < 96; ++c) {
+        const double v = static_cast<double>(picture[2].at(r, c)), x = c - col, y = r - row;
+        all += v;
+        m[0] += v * x;
+        m[1] += v * y;
+        m[2] += v * x * x;
+        m[3] += v * y * y;
+        m[4] += v * x * y;
+      }
+    EXPECT_NEAR(all, 1, 0.01);
+    return m;
+  }
+};
+
+TEST(PhotoLens, DiscsAreAsLargeAsAThinLensMakesThem) {
+  Spot spot;
+  Lens lens;
+  lens.pupil_mm = 10;
+  lens.focus_mm = 500;
+  // 800 px x 10 mm x |1 / 800 - 1 / 500|, of which a sixteenth is lost to steps of the kernels.
+  const double disc = 800 * 10 * (1 / 500.0 - 1 / 800.0);
+  EXPECT_NEAR(confusion_px(lens, spot.camera, 800), disc, 1e-9);
+  const auto m = spot.through(lens);
+  // A disc's variance is a sixteenth of its diameter's square; pixels as for even kernels.
+  EXPECT_NEAR(m[2], disc * disc / 16, 1 / 12.0 + 0.06);
+  EXPECT_NEAR(m[3], disc * disc / 16, 1 / 12.0 + 0.06);
+  // What falls on the border of two pixels goes to one of them.
+  EXPECT_NEAR(m[0], 0, 0.02);
+}
+
+TEST(PhotoLens, ATurningCameraSmearsAsItsRaysGo) {
+  Spot spot;
+  Lens lens;
+  // About its y axis: the picture moves along x; 800 px x 0.01.
+  lens.turning_rad = {0, 0.01, 0};
+  const double x = (80.5 - 48) / 800, length = 8 * (1 + x * x);
+  auto m = spot.through(lens);
+  EXPECT_NEAR(m[2], length * length / 12, 0.02 * length * length / 12);
+  EXPECT_NEAR(m[3], 0, 1e-3);
+  // About its axis: across the radius, (32.5, -25.5) pixels from the middle.
+  lens.turning_rad = {0, 0, 0.2};
+  m = spot.through(lens);
+  const double along_x = 0.2 * 25.5, along_y = 0.2 * 32.5;
+  // An arc of 0.2 rad is shorter than its tangent by 0.2 % at its ends.
+  EXPECT_NEAR(m[2] - m[0] * m[0], along_x * along_x / 12, 0.04 * along_x * along_x / 12);
+  EXPECT_NEAR(m[3] - m[1] * m[1], along_y * along_y / 12, 0.04 * along_y * along_y / 12);
+  // Both axes grow together: x right and y down of what circles about the middle, upper right.
+  EXPECT_NEAR(m[4] - m[0] * m[1], along_x * along_y / 12, 0.04 * along_x * along_y / 12);
 }
 
 TEST(PhotoLens, VeilLeavesTheMeanAndCornersAreDim) {

@@ -48,14 +48,10 @@ Plane spread_by_focus(const Lens& lens, const PhotoCamera& camera, const Plane& 
   return to;
 }
 
-/// Catmull and Rom's cubic between pixels: straight lines between them would blur once more.
+/// Between pixels by a cubic: straight lines between them would blur once more.
 double cubic(const Plane& p, double row, double col) {
-  const auto weights = [](double t) {
-    return std::array<double, 4>{0.5 * t * (-1 + t * (2 - t)), 0.5 * (2 + t * t * (-5 + 3 * t)),
-                                 0.5 * t * (1 + t * (4 - 3 * t)), 0.5 * t * t * (t - 1)};
-  };
   const int r0 = static_cast<int>(std::floor(row)), c0 = static_cast<int>(std::floor(col));
-  const auto wr = weights(row - r0), wc = weights(col - c0);
+  const auto wr = cubic_weights(row - r0), wc = cubic_weights(col - c0);
   double sum = 0;
   for (int i = 0; i < 4; ++i)
     for (int j = 0; j < 4; ++j)

@@ -45,13 +45,18 @@ Plane blurred(const Plane& from, const Kernel& kernel) {
 
 }  // namespace
 
+std::array<double, 4> cubic_weights(double t) {
+  return {0.5 * t * (-1 + t * (2 - t)), 0.5 * (2 + t * t * (-5 + 3 * t)),
+          0.5 * t * (1 + t * (4 - 3 * t)), 0.5 * t * t * (t - 1)};
+}
+
 Kernel kernel_of(const Lens& lens) {
   constexpr int kFineParts = 24;
   const double radius = 0.5 * lens.defocus_px;
   const double length = std::hypot(lens.motion_px[0], lens.motion_px[1]);
   Kernel k;
   if (radius == 0 && length == 0) return {0, {1.0}};
-  k.reach = static_cast<int>(std::ceil(radius + 0.5 * length + 0.5));
+  k.reach = static_cast<int>(std::ceil(radius + 0.5 * length)) + 2;
   const int side = 2 * k.reach + 1;
   k.weight.assign(static_cast<std::size_t>(side * side), 0.0);
   const int discs = radius > 0 ? static_cast<int>(kFineParts * radius) + 2 : 1,
@@ -63,10 +68,16 @@ Kernel kernel_of(const Lens& lens) {
                    y = radius * ((2 * b + 1.0) / discs - 1);
       if (x * x + y * y > radius * radius) continue;
       for (int l = 0; l < lines; ++l) {
+        // What lies between pixels is read off a cubic: the nearest would blur once more.
         const double s = (l + 0.5) / lines - 0.5;
-        const int c = static_cast<int>(std::floor(x + s * lens.motion_px[0] + 0.5)) + k.reach,
-                  r = static_cast<int>(std::floor(y + s * lens.motion_px[1] + 0.5)) + k.reach;
-        k.weight[static_cast<std::size_t>(r * side + c)] += 1;
+        const double px = x + s * lens.motion_px[0], py = y + s * lens.motion_px[1];
+        const int c = static_cast<int>(std::floor(px)), r = static_cast<int>(std::floor(py));
+        const auto wc = cubic_weights(px - c), wr = cubic_weights(py - r);
+        for (int i = 0; i < 4; ++i)
+          for (int j = 0; j < 4; ++j)
+            k.weight[static_cast<std::size_t>((r + i - 1 + k.reach) * side + c + j - 1 +
+                                              k.reach)] +=
+                wr[static_cast<std::size_t>(i)] * wc[static_cast<std::size_t>(j)];
         sum += 1;
       }
     }

@@ -39,6 +39,8 @@ struct Kernel {
   double spread_px(double x, double y) const;
 };
 Kernel kernel_of(const Lens& lens);
+/// Catmull and Rom's weights of four pixels, the second of which lies t before the place.
+std::array<double, 4> cubic_weights(double t);
 /// Margin that render() needs for it.
 int margin_of(const Lens& lens);
 

@@ -98,6 +98,22 @@ double radius2(double u, double v, const PhotoInput& photo) {
   return (u * u + v * v) / (half * half);
 }
 
+double nearness(Vec3 place, std::size_t photo, const PhotoScene& scene) {
+  const auto depth = [&](Vec3 at, const PhotoInput& of) {
+    return dot(at - of.camera_position_mm, rotate(of.model_from_camera, Vec3{0.0, 0.0, -1.0}));
+  };
+  double mean = 0.0;
+  for (const PhotoInput& of : scene.photos) mean += 1.0 / depth(scene.middle(), of);
+  mean /= static_cast<double>(scene.photos.size());
+  return 1.0 / (mean * depth(place, scene.photos[photo])) - 1.0;
+}
+
+double focus_px2(Vec3 place, std::size_t photo, const PhotoState& s, const PhotoScene& scene) {
+  if (s.focus_px2 == std::array<double, 3>{}) return 0.0;
+  const double x = nearness(place, photo, scene);
+  return s.focus_px2[0] + x * (s.focus_px2[1] + x * s.focus_px2[2]);
+}
+
 std::array<double, 2> displacement(const PhotoPixel& p, int channel, const PhotoState& s,
                                    const PhotoScene& scene) {
   const PhotoInput& photo = scene.photos[p.photo];
@@ -113,6 +129,13 @@ std::array<double, 2> displacement(const PhotoPixel& p, int channel, const Photo
              was = rotate(photo.model_from_camera.conjugate(), from);
   return {radial * u + f * (seen.x / -seen.z - was.x / -was.z),
           radial * v - f * (seen.y / -seen.z - was.y / -was.z)};
+}
+
+double tint(const PhotoPixel& p, int channel, const PhotoState& s, const PhotoScene& scene) {
+  const double more = channel == 0 ? s.ambient_red : channel == 2 ? s.ambient_blue : 0.0;
+  if (more == 0.0) return 0.0;
+  const PhotoInput& photo = scene.photos[p.photo];
+  return photo.exposure_scale * photo.albedo * more * static_cast<double>(p.sky);
 }
 
 double exposed(double behind_lens, double mean, double r2, int channel, std::size_t photo,
@@ -141,7 +164,7 @@ bool same_light(const PhotoState& a, const PhotoState& b) {
          a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
          a.lamp_refocused_mm == b.lamp_refocused_mm && a.lamp_diameter_mm == b.lamp_diameter_mm &&
          a.falloff == b.falloff && a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
-         a.ambient_even == b.ambient_even &&
+         a.ambient_even == b.ambient_even && a.ambient_side == b.ambient_side &&
          std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(),
                     [](const PictureState& x, const PictureState& y) {
                       return x.camera_mm == y.camera_mm;
@@ -248,15 +271,19 @@ double PhotoChain::radiance(const PhotoPixel& p) const {
       }
     out += e * factor;
   }
-  out += albedo * (s.ambient_sky * static_cast<double>(p.sky) + s.ambient_even +
-                   s.bounce * static_cast<double>(p.bounce) +
+  const auto toward = [&](std::size_t axis) { return static_cast<double>(p.sky_side[axis]); };
+  const double whole = p.sky, sky = s.ambient_sky * whole + s.ambient_side.x * toward(0) +
+                                    s.ambient_side.y * toward(1) +
+                                    s.ambient_side.z * (toward(2) - whole);
+  out += albedo * (sky + s.ambient_even + s.bounce * static_cast<double>(p.bounce) +
                    s.bounce_all * static_cast<double>(p.bounce_all));
   return photo.exposure_scale * out;
 }
 
 double PhotoChain::value(const PhotoPixel& p, int channel, double light) const {
   const PhotoState& s = state_;
-  double y = static_cast<double>(p.value[static_cast<std::size_t>(channel)]) + light - p.light;
+  double y = static_cast<double>(p.value[static_cast<std::size_t>(channel)]) + light - p.light +
+             tint(p, channel, s, scene_) - tint(p, channel, rendered_, scene_);
   const double uu = p.duu, uv = p.duv, vv = p.dvv;
   if (moved_) {
     const auto to = displacement(p, channel, s, scene_),
@@ -266,7 +293,9 @@ double PhotoChain::value(const PhotoPixel& p, int channel, double light) const {
     y += 0.5 * (uu * du * du + 2.0 * uv * du * dv + vv * dv * dv);
   }
   const PictureState &own = s.picture[p.photo], &was = rendered_.picture[p.photo];
-  y += 0.5 * (own.blur_px2 - was.blur_px2) * (uu + vv);
+  const double blur = own.blur_px2 - was.blur_px2 + focus_px2(p.place, p.photo, s, scene_) -
+                      focus_px2(p.place, p.photo, rendered_, scene_);
+  y += 0.5 * blur * (uu + vv);
   y += 0.5 * (uu * (own.smear_px2[0] - was.smear_px2[0]) +
               2.0 * uv * (own.smear_px2[1] - was.smear_px2[1]) +
               vv * (own.smear_px2[2] - was.smear_px2[2]));

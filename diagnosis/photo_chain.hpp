@@ -87,8 +87,16 @@ struct PhotoState {
   double beam_power = 0.0;    ///< and with cos^power of the angle off the lamp's axis
   double ambient_sky = 0.0;   ///< irradiance of an even sky, of a white surface's value
   double ambient_even = 0.0;  ///< the same without regard to what hides the sky
+  /// Of a sky whose radiance grows evenly towards x, y, z: what an open place gets more where its
+  /// normal leans by 1 that way; a level one gets nothing more of z.
+  Vec3 ambient_side;
+  /// Of an even sky, what red and blue get more than green.
+  double ambient_red = 0.0, ambient_blue = 0.0;
   // lens
-  std::vector<PictureState> picture;      ///< by photograph; lens and sensor
+  std::vector<PictureState> picture;  ///< by photograph; lens and sensor
+  /// Variance of the spread of a lens that is focused beside the part: of 1, nearness(), its
+  /// square. A circle of confusion grows with the difference of two nearnesses.
+  std::array<double, 3> focus_px2{};
   double focal = 0.0;                     ///< relative
   double radial_1 = 0.0, radial_2 = 0.0;  ///< Brown-Conrady, of u / focal length in pixels
   double red_scale = 0.0, blue_scale = 0.0;
@@ -127,20 +135,32 @@ struct PhotoPixel {
   SeenLamp lamp{1.0F, 0.0F, 0.0F};
   std::array<SeenLamp, kLampSizes> lamp_of_size{};  ///< of lamps of those diameters
   float sky = 1.0F;                                 ///< of the hemisphere, by its cosine
-  float bounce = 0.0F;                              ///< irradiance from the lit surface around
-  float bounce_all = 0.0F;                          ///< and from what that lights
-  double light = 0.0;                               ///< the chain's radiance as rendered
-  std::array<float, 3> value{};                     ///< behind the lens as rendered
-  float du = 0.0F, dv = 0.0F;                       ///< derivatives of it
+  /// Mean direction of that times its share, over 2/3: an open place's normal.
+  std::array<float, 3> sky_side{0.0F, 0.0F, 1.0F};
+  float bounce = 0.0F;           ///< irradiance from the lit surface around
+  float bounce_all = 0.0F;       ///< and from what that lights
+  double light = 0.0;            ///< the chain's radiance as rendered
+  std::array<float, 3> value{};  ///< behind the lens as rendered
+  float du = 0.0F, dv = 0.0F;    ///< derivatives of it
   float duu = 0.0F, duv = 0.0F, dvv = 0.0F;
   std::array<float, 3> mean{};  ///< of its picture, behind the lens
 };
 
 /// A wave of an albedo map, -1 .. 1.
 [[nodiscard]] double albedo_wave(std::size_t term, Vec3 place, const PhotoScene& scene);
+/// Of a place to the camera along its axis: inverse of that depth over that of the scene's middle
+/// in all photographs, less 1.
+[[nodiscard]] double nearness(Vec3 place, std::size_t photo, const PhotoScene& scene);
+/// Variance that the lens' focus spreads a place by; below 0 where it is none (to first order).
+[[nodiscard]] double focus_px2(Vec3 place, std::size_t photo, const PhotoState& state,
+                               const PhotoScene& scene);
 /// How far a feature of the scene moves in the picture, pixels.
 [[nodiscard]] std::array<double, 2> displacement(const PhotoPixel& pixel, int channel,
                                                  const PhotoState& state, const PhotoScene& scene);
+/// Light behind the lens that red or blue gets more than green from surroundings of another colour;
+/// of the stated albedo.
+[[nodiscard]] double tint(const PhotoPixel& pixel, int channel, const PhotoState& state,
+                          const PhotoScene& scene);
 /// What the sensor makes of it.
 [[nodiscard]] double exposed(double behind_lens, double mean, double radius2, int channel,
                              std::size_t photo, const PhotoState& state);

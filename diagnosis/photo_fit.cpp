@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -18,6 +19,7 @@ constexpr double kEdge_px = 0.1;
 constexpr double kLight = 0.002;
 constexpr double kHuber = 3.0;  // of the noise as found
 constexpr float kLargest = 1e4F;
+constexpr double kLargeGain = 20.0;   // of a step, in -2 log likelihood
 constexpr double kLightStep = 0.005;  // relative, of its derivative
 
 }  // namespace
@@ -225,7 +227,7 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
     for (const PhotoParameter& p : m.form.parameters) parameters.push_back(&p);
   if (parameters.empty()) return model;
   PhotoMembers best = model;
-  double least = INFINITY;
+  double least = INFINITY, gain = 0.0;
   for (int round = 0; round <= rounds; ++round) {
     const PhotoLinear linear = about(model, parameters, false);
     const double now = objective(linear, kAll);
@@ -233,19 +235,25 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
       best = model;
       least = now;
     } else if (round > 0) {
-      break;  // the last step did not help
+      // The last step did not help. One that should have helped much went too far.
+      if (!(gain > kLargeGain) || round == rounds) break;
+      for (std::size_t m = 0; m < model.size(); ++m)
+        for (std::size_t k = 0; k < model[m].values.size(); ++k)
+          model[m].values[k] = std::midpoint(model[m].values[k], best[m].values[k]);
+      gain *= 0.5;
+      continue;
     }
     if (round == rounds) break;
     const Eigen::MatrixXd g = linear.sum(kAll);
     const Eigen::Index n = g.rows() - 1;
     const Eigen::VectorXd step = ridge_solve(g.topLeftCorner(n, n), g.col(n).head(n), 1e-7);
-    const double gain = step.dot(g.col(n).head(n)) / (noise.factor * noise.over);
+    gain = step.dot(g.col(n).head(n)) / (noise.factor * noise.over);
     for (PhotoMember& m : model)
       for (std::size_t k = 0; k < m.values.size(); ++k) {
         m.values[k] += step(linear.index.at(m.form.parameters[k].key));
         if (k == 0 && m.form.sign != 0 && m.values[0] * m.form.sign < 0.0) m.values[0] = 0.0;
       }
-    if (gain < 0.5) break;
+    if (gain < 0.5) return model;  // so small a step is as good as its prediction
   }
   return best;
 }
@@ -342,9 +350,15 @@ double gain_of(const Eigen::MatrixXd& g, const std::vector<int>& model,
   return x.dot(own.b);
 }
 
+double PhotoScatter::off() const {
+  return std::max({std::abs(factor - 1.0) - 4.0 * sigma,
+                   std::abs(dark - 1.0) - 4.0 * sigma_of_third,
+                   std::abs(light - 1.0) - 4.0 * sigma_of_third});
+}
+
 PhotoScatter scatter_of(const PhotoViews& views) {
   // Differences to the next pixel: what the simulation gets wrong is nearly alike in both.
-  std::vector<double> ratio;
+  std::vector<std::pair<double, double>> by_sigma;
   const std::size_t channels = views.channels();
   for (const MeasuredPixel& p : views.pixels()) {
     const double slope = std::abs(static_cast<double>(p.du)) + std::abs(static_cast<double>(p.dv)) +
@@ -356,14 +370,26 @@ PhotoScatter scatter_of(const PhotoViews& views) {
       const double difference =
           (static_cast<double>(p.next[ch]) - views.number_of(p, ch, p.value_next[ch])) -
           (static_cast<double>(p.measured[ch]) - views.number_of(p, ch, p.value[ch]));
-      ratio.push_back(std::abs(difference) / (std::sqrt(2.0) * sigma));
+      by_sigma.emplace_back(sigma, std::abs(difference) / (std::sqrt(2.0) * sigma));
     }
   }
   PhotoScatter s;
-  if (ratio.size() < 500) return s;
+  if (by_sigma.size() < 1500) return s;
+  // By sigma alone: in the dark all have one, and shall not come by how far they are off.
+  std::stable_sort(by_sigma.begin(), by_sigma.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  const auto of = [&](std::size_t from, std::size_t to) {
+    std::vector<double> ratio;
+    for (std::size_t i = from; i < to; ++i) ratio.push_back(by_sigma[i].second);
+    return kMadToSigma * median(std::move(ratio));
+  };
+  const std::size_t n = by_sigma.size();
   // The median's efficiency is 0.37 of a standard deviation's.
-  s.sigma = 1.17 / std::sqrt(static_cast<double>(ratio.size()));
-  s.factor = kMadToSigma * median(std::move(ratio));
+  s.sigma = 1.17 / std::sqrt(static_cast<double>(n));
+  s.sigma_of_third = std::sqrt(3.0) * s.sigma;
+  s.factor = of(0, n);
+  s.dark = of(0, n / 3);
+  s.light = of(n - n / 3, n);
   return s;
 }
 

@@ -165,6 +165,37 @@ void blur(Grid<float>& image, double variance) {
   });
 }
 
+/// Gaussian of each pixel's own variance, where that is not 0.
+void blur_by_place(Grid<float>& image, const Grid<float>& variance) {
+  const Grid<float> from = image;
+  const std::ptrdiff_t rows = image.rows(), cols = image.cols();
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+    std::vector<double> weight;
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      const auto v = static_cast<double>(variance(r, c));
+      if (!(v > 0.0)) continue;
+      // Narrow ones as above, by their variance.
+      const bool narrow = v < 0.25;
+      const std::ptrdiff_t reach =
+          narrow ? 1 : static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(v)));
+      weight.clear();
+      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
+        weight.push_back(narrow ? (i == 0 ? 1.0 - v : 0.5 * v)
+                                : std::exp(-0.5 * static_cast<double>(i * i) / v));
+      double sum = 0.0, all = 0.0;
+      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
+        for (std::ptrdiff_t j = -reach; j <= reach; ++j) {
+          const double w = weight[static_cast<std::size_t>(i + reach)] *
+                           weight[static_cast<std::size_t>(j + reach)];
+          all += w;
+          sum += w * static_cast<double>(from(std::clamp<std::ptrdiff_t>(r + i, 0, rows - 1),
+                                              std::clamp<std::ptrdiff_t>(c + j, 0, cols - 1)));
+        }
+      image(r, c) = static_cast<float>(sum / all);
+    }
+  });
+}
+
 /// Between nodes; the edge goes on.
 float bilinear(const Grid<float>& g, double r, double c) {
   return camera::bilinear(g, static_cast<float>(c) + 0.5F, static_cast<float>(r) + 0.5F);
@@ -277,6 +308,14 @@ std::ptrdiff_t PhotoViews::reach() const {
   double spread = 0.0;
   for (const PictureState& p : state_.picture)
     spread = std::fmax(spread, std::fmax(p.blur_px2, 0.0) + p.smear_px2[0] + p.smear_px2[2]);
+  double focus = 0.0;
+  const Vec3 low = scene_.box.min, high = scene_.box.max;
+  for (std::size_t k = 0; k < views_.size(); ++k)
+    for (const double x : {low.x, high.x})
+      for (const double y : {low.y, high.y})
+        for (const double z : {low.z, high.z})
+          focus = std::fmax(focus, focus_px2({x, y, z}, k, state_, scene_));
+  spread += focus;
   return 2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, spread)))) +
          (state_.red_scale != 0.0 || state_.blue_scale != 0.0 ? 4 : 0);
 }
@@ -513,6 +552,8 @@ void PhotoViews::look_around() {
   const auto rows = static_cast<std::ptrdiff_t>(high / around_step_mm_) + 1,
              cols = static_cast<std::ptrdiff_t>(wide / around_step_mm_) + 1;
   sky_ = Grid<float>(rows, cols, 1.0F);
+  sky_side_.fill(Grid<float>(rows, cols, 0.0F));
+  sky_side_[2] = Grid<float>(rows, cols, 1.0F);
   bounce_.assign(scene_.lamps, Grid<float>(rows, cols, 0.0F));
   struct Seen {
     float row, col;
@@ -530,6 +571,7 @@ void PhotoViews::look_around() {
       const auto [a, b] = across(n);
       const Vec3 p = Vec3{x, y, z} + kOff_mm * n;
       int open = 0;
+      Vec3 from_open;
       std::vector<double> light(scene_.lamps, 0.0);
       for (int i = 0; i < kAroundRays; ++i) {
         const auto cell = static_cast<std::uint64_t>(r * cols + c);
@@ -541,7 +583,10 @@ void PhotoViews::look_around() {
             d.x * a + d.y * b + std::sqrt(std::fmax(0.0, 1.0 - d.x * d.x - d.y * d.y)) * n;
         const auto hit = tracer.trace(p, normalized(w));
         if (!hit) {
-          open += w.z > 0.0 ? 1 : 0;  // the sky is above
+          if (w.z > 0.0) {  // the sky is above
+            ++open;
+            from_open += w;
+          }
           continue;
         }
         seen[cell].push_back(
@@ -558,6 +603,9 @@ void PhotoViews::look_around() {
         }
       }
       sky_(r, c) = static_cast<float>(open) / kAroundRays;
+      for (const auto& [axis, sum] :
+           {std::pair{0U, from_open.x}, {1U, from_open.y}, {2U, from_open.z}})
+        sky_side_[axis](r, c) = static_cast<float>(1.5 * sum / kAroundRays);
       for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp)
         bounce_[lamp](r, c) = static_cast<float>(light[lamp] / kAroundRays);
     }
@@ -586,6 +634,8 @@ void PhotoViews::look_around_from(std::size_t k, PhotoPixel& p) const {
   const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
                col = (p.place.x - scene_.box.min.x) / around_step_mm_;
   p.sky = bilinear(sky_, row, col);
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    p.sky_side[axis] = bilinear(sky_side_[axis], row, col);
   p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
   p.bounce_all = bilinear(bounce_all_[scene_.lamp_of[k]], row, col);
 }
@@ -697,6 +747,16 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
   smear(image, own.smear_px2,
         [&](std::ptrdiff_t r, std::ptrdiff_t c) { return view.wanted(r, c, beyond); });
   blur(image, kPixelRest + own.blur_px2);
+  if (state_.focus_px2 != std::array<double, 3>{}) {
+    Grid<float> variance(image.rows(), image.cols(), 0.0F);
+    for (std::ptrdiff_t r = 0; r < image.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < image.cols(); ++c) {
+        const Sample& s = view.samples(kAcross * r, kAcross * c);
+        if (!view.wanted(r, c, 2) || std::isnan(s.x)) continue;
+        variance(r, c) = static_cast<float>(focus_px2({s.x, s.y, s.z}, k, state_, scene_));
+      }
+    blur_by_place(image, variance);
+  }
   const auto half_u = photo.principal_u_px, half_v = photo.principal_v_px;
   const auto coloured = [&](int channel, double r, double c) {
     const double scale = channel == 0 ? state_.red_scale : channel == 2 ? state_.blue_scale : 0.0;
@@ -763,8 +823,10 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
     p.duv = 0.25F * (z(1, 1) - z(1, -1) - z(-1, 1) + z(-1, -1));
     for (std::size_t ch = 0; ch < taken.value.size(); ++ch) {
       const int channel = channel_of(ch, taken.value.size());
-      p.value[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c));
-      p.value_next[ch] = coloured(channel, static_cast<double>(r), static_cast<double>(c + 1));
+      const auto more = static_cast<float>(tint(p, channel, state_, scene_));
+      p.value[ch] = more + coloured(channel, static_cast<double>(r), static_cast<double>(c));
+      p.value_next[ch] =
+          more + coloured(channel, static_cast<double>(r), static_cast<double>(c + 1));
       p.mean[ch] = mean[ch];
       const double y = static_cast<double>(taken.value[ch](r, c));
       p.measured[ch] = static_cast<float>(y);
@@ -845,6 +907,15 @@ void PhotoViews::light_pixels() {
       for (float& v : p.value_next) v += by;
       p.light = chain.radiance(p);
     });
+  if (pictured_.ambient_red != state_.ambient_red || pictured_.ambient_blue != state_.ambient_blue)
+    for (MeasuredPixel& p : pixels_)
+      for (std::size_t ch = 0; ch < channels(); ++ch) {
+        const int channel = channel_of(ch, channels());
+        const auto by = static_cast<float>(tint(p, channel, state_, scene_) -
+                                           tint(p, channel, pictured_, scene_));
+        p.value[ch] += by;
+        p.value_next[ch] += by;
+      }
   // A picture's mean follows that of its pixels; what lies beside the part stays.
   const std::vector<double> now = light_by_photo();
   std::vector<std::array<float, 3>> mean(scene_.photos.size());
@@ -889,7 +960,7 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
     return true;
   };
   if (!derivatives && rendered_ && normals == normals_ && same_places(pictured_, state) &&
-      (!lamp_sizes || knows_sizes()) &&
+      pictured_.focus_px2 == state.focus_px2 && (!lamp_sizes || knows_sizes()) &&
       std::equal(state.picture.begin(), state.picture.end(), pictured_.picture.begin(),
                  [](const PictureState& a, const PictureState& b) {
                    return a.blur_px2 == b.blur_px2 && a.smear_px2 == b.smear_px2;

@@ -43,6 +43,8 @@ constexpr int kTrialSteps = 3;
 constexpr std::size_t kRendered = 4;
 /// And no farther from the best than that.
 constexpr double kNear = 0.5;
+/// Models whose scores differ by less than that of what the best one gains are close.
+constexpr double kCloseScore = 0.05;
 /// What moves the picture less, rms of full scale over its mean, is not told from what the
 /// rendering itself may be wrong by.
 constexpr double kFloor = 1e-3;
@@ -102,6 +104,13 @@ std::vector<int> columns_of(const PhotoLinear& linear, const PhotoMembers& membe
 Eigen::VectorXd values_of(const PhotoMember& m) {
   return Eigen::Map<const Eigen::VectorXd>(m.values.data(),
                                            static_cast<Eigen::Index>(m.values.size()));
+}
+/// Has a form all parameters of another?
+bool has_all(const PhotoForm& form, const PhotoForm& other) {
+  return std::all_of(other.parameters.begin(), other.parameters.end(), [&](const auto& p) {
+    return std::any_of(form.parameters.begin(), form.parameters.end(),
+                       [&](const PhotoParameter& q) { return q.key == p.key; });
+  });
 }
 /// Of places on the part: a form with that many parameters, all of them factors on its light.
 bool is_map(const PhotoForm& form) {
@@ -194,8 +203,19 @@ class Search {
       }
       std::sort(best.begin(), best.end(),
                 [](const Trial& a, const Trial& b) { return a.score > b.score; });
-      if (best.size() > 2) best.resize(2);
-      all.insert(all.end(), best.begin(), best.end());
+      // The two best; of forms one of which has all that another has, one: else the same would be
+      // rendered twice, and another law not at all.
+      std::vector<Trial> kept;
+      for (Trial& t : best) {
+        if (kept.size() == 2) break;
+        const PhotoForm& form = candidates_[c].forms[t.form];
+        if (std::none_of(kept.begin(), kept.end(), [&](const Trial& k) {
+              const PhotoForm& other = candidates_[c].forms[k.form];
+              return has_all(form, other) || has_all(other, form);
+            }))
+          kept.push_back(std::move(t));
+      }
+      all.insert(all.end(), kept.begin(), kept.end());
     }
     std::sort(all.begin(), all.end(),
               [](const Trial& a, const Trial& b) { return a.score > b.score; });
@@ -227,6 +247,12 @@ class Search {
     return fit_.objective(members, {kChoose}) + price_of(members);
   }
 
+  /// The same with its pictures rendered anew as a whole, edges and all.
+  [[nodiscard]] double whole_score(const PhotoMembers& members) {
+    return fit_.objective(fit_.about(members, parameters_of(members)), {kChoose}) +
+           price_of(members);
+  }
+
   [[nodiscard]] PhotoMembers choose(std::vector<Ranked>& ranking, const RunContext& run) {
     PhotoMembers members;
     for (std::size_t round = 0; round < kRounds && !run.stopped(); ++round) {
@@ -253,7 +279,9 @@ class Search {
       if (!better) break;
       members = std::move(best);
     }
-    return members;
+    // Sizes with shadows and edges where this model has them.
+    if (!members.empty()) static_cast<void>(fit_.about(members, parameters_of(members)));
+    return fit_.fitted(std::move(members));
   }
 
   /// Other causes that do as well in the place of the k-th. @param gain  what it gains there
@@ -310,7 +338,7 @@ class Search {
   /// The closest candidates rendered; empty: none does better than `now`.
   PhotoMembers best_of(const std::vector<Trial>& all, const PhotoLinear& linear,
                        const PhotoMembers& members, double now) {
-    PhotoMembers best;
+    std::vector<std::pair<double, PhotoMembers>> better;
     double least = now;
     std::size_t rendered = 0;
     for (const Trial& t : all) {
@@ -323,12 +351,21 @@ class Search {
       if (members.size() == kMostCauses && !grows) continue;
       ++rendered;
       PhotoMembers model = with(members, t);
-      if (const double s = score(model); s < least) {
-        least = s;
-        best = std::move(model);
-      }
+      const double s = score(model);
+      least = std::fmin(least, s);
+      if (s < now) better.emplace_back(s, std::move(model));
     }
-    return best.empty() ? best : fit_.fitted(std::move(best));
+    // Edges, and what they may be off by, were where the last model has them: close ones are
+    // compared with their own.
+    std::erase_if(better,
+                  [&](const auto& b) { return b.first > least + kCloseScore * (now - least); });
+    if (better.size() > 1)
+      for (auto& [s, model] : better) s = whole_score(model);
+    if (better.empty()) return {};
+    const auto best =
+        std::min_element(better.begin(), better.end(),
+                         [](const auto& a, const auto& b) { return a.first < b.first; });
+    return fit_.fitted(std::move(best->second));
   }
 
   /// Members that are not worth their price to the others go.
@@ -414,12 +451,18 @@ class Search {
     }
     detail::Reduced own(g, mine, others);
     own.b += own.a * rendered;
-    // Few waves that nothing tells may be huge: what most are like.
+    // Few waves that nothing tells may be huge: what most are like. One that all pictures together
+    // tell is as large as it is: of a coat that thins out one way, few are large.
     std::vector<double> size;
     for (const double v : members[k].values) size.push_back(std::abs(v));
-    const double variance = std::pow(kMadToSigma * median(std::move(size)), 2);
-    own.a.diagonal().array() +=
-        fit_.noise.factor * kMapOver * fit_.noise.over / std::fmax(1e-12, variance);
+    const double typical = std::pow(kMadToSigma * median(std::move(size)), 2),
+                 unit = fit_.noise.factor * kMapOver * fit_.noise.over;
+    const Eigen::MatrixXd all = detail::Reduced(linear.sum(kAll), mine, others).a;
+    const Eigen::VectorXd error =
+        unit * detail::ridge_solve(all, Eigen::MatrixXd::Identity(all.rows(), all.cols()), 1e-9)
+                   .diagonal();
+    for (Eigen::Index i = 0; i < rendered.size(); ++i)
+      own.a(i, i) += unit / std::max({1e-12, typical, rendered(i) * rendered(i) - error(i)});
     return own.a.ldlt().solve(own.b);
   }
 
@@ -813,17 +856,17 @@ Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
 
   // What has no name scatters neighbours, too, and so does what is left at edges, by less.
   const double off = d.rms_after < kNoiseAlone * d.rms_noise ? kScatterOff : kScatterOffBesideMore;
-  if (!noise_known && !d.remainder.found &&
-      std::abs(scatter.factor - 1.0) > off + 4.0 * scatter.sigma) {
+  if (!noise_known && !d.remainder.found && scatter.off() > off) {
     Cause c;
     const Effect* effect = find_effect("photo.noise");
     c.effect = effect->name;
     c.law = "scatter of neighbouring pixels";
-    c.parameters = {{"factor", scatter.factor, scatter.sigma}};
+    c.parameters = {{"factor", scatter.factor, scatter.sigma},
+                    {"factor_dark", scatter.dark, scatter.sigma_of_third},
+                    {"factor_light", scatter.light, scatter.sigma_of_third}};
     c.raw = {{"factor", scatter.factor}};
     c.separate_by = effect->separate_by;
-    c.p_value =
-        std::fmax(1e-300, std::erfc((std::abs(scatter.factor - 1.0) - off) / scatter.sigma));
+    c.p_value = std::fmax(1e-300, std::erfc(4.0 + (scatter.off() - off) / scatter.sigma_of_third));
     d.causes.push_back(std::move(c));
   }
   d.verdict = d.causes.empty()    ? (d.remainder.found ? "unexplained" : "consistent")

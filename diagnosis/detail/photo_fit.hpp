@@ -84,6 +84,11 @@ class PhotoFit {
 /// Differences between neighbouring pixels against what full well and read noise say.
 struct PhotoScatter {
   double factor = 1.0, sigma = 1.0;  ///< of the noise (not its variance), its standard error
+  /// Of the third of the pixels that scatter least as declared, and of those that do most: read
+  /// noise tells in the dark, shot noise in the light.
+  double dark = 1.0, light = 1.0, sigma_of_third = 1.0;
+  /// How far the farthest of the three is from 1, less four of its standard errors.
+  [[nodiscard]] double off() const;
 };
 [[nodiscard]] PhotoScatter scatter_of(const PhotoViews& views);
 

@@ -138,6 +138,7 @@ class PhotoViews {
   std::vector<Slopes> slopes_;  ///< by tracer
   std::optional<Normals> slopes_of_;
   Grid<float> sky_;
+  std::array<Grid<float>, 3> sky_side_;
   std::vector<Grid<float>> bounce_, bounce_all_;  ///< by lamp
   double around_step_mm_ = 1.0;
   std::vector<View> views_;

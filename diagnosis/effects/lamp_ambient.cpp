@@ -7,22 +7,48 @@ void add_lamp_ambient(std::vector<Effect>& all) {
   Effect e;
   e.name = "lamp.ambient";
   e.says = "light comes from all around, too";
-  e.source = "an even sky, seen as far as relief does not hide it";
+  e.source =
+      "a sky that is even, or whose radiance grows one way; seen as far as relief does not hide it";
   e.acts_on = "lamp";
   e.depends_on = "shadows; how open a place is";
   e.looks_like = {"photo.black_level", "photo.veiling_glare", "surface.interreflection"};
   e.separate_by = "a picture with the lamp off";
   e.correction = "darken the room; subtract the picture with the lamp off";
   e.needs = Needs::photograph;
-  e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
-    return {{"as far as the sky is seen",
-             {number("ambient_sky", "of_lamp", 0.002, &PhotoState::ambient_sky)},
-             {},
-             1},
-            {"the same everywhere",
-             {number("ambient_even", "of_lamp", 0.002, &PhotoState::ambient_even)},
-             {},
-             1}};
+  e.photo_forms = [](const PhotoScene& scene) -> std::vector<PhotoForm> {
+    const PhotoParameter sky = number("ambient_sky", "of_lamp", 0.002, &PhotoState::ambient_sky);
+    std::vector<PhotoForm> forms{
+        {"as far as the sky is seen", {sky}, {}, 1},
+        {"the same everywhere",
+         {number("ambient_even", "of_lamp", 0.002, &PhotoState::ambient_even)},
+         {},
+         1}};
+    // Windows and white ceilings: brighter there, and of another colour than the lamp.
+    std::vector<PhotoParameter> side, colour;
+    for (int axis = 0; axis < 3; ++axis)
+      side.push_back(
+          {fmt::format("ambient_side{}", axis),
+           fmt::format("towards_{}", std::string_view("xyz")[static_cast<std::size_t>(axis)]),
+           [](const PhotoState&, const PhotoScene&) {
+             return std::pair{-0.002, 0.002};
+           },
+           [axis](PhotoState& s, double v) { s.ambient_side += along_axis(axis, v); }});
+    if (scene.colour)
+      colour = {number("ambient_red", "red_more", 0.002, &PhotoState::ambient_red),
+                number("ambient_blue", "blue_more", 0.002, &PhotoState::ambient_blue)};
+    const auto add = [&](const char* law, const std::vector<PhotoParameter>& more,
+                         const std::vector<PhotoParameter>& besides) {
+      PhotoForm form{law, {sky}, {}, 1};
+      form.parameters.insert(form.parameters.end(), more.begin(), more.end());
+      form.parameters.insert(form.parameters.end(), besides.begin(), besides.end());
+      forms.push_back(std::move(form));
+    };
+    add("as far as the sky is seen, brighter on one side", side, {});
+    if (scene.colour) {
+      add("as far as the sky is seen, of another colour", {}, colour);
+      add("as far as the sky is seen, brighter on one side, of another colour", side, colour);
+    }
+    return forms;
   };
   all.push_back(std::move(e));
 }

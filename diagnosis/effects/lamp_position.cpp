@@ -40,8 +40,17 @@ void add_lamp_position(std::vector<Effect>& all) {
     for (std::size_t k = 0; k < scene.lamps; ++k) every[k] = k;
     for (const bool refocused : {false, true}) {
       add(every, refocused, scene.lamps > 1 ? "every lamp alike" : "the lamp");
-      for (std::size_t k = 0; k < scene.lamps && scene.lamps > 1; ++k)
+      if (scene.lamps < 2) continue;
+      // Each lamp stands where it was put: nothing moves two of them alike.
+      PhotoForm each{refocused ? "each lamp, exposed anew" : "each lamp, as bright", {}, {}, 0};
+      for (std::size_t k = 0; k < scene.lamps; ++k) {
         add({k}, refocused, fmt::format("lamp {} alone", k + 1));
+        for (PhotoParameter p : forms.back().parameters) {
+          p.name = fmt::format("lamp_{}_{}", k + 1, p.name);
+          each.parameters.push_back(std::move(p));
+        }
+      }
+      forms.push_back(std::move(each));
     }
     return forms;
   };

@@ -21,6 +21,20 @@ void add_photo_defocus(std::vector<Effect>& all) {
       p.shown = root;
       forms.push_back({"the same everywhere" + scope.says, {std::move(p)}, {}, 1, kLeastBlur_px2});
     }
+    // One lens, focused once before or behind the part: near places are spread otherwise than far
+    // ones.
+    PhotoForm focus{"by distance, of a lens focused elsewhere", {}, {}, 1, kLeastBlur_px2};
+    for (const auto& [at, name] :
+         {std::pair{0U, "sigma_px"}, {1U, "by_nearness_px2"}, {2U, "by_nearness_squared_px2"}})
+      // Nearnesses are a tenth or two: the same blur by steps that are as much larger.
+      focus.parameters.push_back(
+          {fmt::format("focus{}", at), name,
+           [step = 0.05 * std::pow(8.0, at)](const PhotoState&, const PhotoScene&) {
+             return std::pair{0.0, step};
+           },
+           [at](PhotoState& s, double v) { s.focus_px2[at] += v; }});
+    focus.parameters[0].shown = root;
+    forms.push_back(std::move(focus));
     return forms;
   };
   all.push_back(std::move(e));

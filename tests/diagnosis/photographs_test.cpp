@@ -5,6 +5,7 @@
 
 #include "diagnosis/photographs.hpp"
 
+#include <array>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -62,8 +63,8 @@ PhotoInput photo(int number) {
   return p;
 }
 
-/// Light at a pixel's place, as the eye of a formula sees it; 0 beside the part.
-double light(const PhotoInput& p, double u, double v) {
+/// Where a pixel's ray meets the formula.
+Vec3 place_at(const PhotoInput& p, double u, double v) {
   const double f = p.focal_length_mm * 1000.0 / p.pixel_pitch_um;
   const Vec3 d = rotate(p.model_from_camera, normalized(Vec3{u, -v, -f}));
   double t = (p.camera_position_mm.z) / -d.z;
@@ -72,7 +73,11 @@ double light(const PhotoInput& p, double u, double v) {
     const Vec3 n = normal(at.x, at.y);
     t -= (at.z - height(at.x, at.y)) * n.z / dot(n, d);
   }
-  const Vec3 at = p.camera_position_mm + t * d;
+  return p.camera_position_mm + t * d;
+}
+/// Light at a pixel's place, as the eye of a formula sees it; 0 beside the part.
+double light(const PhotoInput& p, double u, double v) {
+  const Vec3 at = place_at(p, u, v);
   if (at.x < 0.0 || at.y < 0.0 || at.x > kSide_mm || at.y > kSide_mm) return 0.0;
   const Vec3 to = p.lamp_position_mm - at;
   const Vec3 target = p.lamp_position_mm - p.lamp_target_mm;
@@ -219,6 +224,56 @@ TEST(Photographs, AFocalLengthIsNoPose) {
   }
 }
 
+TEST(Photographs, LampsThatStandEachElsewhereAreOneCause) {
+  Pictures p;
+  // As bright as they were: nearer ones light more. (Exposed anew, a way along the light would be
+  // hardly told over 40 mm.)
+  const std::array<Vec3, 2> moves{Vec3{25.0, -10.0, 15.0}, Vec3{-5.0, 20.0, 10.0}};
+  take(
+      p,
+      [&](const PhotoInput& of, double u, double v) {
+        PhotoInput stood = of;
+        stood.lamp_position_mm += moves[of.lamp_position_mm.x > 0.0 ? 0 : 1];
+        const Vec3 was = of.lamp_position_mm - of.lamp_target_mm,
+                   is = stood.lamp_position_mm - stood.lamp_target_mm;
+        return light(stood, u, v) * dot(was, was) / dot(is, is);
+      },
+      as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"lamp.position"});
+  EXPECT_EQ(d->causes[0].law, "each lamp, as bright");
+  ASSERT_EQ(d->causes[0].parameters.size(), 6U);
+  // Slopes are taken straight between nodes, 0.2 % flatter than waves of 1.7 rad / mm on a grid of
+  // 0.1 mm: as if the lamp were higher by that of 1150 mm, and a third of it for noise.
+  for (std::size_t lamp = 0; lamp < 2; ++lamp) {
+    const Vec3 found{d->causes[0].parameters[3 * lamp].value,
+                     d->causes[0].parameters[3 * lamp + 1].value,
+                     d->causes[0].parameters[3 * lamp + 2].value};
+    EXPECT_LT(norm(found - moves[lamp]), 3.0) << lamp;
+  }
+}
+
+TEST(Photographs, ACoatThatThinsOutOneWayIsAnAlbedo) {
+  Pictures p;
+  // One wave of a map has nearly all of it: what most waves are like must not stand against it.
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, u, v) * (1.0 + 0.08 * (place_at(of, u, v).x / kSide_mm - 0.5));
+      },
+      as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"surface.albedo"});
+  EXPECT_EQ(d->verdict, "explained");
+  // cos(pi (x / 40 + 0.1) / 1.2) has -8 / pi^2 of a slope from -0.6 to 0.6, each 0.048; waves of
+  // third order and more have the rest and are not quite apart from it on the part alone: a tenth.
+  const auto& first = d->causes[0].parameters[0];
+  EXPECT_EQ(first.name, "wave_1_0");
+  EXPECT_NEAR(first.value, -0.048 * 8.0 / std::pow(std::numbers::pi, 2), 0.004);
+}
+
 TEST(Photographs, NoiseThatIsNotAsStatedIsNamed) {
   Pictures p;
   take(p, light, as_it_is, 1.5);
@@ -351,6 +406,48 @@ TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {
   s.red_scale = 1e-3;
   EXPECT_NEAR(displacement(p, 0, s, scene)[1], 1e-3 * f * 20.0 / 495.0, 1e-5);
   EXPECT_EQ(displacement(p, 2, s, scene)[1], 0.0);
+}
+
+TEST(PhotoChain, ARoomLightsByHowAPlaceLeansAndByBand) {
+  const PhotoScene scene = one_photo();
+  PhotoPixel p;
+  p.place = {0.0, 0.0, 0.0};
+  p.normal = normalized(Vec3{0.6, -0.2, 1.0});
+  p.sky = 0.9F;
+  const PhotoState dark = nothing();
+  PhotoState s = nothing();
+  s.ambient_sky = 0.03;
+  s.ambient_side = {0.01, -0.004, 0.02};
+  p.sky_side = {0.5F, -0.1F, 0.8F};
+  const double lamp = PhotoChain(dark, dark, scene).radiance(p);
+  EXPECT_NEAR(PhotoChain(s, s, scene).radiance(p) - lamp,
+              0.3 * (0.9 * 0.03 + 0.5 * 0.01 + 0.1 * 0.004 - (0.9 - 0.8) * 0.02), 1e-8);
+  // Of a band alone, whatever the others: a white balance would be a factor on the lamp's, too.
+  s.ambient_red = -0.01;
+  s.ambient_blue = 0.006;
+  p.light = PhotoChain(s, dark, scene).radiance(p);
+  for (const auto& [channel, more] : {std::pair{0, -0.01}, {1, 0.0}, {2, 0.006}})
+    EXPECT_NEAR(PhotoChain(s, dark, scene).value(p, channel, p.light), 0.3 * 0.9 * more, 1e-8);
+}
+
+TEST(PhotoChain, ALensFocusedBesideThePartSpreadsByDistance) {
+  const PhotoScene scene = one_photo();  // looks down from 500 mm; the box's middle is 5 mm high
+  // A disc of C |1 / d - 1 / F| pixels, its variance a sixteenth of its square.
+  constexpr double kDisc = 26000.0, kFocus = 540.0, kReference = 495.0;
+  const double a = kDisc / 4.0 / kReference, off = 1.0 - kReference / kFocus;
+  PhotoState s = nothing();
+  const PhotoState sharp = nothing();  // chains keep references
+  s.focus_px2 = {a * a * off * off, 2.0 * a * a * off, a * a};
+  PhotoPixel p;
+  p.duu = 0.01F;
+  p.dvv = -0.004F;
+  for (const double z : {0.0, 5.0, 40.0}) {
+    p.place = {30.0, -20.0, z};  // depth is along the axis
+    const double disc = kDisc * (1.0 / (500.0 - z) - 1.0 / kFocus);
+    EXPECT_NEAR(focus_px2(p.place, 0, s, scene), disc * disc / 16.0, 1e-9);
+    EXPECT_NEAR(PhotoChain(s, sharp, scene).value(p, 1, 0.0),
+                0.5 * disc * disc / 16.0 * (0.01 - 0.004), 1e-8);
+  }
 }
 
 TEST(PhotoChain, TheSensorsStepsComeInTheirOrder) {

@@ -197,7 +197,9 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
   Members members;
   for (int round = 0; round < kRounds; ++round) {
     std::vector<Ranked> alone;
+    bank.tried = plain_thetas(search.layout.cell_mm).size();
     auto chosen = choose(search, bank, alone, run);
+    bank.tried = bank.theta.size();
     ranking = std::move(alone);
     if (chosen.empty() && members.empty()) break;
     residuals.about(chosen);

@@ -66,9 +66,11 @@ FittedNoise noise_of(const Bank& bank, const Fit& f, const Layout& layout) {
       means += static_cast<double>(s.top[u].weight.size());
     }
     const detail::Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[u])];
-    (u == 0 ? n.common : n.own) = {f.top_variance[u] * points / std::fmax(1.0, means),
-                                   f.top_variance[u] * theta.ratio,
-                                   std::fmax(1e-3, theta.length_mm), theta.gauss};
+    // What a coat adds to the means of cells is hardly the same in the next.
+    const double coat = theta.rough * theta.ratio;
+    (u == 0 ? n.common : n.own) = {
+        f.top_variance[u] * points / std::fmax(1.0, means) * (1.0 + coat),
+        f.top_variance[u] * theta.smooth_ratio(), std::fmax(1e-3, theta.length_mm), theta.gauss};
   }
   return n;
 }
@@ -229,7 +231,8 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   Scene scene = m.scene;
   Layout layout = detail::lay_out(scene.box, seed);
   const auto nuisances = detail::nuisances_of(m);
-  const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
+  const auto theta = detail::plain_thetas(layout.cell_mm);
+  const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout, &theta);
   if (scene.has_path) look_along_the_program(m.observations, plain, layout, scene);
   layout.smooth = detail::smooth_law(plain, layout);
   detail::Search search{m.observations, nuisances, layout,

@@ -25,7 +25,7 @@ struct Small {
     }
   };
   std::array<Top, kTops> top;
-  std::vector<double> ratio;  // by theta
+  std::vector<double> ratio;  // of what is smooth, by theta
   Index nuisances = 0;        // the first columns
 };
 
@@ -45,11 +45,11 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
   MAQUETTE_CHECK(!std::isnan(s.gram[0].sum()), "columns without answers are fitted");
   for (std::size_t u = 0; u < kTops; ++u) {
     Small::Top& top = s.top[u];
-    top.grams = MatrixXd::Zero(n, n * static_cast<Index>(bank.theta.size()));
-    top.log_det.assign(bank.theta.size(), 0.0);
+    top.grams = MatrixXd::Zero(n, n * static_cast<Index>(bank.tried));
+    top.log_det.assign(bank.tried, 0.0);
     for (const TopSums* from : tops_of(bank, sets, u)) {
       top.count += static_cast<double>(from->weight.size());
-      for (std::size_t t = 0; t < bank.theta.size(); ++t) {
+      for (std::size_t t = 0; t < bank.tried; ++t) {
         auto to = top.grams.middleCols(static_cast<Index>(t) * n, n);
         // By hand: gram[t](at, at) copies the indices twice, for each theta.
         const MatrixXd& all = from->gram[t];
@@ -61,7 +61,7 @@ Small pick(const Bank& bank, const std::vector<int>& model, const std::vector<in
       }
     }
   }
-  for (const Theta& theta : bank.theta) s.ratio.push_back(theta.ratio);
+  for (const Theta& theta : bank.theta) s.ratio.push_back(theta.smooth_ratio());
   s.nuisances = std::min<Index>(bank.nuisances, n - 1);
   return s;
 }
@@ -278,7 +278,7 @@ Fit fit(const Bank& bank, const std::vector<int>& model, const std::vector<int>&
   // best two followed to rest.
   MatrixXd a;
   std::vector<Fit> starts;
-  for (std::size_t t = 0; t < bank.theta.size(); ++t) {
+  for (std::size_t t = 0; t < bank.tried; ++t) {
     Fit f = start;
     f.theta[0] = static_cast<int>(t);
     roughly(s, f);
@@ -339,6 +339,7 @@ double objective_held(const Bank& bank, const std::vector<int>& model, const Vec
   moved.nuisances = bank.nuisances;
   moved.weight = bank.weight;
   moved.theta = bank.theta;
+  moved.tried = bank.tried;
   for (const int set : sets) {
     const SetSums& from = bank.sets[static_cast<std::size_t>(set)];
     SetSums& to = moved.sets[static_cast<std::size_t>(set)];

@@ -126,7 +126,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
                 const Layout& l, const Bank& bank, const Fit& f, Squares& odd) {
   Remainder rest;
   const Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[0])];
-  rest.smooth_mm = std::sqrt(theta.ratio * f.top_variance[0]);
+  rest.smooth_mm = std::sqrt(theta.smooth_ratio() * f.top_variance[0]);
   rest.smooth_length_mm = theta.length_mm;
   const auto note = [&](const char* kind) {
     if (std::find(rest.kinds.begin(), rest.kinds.end(), kind) == rest.kinds.end())

@@ -14,7 +14,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 }  // namespace
 
-std::vector<Theta> thetas(double cell) {
+std::vector<Theta> plain_thetas(double cell) {
   std::vector<Theta> all{{}};
   const auto add = [&](bool gauss, double length) {
     for (const double ratio : {0.7, 3.0, 12.0, 50.0, 200.0, 1000.0})
@@ -24,6 +24,15 @@ std::vector<Theta> thetas(double cell) {
   // Smooth processes far above the white part tell their length well: steps of 1.5.
   for (const double length : {0.6, 0.9, 1.35, 2.0, 3.0, 4.5, 7.0, 10.5, 16.0, 24.0})
     add(true, length);
+  return all;
+}
+
+std::vector<Theta> thetas(double cell) {
+  auto all = plain_thetas(cell);
+  for (const double length : {4.5, 7.0, 10.5, 16.0})
+    for (const double rough : {0.2, 0.5, 0.8})
+      for (const double ratio : {12.0, 50.0, 200.0})
+        all.push_back({true, length * cell, ratio, rough});
   return all;
 }
 
@@ -47,9 +56,15 @@ MatrixXd total(const Sums& sums, std::size_t set, std::size_t scale) {
   return all;
 }
 
+/// Of the correlation of a coat that is rough within a cell.
+constexpr double kCoatCells = 0.6;
+
 /// Heights of a process of ratio 1 as means over cells see them; that of a Gaussian process is
 /// nearly Gaussian again.
 MatrixXd process(const TopSums& s, const Theta& theta, double cell_mm) {
+  if (theta.rough > 0.0)
+    return (1.0 - theta.rough) * process(s, {theta.gauss, theta.length_mm, theta.ratio}, cell_mm) +
+           theta.rough * process(s, {false, kCoatCells * cell_mm, theta.ratio}, cell_mm);
   const auto m = static_cast<Index>(s.weight.size());
   const auto at = [](Index i) { return static_cast<std::size_t>(i); };
   const double own = theta.length_mm * theta.length_mm,
@@ -108,7 +123,7 @@ void factorise(TopSums& sums, std::vector<Points::Top>& parts, const std::vector
   std::vector<std::size_t> begin;
   for (std::size_t t = 0; t < theta.size(); ++t)
     if (t == 0 || theta[t].gauss != theta[t - 1].gauss ||
-        theta[t].length_mm != theta[t - 1].length_mm)
+        theta[t].length_mm != theta[t - 1].length_mm || theta[t].rough != theta[t - 1].rough)
       begin.push_back(t);
   begin.push_back(theta.size());
   oneapi::tbb::parallel_for(std::size_t{0}, begin.size() - 1, [&](std::size_t k) {
@@ -415,6 +430,7 @@ Bank sum_up(const std::vector<Observation>& all, const std::vector<Column>& nuis
             const std::vector<Theta>* theta, int only) {
   Bank bank;
   bank.theta = theta != nullptr ? *theta : thetas(layout.cell_mm);
+  bank.tried = bank.theta.size();
   bank.points = std::make_shared<Points>(sort_points(all, layout, only, bank));
   const auto start = [&](TopSums& sums) {
     sums.gram.assign(bank.theta.size(), MatrixXd::Zero(1, 1));

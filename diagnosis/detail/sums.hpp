@@ -15,7 +15,9 @@
 // and differences between set-ups, which have not; each kind has its own variance at each scale.
 //
 // The means of the cells have a dense covariance: white + a stationary process of heights (theta)
-// less its best plane, one for means over the set-ups and one for differences between them. A
+// less its best plane, one for means over the set-ups and one for differences between them. It may
+// be rough within a cell and smooth over several (a coat on an uneven block); what is fitted by one
+// length of the two lies between them, and the smooth part is a warp to what believes it. A
 // process longer than a block is the same in neighbouring sets: where all sets are used at once,
 // means over the set-ups have one covariance, not one for each set.
 //
@@ -50,7 +52,13 @@ struct Theta {
   bool gauss = false;  ///< else exponential correlation
   double length_mm = 0.0;
   double ratio = 0.0;  ///< variance over that of the white part of a mean cell; 0: white
+  /// Share of the variance that a coat has: exponential correlation, shorter than a cell.
+  double rough = 0.0;
+  [[nodiscard]] double smooth_ratio() const { return (1.0 - rough) * ratio; }
 };
+/// Of one length each.
+[[nodiscard]] std::vector<Theta> plain_thetas(double cell_mm);
+/// These, and those that are rough and smooth at once.
 [[nodiscard]] std::vector<Theta> thetas(double cell_mm);
 
 /// What neighbouring cells tell of each other (points.hpp).
@@ -113,6 +121,9 @@ struct Bank {
   std::array<SetSums, kSets> sets;
   TopSums joint;  ///< means over the set-ups, of all sets; empty in a bank of one set
   std::vector<Theta> theta;
+  /// Fits try the first so many. Plain ones come first: beside noise that may be rough and smooth
+  /// at once two causes are seldom found one after the other.
+  std::size_t tried = 0;
   std::shared_ptr<Points> points;
   [[nodiscard]] int y() const { return static_cast<int>(columns.size()); }
 };

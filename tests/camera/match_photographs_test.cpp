@@ -89,8 +89,8 @@ MatchPhoto shoot(const std::string& name, Vec3 from, const Truth& truth, int wid
   scene.relief = &world().relief;
   scene.paint.albedo = kAlbedo;
   if (truth.ambient > 0.0) {
-    scene.ambient = truth.ambient;
-    scene.openness = challenge::openness_of(world().relief, 4.0, 64, 1);
+    scene.ambient.fill(truth.ambient);
+    scene.openness = challenge::openness_of(world().relief, {}, 4.0, 64, 1);
   }
   challenge::Picture picture = challenge::render(scene, camera, lamp, {}, 0, 1, seed);
   challenge::Sensor sensor;

@@ -21,6 +21,7 @@ constexpr double kHuber = 3.0;  // of the noise as found
 constexpr float kLargest = 1e4F;
 constexpr double kLargeGain = 20.0;   // of a step, in -2 log likelihood
 constexpr double kLightStep = 0.005;  // relative, of its derivative
+constexpr int kSettleSteps = 2;       // for each kind of slopes between nodes
 
 }  // namespace
 
@@ -258,19 +259,24 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
   return best;
 }
 
-void PhotoFit::settle_normals(const PhotoMembers& model) {
+PhotoMembers PhotoFit::settle_normals(const PhotoMembers& model) {
   double least = INFINITY;
   Normals better = normals;
+  PhotoMembers best = model;
   for (const Normals each :
        {Normals::smooth, Normals::smoother, Normals::patches, Normals::facets}) {
     normals = each;
-    views_.render(state_of(model), normals, true, false);
+    // What is between nodes makes up for a blur, and a blur for it: each has its own.
+    PhotoMembers own = fitted(model, kSettleSteps);
+    views_.render(state_of(own), normals, true, false);
     if (const double rough = views_.roughness(); rough < least) {
       least = rough;
       better = each;
+      best = std::move(own);
     }
   }
   normals = better;
+  return best;
 }
 
 double PhotoFit::objective(const PhotoLinear& linear, const std::vector<int>& sets) const {

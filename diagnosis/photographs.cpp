@@ -270,8 +270,8 @@ class Search {
       // A displaced picture says little of what lies between nodes.
       if (members.empty()) {
         const detail::Normals was = fit_.normals;
-        fit_.settle_normals(best);
-        if (fit_.normals != was) best = fit_.fitted(std::move(best));
+        PhotoMembers settled = fit_.settle_normals(best);
+        if (fit_.normals != was) best = fit_.fitted(std::move(settled));
       }
       if (best.size() > 1) best = exchanged(std::move(best), run);
       // What comes in and drives out another must leave less than before, or it would go on so.

@@ -57,8 +57,9 @@ class PhotoFit {
   /// Gauss and Newton on all sets. @return the values
   [[nodiscard]] PhotoMembers fitted(PhotoMembers model, int rounds = 6);
   /// Facets, patches or smooth slopes: what no cause makes, differences of neighbouring pixels
-  /// beside a fitted model, decides.
-  void settle_normals(const PhotoMembers& model);
+  /// beside a model fitted to each, decides.
+  /// @return the model as fitted to those
+  PhotoMembers settle_normals(const PhotoMembers& model);
   /// -2 log likelihood (Huber's loss) of what a rendered model leaves.
   [[nodiscard]] double objective(const PhotoLinear& linear, const std::vector<int>& sets) const;
   /// The same of a model, rendered.

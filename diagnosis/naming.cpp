@@ -234,21 +234,33 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
     residuals.about(others);
     const double linear = objective(members);
     const Screen beside = screen(bank, others, sets);
-    for (const Candidate& other : search.candidates) {
-      if (has(members, other.effect) || !may_join(others, other.effect)) continue;
-      const auto found = best_form(bank, others, other, sets, true, beside);
-      if (!(found.objective < linear + kCloseGain * kEquivalent + unlikely(moved))) continue;
+    const auto try_it = [&](const Member& other) {
       auto instead = others;
-      instead.insert(instead.begin() + static_cast<std::ptrdiff_t>(k),
-                     {other.effect, other.forms[found.form]});
+      instead.insert(instead.begin() + static_cast<std::ptrdiff_t>(k), other);
       residuals.about_alone(instead);
       const double its_shift = shift_mm(residuals.fit_of(instead));
       if (const double its = objective(instead) + unlikely(its_shift);
           its < best && its_shift < kLess * moved) {
         best = its;
-        confirmed[k].member = instead[k];
+        confirmed[k].member = other;
       }
       residuals.about(others);
+    };
+    const double at_most = linear + kCloseGain * kEquivalent + unlikely(moved);
+    for (const Candidate& other : search.candidates) {
+      if (has(others, other.effect) || !may_join(others, other.effect)) continue;
+      if (other.effect != members[k].effect) {
+        const auto found = best_form(bank, others, other, sets, true, beside);
+        if (found.objective < at_most) try_it({other.effect, other.forms[found.form]});
+        continue;
+      }
+      // A circle read wrong twice a turn is over a tenth of a turn as one read wrong once, but for
+      // where it puts the scan.
+      for (const Form& form : other.forms) {
+        auto instead = others;
+        instead.push_back({other.effect, form});
+        if (form.law != members[k].form.law && objective(instead) < at_most) try_it(instead.back());
+      }
     }
   }
   residuals.about(members_of(confirmed));

@@ -13,6 +13,7 @@
 //   a film that levels over ridges .................. no cause
 //   a step of one raster over another ............... named, with its size
 //   a radius, and the film that looks the same ...... each first where the scans lie as they should
+//   a circle read wrong once a turn ................. not twice, which would have moved the scans
 //   a coat .......................................... not eaten by registration
 //   a bow and a drift, near-collinear ............... told apart, or named together
 //   dents, bulges, rings, patches ................... unexplained, no name
@@ -388,7 +389,7 @@ TEST(Inference, AStepWhereABandBeginsIsTheBands) {
     m.scene.section_starts = {0.5};
     const auto d = diagnose(std::move(m), 1);
     ASSERT_TRUE(d.has_value());
-    ASSERT_EQ(d->causes.size(), 1U);
+    ASSERT_EQ(d->causes.size(), 1U) << moment << ":\n" << told(*d);
     EXPECT_EQ(d->causes[0].effect, moment == 0.5 ? "process.band_step" : "machine.step_loss_z");
     EXPECT_TRUE(names(d->causes[0], "process.band_step"));
     EXPECT_TRUE(names(d->causes[0], "machine.step_loss_z"));
@@ -603,6 +604,26 @@ TEST(Inference, SeesInThePosesWhatRegistrationTakes) {
               return o.set_up == 1 ? dot(o.along, Vec3{0.2, -0.15, 0.1}) : 0.0;
             }).effect,
             "scanner.registration");
+}
+
+TEST(Inference, ACircleReadWrongOnceATurnMovesNoScan) {
+  // Seen from a right angle apart over a few degrees, an error of this phase is as well one that
+  // comes twice a turn, but for a turn of each scan about its station.
+  constexpr double kSize = 1e-3, kPhase = 0.75 * 3.141592653589793;
+  for (const std::uint64_t seed : {72U, 73U}) {
+    const auto d = diagnose(part(seed, {0.05, 0.0, 20.0, 0.004},
+                                 [](const Observation& o) {
+                                   const double azimuth = std::atan2(o.beam.y, o.beam.x);
+                                   const Vec3 across = cross(Vec3{0.0, 0.0, 1.0}, o.beam);
+                                   return kSize * std::cos(azimuth - kPhase) * o.range_mm *
+                                          dot(o.along, across);
+                                 }),
+                            1);
+    ASSERT_TRUE(d.has_value());
+    ASSERT_EQ(d->causes.size(), 1U) << seed << ":\n" << told(*d);
+    EXPECT_EQ(d->causes[0].effect, "scanner.encoder_eccentricity") << seed;
+    EXPECT_EQ(d->causes[0].law, "horizontal circle, once a turn, same in all scans") << seed;
+  }
 }
 
 TEST(Inference, TakesPosesThatAreAllWrongForWhatTheyAre) {

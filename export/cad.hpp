@@ -15,6 +15,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/mesh_stream.hpp"
@@ -43,6 +44,16 @@ inline constexpr ErrorCode kLibraryFailed{"EXPORT_LIBRARY_FAILED"};
 
 [[nodiscard]] Result<void> write_obj(const MeshStream& mesh, const std::filesystem::path& path,
                                      const RunContext& run = {});
+
+/// USD in its text form: one mesh under a prim of that `name`, model frame (upAxis Z, metersPerUnit
+/// 0.001), float32, no subdivision, matt paint as UsdPreviewSurface. Streams.
+/// EXPORT_TOO_MANY_TRIANGLES: 2^31 vertices or more.
+[[nodiscard]] Result<void> write_usda(const TriMesh& mesh, std::string_view name,
+                                      const std::filesystem::path& path,
+                                      const RunContext& run = {});
+[[nodiscard]] Result<void> write_usda(const MeshStream& mesh, std::string_view name,
+                                      const std::filesystem::path& path,
+                                      const RunContext& run = {});
 
 struct NamedMesh {
   std::string name, part_number;

@@ -23,6 +23,8 @@ inline constexpr std::uint64_t kStlTriangleLimit = 0xFFFFFFFFULL;
 /// A 3MF part is XML, some 90 bytes a triangle; above this it passes 4 GiB, which
 /// several readers cannot take.
 inline constexpr std::uint64_t k3mfTriangleLimit = 40'000'000ULL;
+/// USD's faceVertexIndices are signed, of 32 bits.
+inline constexpr std::uint64_t kUsdVertexLimit = 0x7FFFFFFFULL;
 /// A glb file and its chunks count bytes in 32 bits.
 inline constexpr std::uint64_t kGlbByteLimit = 0xFFFFFFFFULL;
 

@@ -47,6 +47,7 @@ struct LodAssetOptions {
   bool normals = true;
   int normal_bits = 7;                ///< of draco, octahedral (draco_normals.hpp)
   double scale_denominator = 1000.0;  ///< recorded
+  bool merge_stones = false;          ///< one mesh instead of instances (lod_stones.hpp)
 };
 
 /// Metres of the content for a metre of the model: 1 at model size; 1000 for the full size of a

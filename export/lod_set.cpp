@@ -324,7 +324,7 @@ Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
                                                                       content_scale(options)),
                                                         report.outputs.back()));
   }
-  for (const auto& [path, content] : subtree_files(report, field))
+  for (const auto& [path, content] : subtree_files(report, options, field))
     MAQUETTE_TRY_VOID(put(path, content));
   MAQUETTE_TRY_VOID(
       put("tileset_implicit.json", implicit_tileset(report, options, field, stones_at)));

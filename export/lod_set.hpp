@@ -21,7 +21,8 @@
 /// Errors  geometricError of a tile is not less than the vertical distance of what a decoder gets
 ///         to the full surface, measured everywhere (lod_tile.hpp), and not less than any child's.
 ///         With implicit tiling it halves from level to level, so the root's is as large as that
-///         takes.
+///         takes; subtrees say each tile's own (TILE_GEOMETRIC_ERROR, TILE_BOUNDING_BOX) to those
+///         who read metadata, as CesiumJS does.
 /// Skirts  only if asked for. Errors are those of the surface without them; tiles are then made
 ///         and measured twice, first to know how deep skirts have to be.
 /// Boxes   contain content and children, and are a step larger on each side.

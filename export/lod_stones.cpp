@@ -61,13 +61,13 @@ Pose pose_of(const PlacedStone& stone, Vec3 corner_mm) {
           static_cast<float>(kMetresPerMillimetre * stone.scale_mm)};
 }
 
-std::size_t add_rock(Json& json, Buffer& buffer, const PlacedStone& stone) {
-  const TriMesh rock = meshing::unit_stone(stone.shape, stone.body);
+/// A mesh in glTF's axes; @return its number
+std::size_t add_mesh(Json& json, Buffer& buffer, const TriMesh& mesh) {
   std::vector<Float3> positions;
   Float3 lo, hi;
   lo.fill(INFINITY);
   hi.fill(-INFINITY);
-  for (const Vec3& v : rock.vertices_mm) {
+  for (const Vec3& v : mesh.vertices_mm) {
     positions.push_back(to_float(gltf_axes(v)));
     for (std::size_t k = 0; k < 3; ++k) {
       lo[k] = std::min(lo[k], positions.back()[k]);
@@ -79,8 +79,8 @@ std::size_t add_rock(Json& json, Buffer& buffer, const PlacedStone& stone) {
   buffer.accessors[position]["min"] = lo;
   buffer.accessors[position]["max"] = hi;
   const std::size_t normal =
-      buffer.add(gltf_normals(rock), kFloat, positions.size(), "VEC3", kArrayBuffer);
-  const std::size_t index = buffer.add(rock.triangles, kUnsignedInt, 3 * rock.triangles.size(),
+      buffer.add(gltf_normals(mesh), kFloat, positions.size(), "VEC3", kArrayBuffer);
+  const std::size_t index = buffer.add(mesh.triangles, kUnsignedInt, 3 * mesh.triangles.size(),
                                        "SCALAR", kElementArrayBuffer);
   json["meshes"].push_back({{"primitives",
                              {{{"attributes", {{"POSITION", position}, {"NORMAL", normal}}},
@@ -89,24 +89,14 @@ std::size_t add_rock(Json& json, Buffer& buffer, const PlacedStone& stone) {
   return json["meshes"].size() - 1;
 }
 
-}  // namespace
-
-GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
-                         const LodAssetOptions& options, LodContentScale content) {
-  Json json;
-  json["asset"] = gltf_asset({{"scale_denominator", options.scale_denominator},
-                              {"metres_per_model_metre", {content.horizontal, content.vertical}}});
-  json["scene"] = 0;
-  Json top = Json::array();
-  json["nodes"] = Json::array();
-  json["meshes"] = Json::array();
-  json["materials"] = {Json::parse(material_json(options.material))};
-  Buffer buffer;
+/// A node for each shape.
+void add_instances(Json& json, Buffer& buffer, std::span<const PlacedStone> stones,
+                   Vec3 corner_mm) {
   std::vector<bool> done(stones.size(), false);
-  bool instanced = false;
   for (std::size_t i = 0; i < stones.size(); ++i) {
     if (done[i]) continue;
-    const std::size_t mesh = add_rock(json, buffer, stones[i]);
+    const std::size_t mesh =
+        add_mesh(json, buffer, meshing::unit_stone(stones[i].shape, stones[i].body));
     std::vector<Float3> translations, scales;
     std::vector<std::array<float, 4>> rotations;
     Json numbers = Json::array();
@@ -126,7 +116,7 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
       node["rotation"] = rotations[0];
       node["scale"] = scales[0];
     } else {
-      instanced = true;
+      json["extensionsUsed"] = json["extensionsRequired"] = {"EXT_mesh_gpu_instancing"};
       node["name"] = fmt::format("stones like {}", stones[i].number);
       const std::size_t count = translations.size();
       node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = {
@@ -134,9 +124,54 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
           {"ROTATION", buffer.add(rotations, kFloat, count, "VEC4", 0)},
           {"SCALE", buffer.add(scales, kFloat, count, "VEC3", 0)}};
     }
-    top.push_back(json["nodes"].size());
     json["nodes"].push_back(std::move(node));
   }
+}
+
+/// One node, one mesh.
+void add_merged(Json& json, Buffer& buffer, std::span<const PlacedStone> stones, Vec3 corner_mm) {
+  TriMesh all;  // metres from the corner
+  std::vector<float> feature;
+  Json numbers = Json::array();
+  for (const PlacedStone& stone : stones) {
+    const TriMesh one = meshing::stone_mesh(stone);
+    const auto first = static_cast<std::uint32_t>(all.vertices_mm.size());
+    for (const Vec3& v : one.vertices_mm)
+      all.vertices_mm.push_back(kMetresPerMillimetre * (v - corner_mm));
+    for (const auto& t : one.triangles)
+      all.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+    feature.resize(all.vertices_mm.size(), static_cast<float>(numbers.size()));
+    numbers.push_back(stone.number);
+  }
+  const std::size_t mesh = add_mesh(json, buffer, all);
+  Json& primitive = json["meshes"][mesh]["primitives"][0];
+  primitive["attributes"]["_FEATURE_ID_0"] =
+      buffer.add(feature, kFloat, feature.size(), "SCALAR", kArrayBuffer);
+  primitive["extensions"]["EXT_mesh_features"]["featureIds"] = {
+      {{"featureCount", stones.size()}, {"attribute", 0}}};
+  json["extensionsUsed"] = {"EXT_mesh_features"};
+  json["nodes"].push_back(
+      {{"name", "stones"}, {"mesh", mesh}, {"extras", {{"stones", std::move(numbers)}}}});
+}
+
+}  // namespace
+
+GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
+                         const LodAssetOptions& options, LodContentScale content) {
+  Json json;
+  json["asset"] = gltf_asset({{"scale_denominator", options.scale_denominator},
+                              {"metres_per_model_metre", {content.horizontal, content.vertical}}});
+  json["scene"] = 0;
+  json["nodes"] = Json::array();
+  json["meshes"] = Json::array();
+  json["materials"] = {Json::parse(material_json(options.material))};
+  Buffer buffer;
+  if (options.merge_stones)
+    add_merged(json, buffer, stones, corner_mm);
+  else
+    add_instances(json, buffer, stones, corner_mm);
+  Json top = Json::array();
+  for (std::size_t i = 0; i < json["nodes"].size(); ++i) top.push_back(i);
   if (content.horizontal != 1.0 || content.vertical != 1.0) {
     Json all{{"name", "stones"},
              {"scale", {content.horizontal, content.vertical, content.horizontal}},
@@ -145,10 +180,6 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
     json["nodes"].push_back(std::move(all));
   }
   json["scenes"] = {{{"nodes", std::move(top)}}};
-  if (instanced) {
-    json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
-    json["extensionsRequired"] = {"EXT_mesh_gpu_instancing"};
-  }
   json["bufferViews"] = std::move(buffer.views);
   json["accessors"] = std::move(buffer.accessors);
   json["buffers"] = {{{"byteLength", buffer.bytes.size()}}};

@@ -4,7 +4,9 @@
 /// @file lod_stones.hpp
 /// Stones in their poses as one glTF: each distinct shape once. A shape that lies in several places
 /// is one node with EXT_mesh_gpu_instancing, one that lies in one place a node of its own; `extras`
-/// of a node has the numbers of its stones, in order.
+/// of a node has the numbers of its stones, in order. Merged (LodAssetOptions::merge_stones) they
+/// are one mesh in which `_FEATURE_ID_0` of a vertex (EXT_mesh_features) says which of these
+/// numbers is its stone's: more bytes, one draw call, and no extension that an engine must have.
 
 #include <span>
 

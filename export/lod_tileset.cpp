@@ -18,10 +18,13 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kSubtreeLevels = 6;  ///< 1365 tiles a subtree file
 
-Json json_box(const Box3& box) {
+/// Middle and half axes, as 3D Tiles has it.
+std::array<double, 12> box_numbers(const Box3& box) {
   const Vec3 middle = 0.5 * (box.min + box.max), half = 0.5 * (box.max - box.min);
-  return {{"box",
-           {middle.x, middle.y, middle.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z}}};
+  return {middle.x, middle.y, middle.z, half.x, 0.0, 0.0, 0.0, half.y, 0.0, 0.0, 0.0, half.z};
+}
+Json json_box(const Box3& box) {
+  return {{"box", box_numbers(box)}};
 }
 
 void add(Box3& box, const Box3& other) {
@@ -70,7 +73,10 @@ class Tree {
   }
 
   [[nodiscard]] int top() const { return top_; }
-  [[nodiscard]] const Node& root() const { return nodes_.at({top_, 0, 0}); }
+  [[nodiscard]] const Node& root() const { return at(0, 0, 0); }
+  [[nodiscard]] const Node& at(int depth, std::ptrdiff_t x, std::ptrdiff_t y) const {
+    return nodes_.at({top_ - depth, x, y});
+  }
   [[nodiscard]] bool has(int depth, std::ptrdiff_t x, std::ptrdiff_t y) const {
     return nodes_.contains({top_ - depth, x, y});
   }
@@ -113,9 +119,8 @@ class Tree {
 };
 
 /// Terrain and stones under one root without content.
-std::string tileset(const Tree& tree, Json terrain, double terrain_error_m, const Box3& terrain_box,
-                    const LodSetOptions& options, const heightmap::ModelField& field,
-                    const Box3& stones) {
+Json tileset(const Tree& tree, Json terrain, double terrain_error_m, const Box3& terrain_box,
+             const LodSetOptions& options, const heightmap::ModelField& field, const Box3& stones) {
   Box3 box = terrain_box;
   if (!stones.empty()) add(box, stones);
   // What is missing where nothing is drawn: all of it.
@@ -149,14 +154,16 @@ std::string tileset(const Tree& tree, Json terrain, double terrain_error_m, cons
                                 {"content", {{"uri", "stones.glb"}}}});
   json["geometricError"] = error;
   json["root"] = std::move(root);
-  return json.dump();
+  return json;
 }
 
-std::size_t morton(std::size_t x, std::size_t y) {
-  std::size_t code = 0;
-  for (std::size_t bit = 0; bit < 16; ++bit)
-    code |= (x >> bit & 1) << (2 * bit) | (y >> bit & 1) << (2 * bit + 1);
-  return code;
+std::pair<std::ptrdiff_t, std::ptrdiff_t> from_morton(std::size_t code) {
+  std::size_t x = 0, y = 0;
+  for (std::size_t bit = 0; bit < 16; ++bit) {
+    x |= (code >> (2 * bit) & 1) << bit;
+    y |= (code >> (2 * bit + 1) & 1) << bit;
+  }
+  return {static_cast<std::ptrdiff_t>(x), static_cast<std::ptrdiff_t>(y)};
 }
 
 struct Bits {
@@ -181,16 +188,49 @@ Json json_availability(const Bits& bits, std::string& binary, Json& views) {
   return {{"bitstream", views.size() - 1}, {"availableCount", count}};
 }
 
+/// What a subtree's table of tiles says of each: what halving the root's box and error would only
+/// bound (3D Metadata Specification, semantics of tiles).
+Json tile_schema() {
+  const auto property = [](const char* semantic) {
+    return Json{{"type", "SCALAR"},
+                {"componentType", "FLOAT64"},
+                {"required", true},
+                {"semantic", semantic}};
+  };
+  Json box = property("TILE_BOUNDING_BOX");
+  box["array"] = true;
+  box["count"] = 12;
+  return {{"id", "maquette_tiles"},
+          {"classes",
+           {{"tile",
+             {{"properties",
+               {{"box", std::move(box)}, {"error", property("TILE_GEOMETRIC_ERROR")}}}}}}}};
+}
+
+/// @return  number of the view
+std::size_t add_doubles(const std::vector<double>& values, std::string& binary, Json& views) {
+  const std::size_t at = binary.size(), bytes = values.size() * sizeof(double);
+  binary.resize(at + bytes);
+  std::memcpy(binary.data() + at, values.data(), bytes);
+  views.push_back({{"buffer", 0}, {"byteOffset", at}, {"byteLength", bytes}});
+  return views.size() - 1;
+}
+
 std::string subtree(const Tree& tree, int depth, std::ptrdiff_t x, std::ptrdiff_t y) {
   Bits tiles, children;
+  std::vector<double> boxes, errors;  // of tiles that are there, in the order of their bits
   const auto fill = [&](Bits& bits, int level) {
     const std::size_t side = std::size_t{1} << level, first = bits.set.size();
     bits.set.resize(first + side * side);
-    for (std::size_t j = 0; j < side; ++j)
-      for (std::size_t i = 0; i < side; ++i)
-        bits.set[first + morton(i, j)] =
-            tree.has(depth + level, (x << level) + static_cast<std::ptrdiff_t>(i),
-                     (y << level) + static_cast<std::ptrdiff_t>(j));
+    for (std::size_t code = 0; code < side * side; ++code) {
+      const auto [i, j] = from_morton(code);
+      bits.set[first + code] = tree.has(depth + level, (x << level) + i, (y << level) + j);
+      if (!bits.set[first + code] || level == kSubtreeLevels) continue;
+      const Tree::Node& node = tree.at(depth + level, (x << level) + i, (y << level) + j);
+      const auto box = box_numbers(node.box);
+      boxes.insert(boxes.end(), box.begin(), box.end());
+      errors.push_back(node.error_m);
+    }
   };
   for (int level = 0; level < kSubtreeLevels; ++level) fill(tiles, level);
   fill(children, kSubtreeLevels);
@@ -200,10 +240,14 @@ std::string subtree(const Tree& tree, int depth, std::ptrdiff_t x, std::ptrdiff_
   json["tileAvailability"] = json_availability(tiles, binary, views);
   json["contentAvailability"] = {json["tileAvailability"]};
   json["childSubtreeAvailability"] = json_availability(children, binary, views);
-  if (!binary.empty()) {
-    json["buffers"] = {{{"byteLength", binary.size()}}};
-    json["bufferViews"] = std::move(views);
-  }
+  json["propertyTables"] = {{{"class", "tile"},
+                             {"count", errors.size()},
+                             {"properties",
+                              {{"box", {{"values", add_doubles(boxes, binary, views)}}},
+                               {"error", {{"values", add_doubles(errors, binary, views)}}}}}}};
+  json["tileMetadata"] = 0;
+  json["buffers"] = {{{"byteLength", binary.size()}}};
+  json["bufferViews"] = std::move(views);
   std::string text = json.dump();
   text.resize((text.size() + 7) / 8 * 8, ' ');
   std::string file = "subt";
@@ -247,7 +291,8 @@ std::string explicit_tileset(const LodSetReport& report, const LodSetOptions& op
                              const heightmap::ModelField& field, const Box3& stones) {
   const Tree tree(report, field, content_scale(options));
   return tileset(tree, tree.json(tree.top(), 0, 0), tree.root().error_m, tree.root().box, options,
-                 field, stones);
+                 field, stones)
+      .dump();
 }
 
 std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
@@ -263,12 +308,15 @@ std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& op
                  {"subtreeLevels", kSubtreeLevels},
                  {"availableLevels", report.levels.size()},
                  {"subtrees", {{"uri", "subtrees/{level}/{x}/{y}.subtree"}}}}}};
-  return tileset(tree, std::move(terrain), error, tree.square(), options, field, stones);
+  Json json = tileset(tree, std::move(terrain), error, tree.square(), options, field, stones);
+  json["schema"] = tile_schema();
+  return json.dump();
 }
 
 std::map<std::string, std::string> subtree_files(const LodSetReport& report,
+                                                 const LodSetOptions& options,
                                                  const heightmap::ModelField& field) {
-  const Tree tree(report, field, {});  // which tiles there are
+  const Tree tree(report, field, content_scale(options));
   std::map<std::string, std::string> files;
   for (int depth = 0; depth <= tree.top(); depth += kSubtreeLevels)
     for (std::ptrdiff_t y = 0; y < std::ptrdiff_t{1} << depth; ++y)

@@ -19,8 +19,10 @@ namespace maquette::exporting {
                                            const heightmap::ModelField& field, const Box3& stones);
 [[nodiscard]] std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
                                            const heightmap::ModelField& field, const Box3& stones);
-/// Binary subtree files by their path relative to tileset_implicit.json.
+/// Binary subtree files by their path relative to tileset_implicit.json: which tiles there are, and
+/// of each its box and error, the same as in tileset.json.
 [[nodiscard]] std::map<std::string, std::string> subtree_files(const LodSetReport& report,
+                                                               const LodSetOptions& options,
                                                                const heightmap::ModelField& field);
 
 /// To the body's fixed frame from the tileset's at full size: column-major, metres; rigid.

@@ -104,7 +104,8 @@ Result<Box3> surface_bounds(const fs::path& surface) {
 }
 
 const std::vector<std::string>& export_formats() {
-  static const std::vector<std::string> formats{"stl", "ply", "obj", "3mf", "step", "dxf", "glb"};
+  static const std::vector<std::string> formats{"stl",  "ply", "obj", "3mf",
+                                                "step", "dxf", "glb", "usda"};
   return formats;
 }
 
@@ -114,7 +115,7 @@ namespace {
 std::optional<meshing::CoordinateRounding> rounding_of(const std::string& format) {
   using meshing::CoordinateRounding;
   if (format == "ply") return CoordinateRounding::none;
-  if (format == "stl") return CoordinateRounding::float32;
+  if (format == "stl" || format == "usda") return CoordinateRounding::float32;
   if (format == "obj") return CoordinateRounding::micro;
   if (format == "3mf") return CoordinateRounding::lib3mf;
   return {};
@@ -146,6 +147,8 @@ Result<bool> export_terrain(const std::string& format, const fs::path& surface, 
     MAQUETTE_TRY_VOID(exporting::write_stl(solid, out, writing));
   } else if (format == "obj") {
     MAQUETTE_TRY_VOID(exporting::write_obj(solid, out, writing));
+  } else if (format == "usda") {
+    MAQUETTE_TRY_VOID(exporting::write_usda(solid, surface.stem().string(), out, writing));
   } else if (format == "3mf") {  // lib3mf takes no stream
     const std::string name = surface.stem().string();
     MAQUETTE_TRY(const TriMesh mesh, meshing::grid_solid(field, options, part(run, 0.3, 0.4)));
@@ -290,6 +293,8 @@ Result<JobResult> export_job(const std::string& format, const fs::path& surface,
       MAQUETTE_TRY_VOID(meshing::write_ply(mesh, out, writing));
     } else if (format == "obj") {
       MAQUETTE_TRY_VOID(exporting::write_obj(mesh, out, writing));
+    } else if (format == "usda") {
+      MAQUETTE_TRY_VOID(exporting::write_usda(mesh, stem, out, writing));
     } else if (format == "3mf") {
       MAQUETTE_TRY_VOID(exporting::write_3mf({{stem, stem, &mesh}}, out, writing));
     } else if (format == "glb") {

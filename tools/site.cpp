@@ -522,7 +522,7 @@ SiteFile empty_site_file() {
          "files of the solid",
          -kInf,
          kInf,
-         {"stl", "ply", "obj", "3mf", "step", "dxf", "glb"}});
+         {"stl", "ply", "obj", "3mf", "step", "dxf", "glb", "usda"}});
   t.add({"export.lod_triangles", &s.lod_triangles, "of the decimated level", 100, 1e8});
   t.add({"export.position_bits", &s.position_bits, "Draco quantisation", 8, 24});
   t.add({"export.contour_interval_mm", &s.contour_interval_mm, "of the DXF", 0.01, 1000});

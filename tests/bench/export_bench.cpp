@@ -3,7 +3,8 @@
 // Levels of detail beside other people's encoders, on the same fractal terrain, as one table:
 //
 //   export_bench [NODES]    4001 x 4001 unless given. Ours is the whole chain, levels and tiles and
-//                           their measured errors, at 16 and 20 bits, with and without normals.
+//                           their measured errors, at 16 and 20 bits, with and without normals,
+//                           with skirts and with pictures of 512 texels (their bytes counted in).
 //                           draco_encoder (Debian's draco) and gltfpack (npm), where they are
 //                           found, get the full resolution alone, as floats in a PLY or glTF file;
 //                           at Draco's default and at its smallest (-cl 10). Each case is a process
@@ -43,25 +44,22 @@ struct Row {
   double bytes = NAN, finest = NAN, triangles = NAN, wall = NAN, cpu = NAN, mib = NAN;
 };
 void print_head() {
-  fmt::print("{:<24} {:>4} {:>7} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7}\n", "", "bits", "normals",
+  fmt::print("{:<32} {:>4} {:>7} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7}\n", "", "bits", "normals",
              "B/tri", "finest", "M tri", "s", "CPU s", "MiB");
 }
 void print(const Row& r) {
   const auto number = [](double x, int decimals) {
     return std::isnan(x) ? std::string("-") : fmt::format("{:.{}f}", x, decimals);
   };
-  fmt::print("{:<24} {:>4} {:>7} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7}\n", r.what, r.bits, r.normals,
+  fmt::print("{:<32} {:>4} {:>7} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7}\n", r.what, r.bits, r.normals,
              number(r.bytes, 3), number(r.finest, 3), number(1e-6 * r.triangles, 1),
              number(r.wall, 1), number(r.cpu, 1), number(r.mib, 0));
   std::fflush(stdout);
 }
 
-void chain(const ModelField& field, LodCompression compression, int bits, bool normals,
+void chain(const ModelField& field, const LodSetOptions& options, const std::string& also,
            const fs::path& folder) {
-  LodSetOptions options;
-  options.position_bits = bits;
-  options.asset.compression = compression;
-  options.asset.normals = normals;
+  const LodCompression compression = options.asset.compression;
   const Times before = now();
   const auto report = write_lod_set(field, {}, options, folder);
   const Times after = now();
@@ -77,9 +75,9 @@ void chain(const ModelField& field, LodCompression compression, int bits, bool n
   const LodLevelReport& finest = report->levels[0];
   const std::string normal_bits =
       compression == LodCompression::draco ? fmt::format("{}", options.asset.normal_bits) : "8";
-  print({.what = fmt::format("maquette lod, {}", name(compression)),
-         .bits = fmt::format("{}", bits),
-         .normals = normals ? normal_bits : "none",
+  print({.what = fmt::format("maquette lod, {}{}", name(compression), also),
+         .bits = fmt::format("{}", options.position_bits),
+         .normals = options.asset.normals ? normal_bits : "none",
          .bytes = static_cast<double>(bytes) / static_cast<double>(triangles),
          .finest = static_cast<double>(finest.bytes) / static_cast<double>(finest.triangles),
          .triangles = static_cast<double>(triangles),
@@ -197,12 +195,26 @@ int bench(std::ptrdiff_t nodes) {
   const ModelField field = fractal(nodes);
   fmt::print("{0} x {0} nodes\n", nodes);
   print_head();
+  const auto ours = [&](const LodSetOptions& options, const std::string& also = "") {
+    in_its_own_process([&] { chain(field, options, also, folder / "set"); });
+    fs::remove_all(folder / "set");
+  };
+  LodSetOptions options;
   for (const int bits : {16, 20})
-    for (const bool normals : {true, false})
-      in_its_own_process(
-          [&] { chain(field, LodCompression::draco, bits, normals, folder / "set"); });
-  in_its_own_process([&] { chain(field, LodCompression::meshopt, 16, true, folder / "set"); });
-  fs::remove_all(folder / "set");
+    for (const bool normals : {true, false}) {
+      options.position_bits = bits;
+      options.asset.normals = normals;
+      ours(options);
+    }
+  options = {};
+  options.asset.compression = LodCompression::meshopt;
+  ours(options);
+  options = {};
+  options.skirts = true;
+  ours(options, ", skirts");
+  options = {};
+  options.texels = 512;
+  ours(options, ", 512 texels");
   // In processes of their own, so that their memory is not that of the peers' parent.
   const std::size_t triangles =
       2 * static_cast<std::size_t>(nodes - 1) * static_cast<std::size_t>(nodes - 1);

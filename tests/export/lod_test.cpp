@@ -20,12 +20,13 @@
 //   step * numbers is the model ....... each vertex of the finest level within half a step
 //   tilesets .......................... boxes contain content and children, errors do not rise
 //                                       downwards and hold each tile's; subtrees name the same
-//                                       tiles
+//                                       tiles, boxes and errors
 //   place on a body ................... against GeographicLib-free closed forms on a sphere, and
 //                                       the normal of the ellipsoid; the transform is rigid, boxes
 //                                       and errors are metres at full size, and an engine of floats
 //                                       keeps 1 um of the model
-//   stones ............................ instances decode to stone_mesh, floats apart
+//   stones ............................ instances decode to stone_mesh, floats apart; merged they
+//                                       are its triangles, each vertex with its stone
 //   same bytes for any thread count; a second run keeps every tile that is whole, other options
 //   none each error code
 
@@ -669,9 +670,15 @@ Box3 content_box(const fs::path& path) {
   return box;
 }
 
+struct TileSays {
+  std::vector<double> box;
+  double error_m = 0.0;
+  bool operator==(const TileSays&) const = default;
+};
 struct Walked {
   std::set<std::string> uris;
   std::map<std::string, double> measured_m;
+  std::map<std::string, TileSays> said;
 };
 void walk(const json& tile, const fs::path& folder, Walked& walked) {
   const Box3 box = box_of(tile["boundingVolume"]);
@@ -679,6 +686,7 @@ void walk(const json& tile, const fs::path& folder, Walked& walked) {
   if (tile.contains("content")) {
     const std::string uri = tile["content"]["uri"];
     EXPECT_TRUE(walked.uris.insert(uri).second);
+    walked.said[uri] = {tile["boundingVolume"]["box"], error};
     if (uri != "stones.glb") {
       EXPECT_TRUE(contains(box, content_box(folder / uri))) << uri;
       EXPECT_GE(error, walked.measured_m.at(uri)) << uri;
@@ -692,9 +700,10 @@ void walk(const json& tile, const fs::path& folder, Walked& walked) {
   }
 }
 
-/// Which tiles of a subtree file are available, by level and Morton index.
-std::set<std::string> subtree_tiles(const std::string& bytes, int depth0, std::ptrdiff_t x0,
-                                    std::ptrdiff_t y0, int levels) {
+/// Which tiles of a subtree file are available, by level and Morton index, and what its table says
+/// of them.
+std::map<std::string, TileSays> subtree_tiles(const std::string& bytes, int depth0,
+                                              std::ptrdiff_t x0, std::ptrdiff_t y0, int levels) {
   EXPECT_EQ(bytes.substr(0, 4), "subt");
   const auto json_size = value_at<std::uint64_t>(bytes, 8),
              binary_size = value_at<std::uint64_t>(bytes, 16);
@@ -709,7 +718,16 @@ std::set<std::string> subtree_tiles(const std::string& bytes, int depth0, std::p
         bytes[24 + json_size + view["byteOffset"].get<std::size_t>() + i / 8]);
     return ((byte >> (i % 8)) & 1) != 0;
   };
-  std::set<std::string> uris;
+  EXPECT_EQ(head["tileMetadata"], 0);
+  const json& table = head["propertyTables"][0];
+  const auto number = [&](const char* property, std::size_t i) {
+    const json& view =
+        head["bufferViews"][table["properties"][property]["values"].get<std::size_t>()];
+    EXPECT_EQ(view["byteOffset"].get<std::size_t>() % 8, 0U);
+    EXPECT_LE(8 * (i + 1), view["byteLength"].get<std::size_t>());
+    return value_at<double>(bytes, 24 + json_size + view["byteOffset"].get<std::size_t>() + 8 * i);
+  };
+  std::map<std::string, TileSays> tiles;
   std::size_t first = 0;
   for (int level = 0; level < levels; first += std::size_t{1} << (2 * level), ++level)
     for (std::size_t code = 0; code < std::size_t{1} << (2 * level); ++code) {
@@ -719,9 +737,12 @@ std::set<std::string> subtree_tiles(const std::string& bytes, int depth0, std::p
         x |= static_cast<std::ptrdiff_t>(code >> (2 * bit) & 1) << bit;
         y |= static_cast<std::ptrdiff_t>(code >> (2 * bit + 1) & 1) << bit;
       }
-      uris.insert(lod_tile_uri(depth0 + level, (x0 << level) + x, (y0 << level) + y));
+      TileSays says{{}, number("error", tiles.size())};
+      for (std::size_t k = 0; k < 12; ++k) says.box.push_back(number("box", 12 * tiles.size() + k));
+      tiles[lod_tile_uri(depth0 + level, (x0 << level) + x, (y0 << level) + y)] = std::move(says);
     }
-  return uris;
+  EXPECT_EQ(table["count"], tiles.size());
+  return tiles;
 }
 
 TEST(LodSet, TilesetsHoldTheirTiles) {
@@ -743,15 +764,18 @@ TEST(LodSet, TilesetsHoldTheirTiles) {
     const json& terrain = implicit["root"]["children"][0];
     EXPECT_EQ(terrain["implicitTiling"]["availableLevels"], report->levels.size());
     const int per_file = terrain["implicitTiling"]["subtreeLevels"];
-    std::set<std::string> uris;
+    const json& properties = implicit["schema"]["classes"]["tile"]["properties"];
+    EXPECT_EQ(properties["box"]["semantic"], "TILE_BOUNDING_BOX");
+    EXPECT_EQ(properties["error"]["semantic"], "TILE_GEOMETRIC_ERROR");
+    std::map<std::string, TileSays> said;
     for (const auto& e : fs::recursive_directory_iterator(scratch / "subtrees")) {
       if (!e.is_regular_file()) continue;
       const int depth = std::stoi(e.path().parent_path().parent_path().filename());
-      uris.merge(subtree_tiles(*read_file(e.path()), depth,
+      said.merge(subtree_tiles(*read_file(e.path()), depth,
                                std::stol(e.path().parent_path().filename()),
                                std::stol(e.path().stem()), per_file));
     }
-    EXPECT_EQ(uris, walked.uris);
+    EXPECT_TRUE(said == walked.said);
     const Box3 root = box_of(terrain["boundingVolume"]);
     const int top = static_cast<int>(report->levels.size()) - 1;
     for (const LodTileReport& t : report->tiles) {
@@ -958,6 +982,48 @@ TEST(LodSet, StonesLieInTheirPoses) {
   EXPECT_EQ(asset.head["nodes"].size(), 2U);
   const json tileset = json::parse(*read_file(scratch / "tileset.json"));
   EXPECT_EQ(tileset["root"]["children"][1]["content"]["uri"], "stones.glb");
+}
+
+TEST(LodSet, StonesMergedAreOneMesh) {
+  const ModelField f = plane(130, 130);
+  const ScratchFolder scratch;
+  const auto stones = some_stones(f);
+  LodSetOptions options = small_tiles();
+  options.asset.merge_stones = true;
+  ASSERT_THAT(write_lod_set(f, stones, options, scratch.path()), Succeeds());
+  const Asset asset = read_glb(scratch / "stones.glb");
+  ASSERT_EQ(asset.head["nodes"].size(), 1U);
+  ASSERT_EQ(asset.head["meshes"].size(), 1U);
+  EXPECT_FALSE(asset.head.contains("extensionsRequired"));
+  EXPECT_EQ(asset.head["nodes"][0]["extras"]["stones"], json({1, 2, 3, 4, 5}));
+  const json& primitive = asset.head["meshes"][0]["primitives"][0];
+  EXPECT_EQ(primitive["extensions"]["EXT_mesh_features"]["featureIds"],
+            json({{{"featureCount", 5}, {"attribute", 0}}}));
+  const auto start = [&](const json& accessor) {
+    const json& a = asset.head["accessors"][accessor.get<std::size_t>()];
+    return asset.head["bufferViews"][a["bufferView"].get<std::size_t>()]["byteOffset"]
+        .get<std::size_t>();
+  };
+  const std::size_t position = start(primitive["attributes"]["POSITION"]),
+                    feature = start(primitive["attributes"]["_FEATURE_ID_0"]),
+                    index = start(primitive["indices"]);
+  std::size_t vertex = 0, corners = 0;
+  for (std::size_t i = 0; i < stones.size(); ++i) {
+    const TriMesh expected = meshing::stone_mesh(stones[i]);
+    for (const Vec3& v : expected.vertices_mm) {
+      EXPECT_EQ(value_at<float>(asset.binary, feature + 4 * vertex), static_cast<float>(i));
+      const auto p = value_at<Float3>(asset.binary, position + 12 * vertex++);
+      // Metres from the corner, to a float: some 50 mm.
+      EXPECT_NEAR(1e3 * static_cast<double>(p[0]), v.x - f.x0.value(), 5e-6);
+      EXPECT_NEAR(-1e3 * static_cast<double>(p[2]), v.y - f.y0.value(), 5e-6);
+      EXPECT_NEAR(1e3 * static_cast<double>(p[1]), v.z, 5e-6);
+    }
+    const std::size_t first = vertex - expected.vertices_mm.size();
+    for (const auto& t : expected.triangles)
+      for (const std::uint32_t corner : t)
+        ASSERT_EQ(value_at<std::uint32_t>(asset.binary, index + 4 * corners++), first + corner);
+  }
+  EXPECT_EQ(asset.head["accessors"][primitive["indices"].get<std::size_t>()]["count"], corners);
 }
 
 TEST(LodSet, StonesOnABodyHangFromItsScale) {

@@ -209,7 +209,7 @@ TEST(ExportJob, SaysWhatRoundingLeavesOfAMesh) {
     double least_mm, most_mm;  // float32 at 2 m: half of 1.2e-4 on two axes; 3MF up to twice that
   };
   for (const Case& c : {Case{"stl", 4e-5, 1e-4}, Case{"obj", 4e-7, 1e-6}, Case{"3mf", 6e-5, 2e-4},
-                        Case{"ply", 0.0, 0.0}}) {
+                        Case{"ply", 0.0, 0.0}, Case{"usda", 4e-5, 1e-4}}) {
     SCOPED_TRACE(c.format);
     ASSERT_THAT(export_job(c.format, scratch / "ball.ply", {}, {}, scratch / "out", {}),
                 Succeeds());

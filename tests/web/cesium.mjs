@@ -8,6 +8,8 @@
 //            formats' own decoders, as far away as the shown level's measured error allows, and what
 //            a rasterizer does (below); places on a body are reckoned here once more
 //   stones:  stand above the ground where stones.json has them
+//   choice:  of the implicit tileset the tiles that the explicit one shows: boxes and errors are read
+//            from the subtrees' tables
 //   picture: from straight above no background shines through, the terrain ends where the site ends,
 //            and is as bright as its slopes are under the lamp, with --textures on the coarsest level, too
 
@@ -160,6 +162,7 @@ function correlation(a, b) {
   return product(da, db) / Math.sqrt(product(da, da) * product(db, db));
 }
 
+const chosen = new Map();
 const wanted = process.argv.slice(2), picture = wanted.find((p) => p.endsWith('.png'));
 const chromium = await browser();
 let loaded = 0;
@@ -198,6 +201,9 @@ for (const folder of wanted.filter((p) => !p.endsWith('.png'))) {
     expect(seen.settled > 0, `${what}: allTilesLoaded was never said`);
     const figures = [];
     seen.views.forEach((view, v) => {
+      const key = `${folder}, view ${v}`, tiles = view.tiles.map((u) => new URL(u, site.url).pathname).sort().join();
+      if (!chosen.has(key)) chosen.set(key, tiles);
+      expect(chosen.get(key) === tiles, `${what}, view ${v}: ${view.tiles.length} tiles are shown, not those of the explicit tileset`);
       const depths = [...new Set(view.tiles.map((u) => /tiles\/(\d+)\//.exec(u)).filter(Boolean).map((d) => +d[1]))].sort();
       expect(view.loaded, `${what}, view ${v}: not all tiles are loaded`);
       expect(depths.length > 0, `${what}, view ${v}: no tile is visible`);

@@ -276,6 +276,28 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   expect(photoLink.includes('photo='), `${photoLink} has no photograph`);
   await page.click('#photo-close');
   expect(await page.locator('#photo').isHidden(), 'the picture does not close');
+
+  // From straight above and turned, and turned about its axis: a place is where the camera's pose has it.
+  const csv = readFileSync(join(runFolder, 's1000/ring.csv'), 'utf8').trim().split('\n').slice(1).map((line) => line.split(',').map(Number));
+  for (const i of [4, 5]) {
+    const [, x, y, z, qw, ...q] = csv[i - 1], name = `s1000/ring.toml 000${i}`;
+    await page.selectOption('#frame', name);
+    await still(page);
+    await whole(page, `turned_${i}`);
+    const canvas = await page.locator('#canvas').boundingBox();
+    const focal = Math.min(canvas.height, canvas.width * 160 / 240) / 160 * 30 / 0.05; // pixels of the page
+    // model_from_camera the other way round.
+    const back = (v) => { const t = cross(v, q).map((c) => 2 * c), u = cross(t, q); return v.map((c, k) => c + qw * t[k] + u[k]); };
+    for (const [du, dv] of [[0, 0], [90, 40], [-70, 60], [30, -80]]) {
+      const u = Math.round(canvas.width / 2 + du), v = Math.round(canvas.height / 2 + dv);
+      const { place } = await ask(page, u, v), p = back(minus(place, [x, y, z]));
+      const off = [canvas.width / 2 - focal * p[0] / p[2] - u, canvas.height / 2 + focal * p[1] / p[2] - v];
+      expect(Math.hypot(...off) < 1, `${name}: ${place} is ${off} pixels beside where it was asked for`);
+    }
+  }
+  await page.locator('#canvas').focus();
+  await page.keyboard.press('ArrowLeft');
+  expect(await page.locator('#frame').inputValue() === '' && await page.locator('#shot').isHidden(), 'a key that turns the view leaves the picture over it');
   const bad = await fetch(`${runUrl}picture?file=s1000/design.tif&most=0`), outside = await fetch(`${runUrl}picture?file=../site.toml&most=100`);
   expect(bad.status === 400 && outside.status === 404, `bad pictures: ${bad.status}, ${outside.status}`);
   expect(page.said.length === 0, `the console says ${page.said.slice(0, 3)}`);

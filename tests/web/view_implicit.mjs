@@ -7,9 +7,10 @@
 //   the picture is that of the explicit tileset    seen from above, where errors choose fine levels
 //   a click and a profile say the same heights
 //   exported, tiles are named one by one: the same picture from the disk, as far down as fits
+//   a click on a stone says its number             of instances, and (BODY) of stones that are one mesh
 //   on the body at full size, heights halved: as many tiles, the same picture, click and profile
 
-import { cpSync, rmSync } from 'node:fs';
+import { cpSync, readFileSync, rmSync } from 'node:fs';
 import { join, resolve } from 'node:path';
 import { look } from './looking.mjs';
 import { expect, finish } from './packages.mjs';
@@ -17,6 +18,7 @@ import { expect, finish } from './packages.mjs';
 const [maquette, lodFolder, bodyFolder, pictures] = process.argv.slice(2);
 const { serve, run, tab, still, ask, differ, shot, whole, close } = await look(maquette, pictures);
 
+const { stones } = JSON.parse(readFileSync(join(lodFolder, 'stones.json')));
 const folder = `${lodFolder}_implicit`;
 cpSync(lodFolder, folder, { recursive: true });
 rmSync(join(folder, 'tileset.json'));
@@ -36,6 +38,13 @@ async function seen(url, name) {
     await ask(page, Math.round(box.width / 2) + dx, Math.round(box.height / 2) + dy);
   await page.waitForFunction(() => document.querySelector('#profile-text').textContent.startsWith('From'));
   const profile = await page.locator('#profile-text').textContent();
+  await page.click('#profile-mode');
+  for (const { number } of stones.slice(2, 5)) {
+    await page.selectOption('#stone', String(number));
+    await still(page);
+    const { text } = await ask(page, Math.round(box.width / 2), Math.round(box.height / 2));
+    expect(text.includes(`on a stone; stone ${number}`), `${name}: a click on stone ${number} says ${text}`);
+  }
   expect(page.said.length === 0, `${name}: the console says ${page.said.slice(0, 3)}`);
   expect(await page.locator('#problems li').count() === 0, `${name}: ${await page.locator('#problems').innerText()}`);
   return { page, picture, clicks, profile, asked: await page.evaluate(() => performance.getEntriesByType('resource').map((e) => e.name)) };

@@ -43,8 +43,11 @@ export class Frames {
     byId('photo-next').addEventListener('click', () => this.step(1));
     this.picture.addEventListener('error', () => { if (this.pictured) this.told(`${this.pictured}: the picture cannot be shown`); });
     new ResizeObserver(() => this.fit()).observe(stage.canvas);
-    // Whoever turns the view leaves the camera.
-    stage.controls.addEventListener('start', () => { if (this.current) this.show('', true); });
+    // Whoever turns the view leaves the camera; a click does not.
+    let held = false;
+    stage.controls.addEventListener('start', () => { held = true; });
+    stage.controls.addEventListener('end', () => { held = false; });
+    stage.controls.addEventListener('change', () => { if (held && this.current) this.show('', true); });
     const photos = frames.filter((f) => f.kind === 'photo').length, rows = new Set(frames.filter((f) => f.kind === 'trajectory').map((f) => f.scene)).size;
     byId('frames-note').textContent = [photos ? `${photos} photograph${photos > 1 ? 's' : ''} (green)` : '',
       rows ? `${rows === 1 ? 'a trajectory' : `${rows} trajectories`} of ${frames.filter((f) => f.kind === 'trajectory').length} poses (violet)` : '']
@@ -148,20 +151,15 @@ export class Frames {
     this.drawn.visible = !f;
     if (f) this.chosen.visible = false;
     this.stage.framed = Boolean(f);
-    byId('frame-note').textContent = '';
+    byId('frame-note').textContent = f && !f.picture ? 'Its picture is not in this folder.' : '';
     if (f && !keepView) {
-      const { camera, controls } = this.stage;
       this.stage.exaggeration = 1;
       byId<HTMLInputElement>('exaggeration').value = '1';
-      camera.position.set(...f.position_mm);
-      controls.target.set(...f.target_mm);
-      const right = new THREE.Vector3(...f.target_mm).sub(camera.position).cross(new THREE.Vector3(...f.up)).normalize();
-      const roll = Math.abs(Math.asin(Math.min(1, Math.abs(right.z)))) * 180 / Math.PI;
-      byId('frame-note').textContent = (f.picture ? '' : 'Its picture is not in this folder. ')
-        + (roll > 0.5 ? `The camera is turned about its axis by ${roll.toFixed(1)}°; the view here is upright.` : '');
+      this.stage.lookAs(f.position_mm, f.target_mm, f.up);
       this.fill(this.shot, f);
     } else {
       this.stage.camera.fov = 40;
+      this.stage.upright();
     }
     this.fit();
     this.stage.controls.update();

@@ -98,6 +98,24 @@ export class Stage {
     this.later();
   }
 
+  /** As a camera sees it that may be turned about its axis. */
+  lookAs(position: Triple, target: Triple, up: Triple): void {
+    this.camera.position.set(...position);
+    this.controls.target.set(...target);
+    this.camera.up.set(...up);
+    this.controls.update();
+    this.later();
+  }
+
+  /** Up is up again; from straight above, what was up in the picture stays there. */
+  upright(): void {
+    const { camera, controls } = this, offset = camera.position.clone().sub(controls.target);
+    const far = offset.length(), up = camera.up.clone().setZ(0);
+    if (Math.hypot(offset.x, offset.y) < 1e-3 * far && up.length() > 0.1)
+      camera.position.addScaledVector(up.normalize(), -1e-3 * far);
+    camera.up.set(0, 0, 1);
+  }
+
   /** Arrows turn, with shift they move; + and - come nearer. @return whether the key was one of them */
   key(event: KeyboardEvent): boolean {
     const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
@@ -119,7 +137,10 @@ export class Stage {
     } else {
       return false;
     }
+    // As the mouse does it.
+    this.controls.dispatchEvent({ type: 'start' });
     this.controls.update();
+    this.controls.dispatchEvent({ type: 'end' });
     this.later();
     return true;
   }

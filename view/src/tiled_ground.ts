@@ -162,9 +162,10 @@ export class TiledGround implements Surface {
   meet(ray: THREE.Raycaster, exaggeration: number): Hit | null {
     const hit = ray.intersectObject(this.tiles.group, true)[0];
     if (!hit) return null;
-    const numbers = stoneNumbers(hit.object);
+    const numbers = stoneNumbers(hit.object), merged = (hit.object as THREE.Mesh).geometry.getAttribute('_feature_id_0');
+    const which = hit.instanceId ?? (merged && hit.face ? merged.getX(hit.face.a) : 0);
     return { place: [hit.point.x, hit.point.y, hit.point.z / exaggeration],
-      stone: numbers ? numbers[hit.instanceId ?? 0] ?? null : null };
+      stone: numbers ? numbers[which] ?? null : null };
   }
 
   async heights(from: number[], to: number[], count: number): Promise<Heights> {

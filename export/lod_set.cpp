@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <regex>
+#include <set>
 
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
@@ -107,6 +109,43 @@ Result<std::uint64_t> write_glb_content(const GlbContent& content, const fs::pat
   file.write(content.binary.data(), content.binary.size());
   MAQUETTE_TRY_VOID(file.commit());
   return bytes;
+}
+
+/// All anew; what an earlier run had in other cells goes.
+Result<std::vector<LodStones>> write_stones(const heightmap::ModelField& field,
+                                            std::span<const meshing::PlacedStone> stones,
+                                            const LodLattice& lattice, int levels,
+                                            const LodSetOptions& options, const fs::path& folder) {
+  const Vec3 corner{field.x0.value(), field.y0.value(), 0.0};
+  const double width_mm =
+      field.spacing.value() * static_cast<double>(lattice.tile_quads << (levels - 1));
+  auto files = divide_stones(stones, levels - 1, width_mm, corner);
+  std::set<fs::path> own;
+  for (const LodStones& file : files) {
+    own.insert(folder / lod_stones_uri(file));
+    MAQUETTE_TRY_VOID(make_folder((folder / lod_stones_uri(file)).parent_path()));
+  }
+  std::vector<std::optional<Error>> failed(files.size());
+  tbb::parallel_for(std::size_t{0}, files.size(), [&](std::size_t i) {
+    const auto bytes =
+        write_glb_content(encode_stones(files[i], corner, options.asset, content_scale(options)),
+                          folder / lod_stones_uri(files[i]));
+    if (bytes)
+      files[i].bytes = *bytes;
+    else
+      failed[i] = bytes.error();
+  });
+  for (auto& error : failed)
+    if (error) return tl::unexpected(std::move(*error));
+  std::error_code ec;
+  std::vector<fs::path> earlier;
+  const std::regex ours("stones/[0-9]+/[0-9]+/[0-9]+\\.glb");
+  for (const auto& entry : fs::recursive_directory_iterator(folder / "stones", ec))
+    if (std::regex_match(entry.path().lexically_relative(folder).generic_string(), ours) &&
+        !own.contains(entry.path()))
+      earlier.push_back(entry.path());
+  for (const fs::path& file : earlier) fs::remove(file, ec);
+  return files;
 }
 
 std::vector<LodTileKey> tiles_of(const heightmap::ModelField& field, const LodLattice& lattice,
@@ -315,20 +354,13 @@ Result<LodSetReport> write_lod_set(const heightmap::ModelField& field,
     report.outputs.push_back(folder / path);
     return {};
   };
-  Box3 stones_at;
-  if (!stones.empty()) {
-    const Vec3 corner{field.x0.value(), field.y0.value(), 0.0};
-    stones_at = stones_box(stones, corner, content_scale(options));
-    report.outputs.push_back(folder / "stones.glb");
-    MAQUETTE_TRY(report.stones_bytes, write_glb_content(encode_stones(stones, corner, options.asset,
-                                                                      content_scale(options)),
-                                                        report.outputs.back()));
-  }
+  MAQUETTE_TRY(report.stones, write_stones(field, stones, report.lattice, levels, options, folder));
+  for (const LodStones& file : report.stones)
+    report.outputs.push_back(folder / lod_stones_uri(file));
   for (const auto& [path, content] : subtree_files(report, options, field))
     MAQUETTE_TRY_VOID(put(path, content));
-  MAQUETTE_TRY_VOID(
-      put("tileset_implicit.json", implicit_tileset(report, options, field, stones_at)));
-  MAQUETTE_TRY_VOID(put("tileset.json", explicit_tileset(report, options, field, stones_at)));
+  MAQUETTE_TRY_VOID(put("tileset_implicit.json", implicit_tileset(report, options, field)));
+  MAQUETTE_TRY_VOID(put("tileset.json", explicit_tileset(report, options, field)));
   MAQUETTE_TRY_VOID(put("lod.json", to_json(report, options, field)));
   run.progress(1.0);
   return report;
@@ -387,7 +419,13 @@ std::string to_json(const LodSetReport& report, const LodSetOptions& options,
     bytes += l.bytes;
     triangles += l.triangles;
   }
-  json["triangles"] = triangles;
+  for (const LodStones& file : report.stones)
+    json["stones"].push_back({{"uri", lod_stones_uri(file)},
+                              {"stones", file.stones.size()},
+                              {"triangles", file.triangles},
+                              {"bytes", file.bytes},
+                              {"hausdorff_bound_mm", file.error_mm}});
+  json["triangles"] = triangles;  // of the ground
   json["bytes"] = bytes;
   json["bytes_per_triangle"] = static_cast<double>(bytes) / static_cast<double>(triangles);
   json["tiles"] = Json::array();

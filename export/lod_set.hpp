@@ -9,7 +9,7 @@
 ///         tileset.json            explicit: each tile with its box and its measured error
 ///         tileset_implicit.json   the same tiles as an implicit quadtree,
 ///         subtrees/DEPTH/X/Y.subtree
-///         stones.glb              stones of equal shape as instances (EXT_mesh_gpu_instancing)
+///         stones/DEPTH/X/Y.glb    stones in levels of detail (lod_stones.hpp)
 ///         lod.json                lattice, errors (of the model, mm) and bytes by level; of each
 ///                                 tile
 /// Frame   of a tileset: metres at model size, x east, y north, z up, origin at the field's
@@ -41,6 +41,7 @@
 
 #include "core/run_context.hpp"
 #include "export/lod_asset.hpp"
+#include "export/lod_stones.hpp"
 #include "heightmap/body.hpp"
 #include "meshing/stones.hpp"
 
@@ -87,7 +88,7 @@ struct LodSetReport {
   LodLattice lattice;
   std::vector<LodLevelReport> levels;  ///< 0: full resolution
   std::vector<LodTileReport> tiles;    ///< coarsest first
-  std::uint64_t stones_bytes = 0;
+  std::vector<LodStones> stones;       ///< coarsest first
   std::vector<std::filesystem::path> outputs;
 };
 

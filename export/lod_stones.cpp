@@ -2,10 +2,12 @@
 #include "export/lod_stones.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include <nlohmann/json.hpp>
 
+#include "core/check.hpp"
 #include "export/detail/gltf_asset.hpp"
 #include "export/glb_file.hpp"
 
@@ -44,6 +46,51 @@ class Buffer {
 
 Float3 to_float(Vec3 v) {
   return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
+
+/// A rock as it was before it was last subdivided so many times, in its own frame.
+struct CoarseRock {
+  TriMesh mesh;
+  double off = 0.0;  ///< at most, of a rock of diameter 1
+};
+
+/// The corners of the triangle that was made four: (a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc,
+/// ca).
+using Triangles = std::vector<std::array<std::uint32_t, 3>>;
+Triangles parents_of(const Triangles& finer) {
+  Triangles coarse;
+  coarse.reserve(finer.size() / 4);
+  for (std::size_t i = 0; i + 3 < finer.size(); i += 4) {
+    MAQUETTE_CHECK(finer[i][1] == finer[i + 1][2] && finer[i + 1][1] == finer[i + 2][2] &&
+                       finer[i + 2][1] == finer[i][2],
+                   "triangles {} to {} are not one that was made four", i, i + 3);
+    coarse.push_back({finer[i][0], finer[i + 1][0], finer[i + 2][0]});
+  }
+  return coarse;
+}
+
+CoarseRock coarse_rock(const PlacedStone& stone, int times) {
+  CoarseRock rock{meshing::unit_stone(stone.shape, stone.body)};
+  if (stone.body != nullptr) return rock;
+  std::vector<Triangles> levels{std::move(rock.mesh.triangles)};  // finest first
+  for (int k = std::min(times, stone.shape.subdivisions); k > 0; --k)
+    levels.push_back(parents_of(levels.back()));
+  // Where the fine vertices lie on the coarse triangles: halves of halves.
+  const std::vector<Vec3>& fine = rock.mesh.vertices_mm;
+  std::vector<Vec3> on_coarse = fine;
+  for (std::size_t level = levels.size() - 1; level > 0; --level)
+    for (std::size_t i = 0; i < levels[level].size(); ++i)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t middle = levels[level - 1][4 * i + k][1];
+        on_coarse[middle] =
+            0.5 * (on_coarse[levels[level][i][k]] + on_coarse[levels[level][i][(k + 1) % 3]]);
+        rock.off = std::fmax(rock.off, norm(on_coarse[middle] - fine[middle]));
+      }
+  rock.mesh.triangles = std::move(levels.back());
+  std::uint32_t last = 0;  // corners of coarse triangles are the first vertices
+  for (const auto& t : rock.mesh.triangles) last = std::max({last, t[0], t[1], t[2]});
+  rock.mesh.vertices_mm.resize(last + 1);
+  return rock;
 }
 
 struct Pose {
@@ -90,19 +137,21 @@ std::size_t add_mesh(Json& json, Buffer& buffer, const TriMesh& mesh) {
 }
 
 /// A node for each shape.
-void add_instances(Json& json, Buffer& buffer, std::span<const PlacedStone> stones,
-                   Vec3 corner_mm) {
+void add_instances(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) {
+  const std::vector<PlacedStone>& stones = file.stones;
   std::vector<bool> done(stones.size(), false);
   for (std::size_t i = 0; i < stones.size(); ++i) {
     if (done[i]) continue;
-    const std::size_t mesh =
-        add_mesh(json, buffer, meshing::unit_stone(stones[i].shape, stones[i].body));
+    const CoarseRock rock = coarse_rock(stones[i], file.coarser);
+    const std::size_t mesh = add_mesh(json, buffer, rock.mesh);
     std::vector<Float3> translations, scales;
     std::vector<std::array<float, 4>> rotations;
     Json numbers = Json::array();
     for (std::size_t j = i; j < stones.size(); ++j) {
       if (done[j] || !meshing::same_shape(stones[j], stones[i])) continue;
       done[j] = true;
+      file.error_mm = std::fmax(file.error_mm, stones[j].scale_mm * rock.off);
+      file.triangles += rock.mesh.triangles.size();
       const Pose pose = pose_of(stones[j], corner_mm);
       translations.push_back(pose.translation_m);
       rotations.push_back(pose.rotation);
@@ -129,35 +178,128 @@ void add_instances(Json& json, Buffer& buffer, std::span<const PlacedStone> ston
 }
 
 /// One node, one mesh.
-void add_merged(Json& json, Buffer& buffer, std::span<const PlacedStone> stones, Vec3 corner_mm) {
+void add_merged(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) {
   TriMesh all;  // metres from the corner
   std::vector<float> feature;
   Json numbers = Json::array();
-  for (const PlacedStone& stone : stones) {
-    const TriMesh one = meshing::stone_mesh(stone);
+  for (const PlacedStone& stone : file.stones) {
+    const CoarseRock rock = coarse_rock(stone, file.coarser);
+    file.error_mm = std::fmax(file.error_mm, stone.scale_mm * rock.off);
     const auto first = static_cast<std::uint32_t>(all.vertices_mm.size());
-    for (const Vec3& v : one.vertices_mm)
-      all.vertices_mm.push_back(kMetresPerMillimetre * (v - corner_mm));
-    for (const auto& t : one.triangles)
+    for (const Vec3& v : rock.mesh.vertices_mm)
+      all.vertices_mm.push_back(kMetresPerMillimetre *
+                                (stone.model_from_stone.point(stone.scale_mm * v) - corner_mm));
+    for (const auto& t : rock.mesh.triangles)
       all.triangles.push_back({first + t[0], first + t[1], first + t[2]});
     feature.resize(all.vertices_mm.size(), static_cast<float>(numbers.size()));
     numbers.push_back(stone.number);
   }
+  file.triangles = all.triangles.size();
   const std::size_t mesh = add_mesh(json, buffer, all);
   Json& primitive = json["meshes"][mesh]["primitives"][0];
   primitive["attributes"]["_FEATURE_ID_0"] =
       buffer.add(feature, kFloat, feature.size(), "SCALAR", kArrayBuffer);
   primitive["extensions"]["EXT_mesh_features"]["featureIds"] = {
-      {{"featureCount", stones.size()}, {"attribute", 0}}};
+      {{"featureCount", file.stones.size()}, {"attribute", 0}}};
   json["extensionsUsed"] = {"EXT_mesh_features"};
   json["nodes"].push_back(
       {{"name", "stones"}, {"mesh", mesh}, {"extras", {{"stones", std::move(numbers)}}}});
 }
 
+Box3 box_of(std::span<const PlacedStone> stones, Vec3 corner_mm, LodContentScale content) {
+  const auto placed = [&](Vec3 model_mm) {
+    const Vec3 m = kMetresPerMillimetre * (model_mm - corner_mm);
+    return Vec3{content.horizontal * m.x, content.horizontal * m.y, content.vertical * m.z};
+  };
+  Box3 box;
+  for (const PlacedStone& stone : stones) {
+    const Box3 one = meshing::stone_mesh(stone).bounds();
+    box.add(placed(one.min));
+    box.add(placed(one.max));
+  }
+  // Poses are stored as floats.
+  const double slack = 1e-6 * std::max(content.horizontal, norm(box.max - box.min));
+  box.min += Vec3{-slack, -slack, -slack};
+  box.max += Vec3{slack, slack, slack};
+  return box;
+}
+
+/// Shapes of stones, each cell's counted for itself.
+std::size_t distinct_shapes(const std::vector<std::vector<PlacedStone>>& cells) {
+  std::size_t count = 0;
+  for (const auto& stones : cells)
+    for (std::size_t i = 0; i < stones.size(); ++i)
+      if (std::none_of(stones.begin(), stones.begin() + static_cast<std::ptrdiff_t>(i),
+                       [&](const PlacedStone& s) { return same_shape(s, stones[i]); }))
+        ++count;
+  return count;
+}
+
 }  // namespace
 
-GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
-                         const LodAssetOptions& options, LodContentScale content) {
+std::string lod_stones_uri(const LodStones& stones) {
+  return fmt::format("stones/{}/{}/{}.glb", stones.depth, stones.x, stones.y);
+}
+
+std::vector<LodStones> divide_stones(std::span<const PlacedStone> stones, int deepest,
+                                     double width_mm, Vec3 corner_mm) {
+  constexpr double kLeastStones = 8.0, kMostCopies = 1.5;
+  const auto cells_of = [&](int depth) {
+    const std::ptrdiff_t side = std::ptrdiff_t{1} << depth;
+    std::vector<std::vector<PlacedStone>> cells(static_cast<std::size_t>(side * side));
+    const auto cell = [&](double from_corner_mm) {
+      return std::clamp(
+          static_cast<std::ptrdiff_t>(from_corner_mm / width_mm * static_cast<double>(side)),
+          std::ptrdiff_t{0}, side - 1);
+    };
+    for (const PlacedStone& s : stones) {
+      const Vec3 from = s.model_from_stone.translation_mm - corner_mm;
+      cells[static_cast<std::size_t>(cell(from.y) * side + cell(from.x))].push_back(s);
+    }
+    return cells;
+  };
+  int finest = 0;
+  const auto shapes = static_cast<double>(distinct_shapes(cells_of(0)));
+  while (finest < deepest &&
+         static_cast<double>(stones.size()) >= kLeastStones * std::ldexp(1.0, 2 * (finest + 1)) &&
+         static_cast<double>(distinct_shapes(cells_of(finest + 1))) <= kMostCopies * shapes)
+    ++finest;
+  int subdivided = 0;
+  for (const PlacedStone& s : stones)
+    if (s.body == nullptr) subdivided = std::max(subdivided, s.shape.subdivisions);
+  // A sixteenth of the triangles where the ground has that, twice.
+  constexpr int kStep = 2, kMostCoarser = 4;
+  std::vector<std::pair<int, int>> levels{{deepest, 0}};  // depth, coarser
+  while (levels.back().first > 0 && levels.back().second < kMostCoarser &&
+         levels.back().second + kStep <= subdivided)
+    levels.emplace_back(std::max(0, levels.back().first - kStep), levels.back().second + kStep);
+  // The coarsest are there with whatever ground there is.
+  if (levels.size() > 1) levels.back().first = 0;
+  std::vector<LodStones> files;
+  for (auto level = levels.rbegin(); level != levels.rend(); ++level) {
+    const int depth = std::min(finest, level->first);
+    const std::ptrdiff_t side = std::ptrdiff_t{1} << depth;
+    auto cells = cells_of(depth);
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      if (cells[i].empty()) continue;
+      LodStones file;
+      file.depth = level->first;
+      file.cells = depth;
+      file.x = static_cast<std::ptrdiff_t>(i) % side;
+      file.y = static_cast<std::ptrdiff_t>(i) / side;
+      file.coarser = level->second;
+      file.stones = std::move(cells[i]);
+      files.push_back(std::move(file));
+    }
+  }
+  return files;
+}
+
+GlbContent encode_stones(LodStones& stones, Vec3 corner_mm, const LodAssetOptions& options,
+                         LodContentScale content) {
+  stones.box = box_of(stones.stones, corner_mm, content);
+  stones.error_mm = 0.0;
+  stones.triangles = 0;
   Json json;
   json["asset"] = gltf_asset({{"scale_denominator", options.scale_denominator},
                               {"metres_per_model_metre", {content.horizontal, content.vertical}}});
@@ -184,24 +326,6 @@ GlbContent encode_stones(std::span<const PlacedStone> stones, Vec3 corner_mm,
   json["accessors"] = std::move(buffer.accessors);
   json["buffers"] = {{{"byteLength", buffer.bytes.size()}}};
   return {json.dump(), std::move(buffer.bytes)};
-}
-
-Box3 stones_box(std::span<const PlacedStone> stones, Vec3 corner_mm, LodContentScale content) {
-  const auto placed = [&](Vec3 model_mm) {
-    const Vec3 m = kMetresPerMillimetre * (model_mm - corner_mm);
-    return Vec3{content.horizontal * m.x, content.horizontal * m.y, content.vertical * m.z};
-  };
-  Box3 box;
-  for (const PlacedStone& stone : stones) {
-    const Box3 one = meshing::stone_mesh(stone).bounds();
-    box.add(placed(one.min));
-    box.add(placed(one.max));
-  }
-  // Poses are stored as floats.
-  const double slack = 1e-6 * std::max(content.horizontal, norm(box.max - box.min));
-  box.min += Vec3{-slack, -slack, -slack};
-  box.max += Vec3{slack, slack, slack};
-  return box;
 }
 
 }  // namespace maquette::exporting

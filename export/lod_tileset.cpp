@@ -118,11 +118,46 @@ class Tree {
   std::map<std::tuple<int, std::ptrdiff_t, std::ptrdiff_t>, Node> nodes_;
 };
 
+/// A file of stones and under it the finer ones of its cell, from the level behind its own on.
+struct StoneTile {
+  Json json;
+  Box3 box;
+  double error_m = 0.0;
+};
+StoneTile stone_tile(std::span<const LodStones> files, std::size_t i, double metres_per_mm) {
+  const LodStones& file = files[i];
+  StoneTile tile{{}, file.box, metres_per_mm * file.error_mm};
+  Json children = Json::array();
+  std::size_t next = i;
+  while (next < files.size() && files[next].depth == file.depth) ++next;
+  for (std::size_t k = next; k < files.size() && files[k].depth == files[next].depth; ++k) {
+    const int down = files[k].cells - file.cells;
+    if (files[k].x >> down != file.x || files[k].y >> down != file.y) continue;
+    StoneTile child = stone_tile(files, k, metres_per_mm);
+    add(tile.box, child.box);
+    tile.error_m = std::max(tile.error_m, child.error_m);
+    children.push_back(std::move(child.json));
+  }
+  tile.json = {{"boundingVolume", json_box(tile.box)},
+               {"geometricError", tile.error_m},
+               {"refine", "REPLACE"},
+               {"content", {{"uri", lod_stones_uri(file)}}}};
+  if (!children.empty()) tile.json["children"] = std::move(children);
+  return tile;
+}
+
 /// Terrain and stones under one root without content.
 Json tileset(const Tree& tree, Json terrain, double terrain_error_m, const Box3& terrain_box,
-             const LodSetOptions& options, const heightmap::ModelField& field, const Box3& stones) {
+             const LodSetReport& report, const LodSetOptions& options,
+             const heightmap::ModelField& field) {
+  const LodContentScale content = content_scale(options);
+  std::vector<StoneTile> stones;
+  for (std::size_t i = 0;
+       i < report.stones.size() && report.stones[i].depth == report.stones[0].depth; ++i)
+    stones.push_back(stone_tile(
+        report.stones, i, kMetresPerMillimetre * std::max(content.horizontal, content.vertical)));
   Box3 box = terrain_box;
-  if (!stones.empty()) add(box, stones);
+  for (const StoneTile& tile : stones) add(box, tile.box);
   // What is missing where nothing is drawn: all of it.
   const double error = std::max(terrain_error_m, norm(tree.root().box.max - tree.root().box.min));
   Json root{{"boundingVolume", json_box(box)}, {"geometricError", error}, {"refine", "ADD"}};
@@ -147,11 +182,7 @@ Json tileset(const Tree& tree, Json terrain, double terrain_error_m, const Box3&
         {"radii", {body.equatorial_radius_m, body.equatorial_radius_m, body.polar_radius_m}}};
   }
   root["children"] = {std::move(terrain)};
-  if (!stones.empty())
-    root["children"].push_back({{"boundingVolume", json_box(stones)},
-                                {"geometricError", 0.0},
-                                {"refine", "REPLACE"},
-                                {"content", {{"uri", "stones.glb"}}}});
+  for (StoneTile& tile : stones) root["children"].push_back(std::move(tile.json));
   json["geometricError"] = error;
   json["root"] = std::move(root);
   return json;
@@ -288,15 +319,15 @@ std::array<double, 16> fixed_from_tileset(const LodPlace& place, const heightmap
 }
 
 std::string explicit_tileset(const LodSetReport& report, const LodSetOptions& options,
-                             const heightmap::ModelField& field, const Box3& stones) {
+                             const heightmap::ModelField& field) {
   const Tree tree(report, field, content_scale(options));
-  return tileset(tree, tree.json(tree.top(), 0, 0), tree.root().error_m, tree.root().box, options,
-                 field, stones)
+  return tileset(tree, tree.json(tree.top(), 0, 0), tree.root().error_m, tree.root().box, report,
+                 options, field)
       .dump();
 }
 
 std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
-                             const heightmap::ModelField& field, const Box3& stones) {
+                             const heightmap::ModelField& field) {
   const Tree tree(report, field, content_scale(options));
   const double error = tree.halving_error_m();
   Json terrain{{"boundingVolume", json_box(tree.square())},
@@ -308,7 +339,7 @@ std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& op
                  {"subtreeLevels", kSubtreeLevels},
                  {"availableLevels", report.levels.size()},
                  {"subtrees", {{"uri", "subtrees/{level}/{x}/{y}.subtree"}}}}}};
-  Json json = tileset(tree, std::move(terrain), error, tree.square(), options, field, stones);
+  Json json = tileset(tree, std::move(terrain), error, tree.square(), report, options, field);
   json["schema"] = tile_schema();
   return json.dump();
 }

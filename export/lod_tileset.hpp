@@ -14,11 +14,10 @@ namespace maquette::exporting {
 /// Of tile (x, y) at a depth below the coarsest level; relative to tileset.json.
 [[nodiscard]] std::string lod_tile_uri(int depth, std::ptrdiff_t x, std::ptrdiff_t y);
 
-/// @param stones  box of stones.glb in the tileset's frame, metres; empty: no stones
 [[nodiscard]] std::string explicit_tileset(const LodSetReport& report, const LodSetOptions& options,
-                                           const heightmap::ModelField& field, const Box3& stones);
+                                           const heightmap::ModelField& field);
 [[nodiscard]] std::string implicit_tileset(const LodSetReport& report, const LodSetOptions& options,
-                                           const heightmap::ModelField& field, const Box3& stones);
+                                           const heightmap::ModelField& field);
 /// Binary subtree files by their path relative to tileset_implicit.json: which tiles there are, and
 /// of each its box and error, the same as in tileset.json.
 [[nodiscard]] std::map<std::string, std::string> subtree_files(const LodSetReport& report,

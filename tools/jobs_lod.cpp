@@ -23,7 +23,8 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
   JobResult result;
   result.outputs = {folder / "tileset.json", folder / "lod.json"};
   if (!stones.empty()) {
-    result.outputs.push_back(folder / "stones.glb");
+    for (const exporting::LodStones& file : report->stones)
+      result.outputs.push_back(folder / exporting::lod_stones_uri(file));
     result.outputs.push_back(folder / "stones.json");
     const fs::path plan = result.outputs.back();
     MAQUETTE_TRY_VOID(meshing::write_stone_plan(stones, plan));
@@ -35,6 +36,10 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
   const auto kept = std::count_if(report->tiles.begin(), report->tiles.end(),
                                   [](const auto& tile) { return tile.kept; });
   figures["kept_tiles"] = kept;
+  figures.erase("stones");
+  std::uint64_t stones_bytes = 0;
+  for (const exporting::LodStones& file : report->stones) stones_bytes += file.bytes;
+  figures["stones"] = {{"files", report->stones.size()}, {"bytes", stones_bytes}};
   result.note =
       fmt::format("{} levels, {} tiles, {}, {:.3f} bytes a triangle", report->levels.size(),
                   report->tiles.size(), human_bytes(figures["bytes"].get<double>()),

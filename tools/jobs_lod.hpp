@@ -13,7 +13,7 @@ struct LodJob {
   std::optional<std::ptrdiff_t> heightmap_quads;  ///< heightmaps/ with tiles as wide, too
 };
 /// Tiles in levels of detail with their tilesets and lod.json (export/lod_set.hpp); with stones
-/// stones.glb and, for the page, stones.json; heightmaps/ (export/heightmap_pyramid.hpp) if wanted.
+/// stones/ and, for the page, stones.json; heightmaps/ (export/heightmap_pyramid.hpp) if wanted.
 [[nodiscard]] Result<JobResult> lod_job(const LodJob& job, const fs::path& folder,
                                         const RunContext& run);
 

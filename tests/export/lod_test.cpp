@@ -26,7 +26,8 @@
 //                                       and errors are metres at full size, and an engine of floats
 //                                       keeps 1 um of the model
 //   stones ............................ instances decode to stone_mesh, floats apart; merged they
-//                                       are its triangles, each vertex with its stone
+//                                       are its triangles, each vertex with its stone; coarse ones
+//                                       are as far off as is said, by trying all triangles
 //   same bytes for any thread count; a second run keeps every tile that is whole, other options
 //   none each error code
 
@@ -687,7 +688,7 @@ void walk(const json& tile, const fs::path& folder, Walked& walked) {
     const std::string uri = tile["content"]["uri"];
     EXPECT_TRUE(walked.uris.insert(uri).second);
     walked.said[uri] = {tile["boundingVolume"]["box"], error};
-    if (uri != "stones.glb") {
+    if (!uri.starts_with("stones/")) {
       EXPECT_TRUE(contains(box, content_box(folder / uri))) << uri;
       EXPECT_GE(error, walked.measured_m.at(uri)) << uri;
     }
@@ -917,6 +918,12 @@ TEST(LodSet, OnABodyEverythingIsAtFullSize) {
   }
 }
 
+/// Stones in full: the last level's file, of a site with few.
+std::string stones_file(const LodSetReport& report) {
+  EXPECT_EQ(report.stones.back().coarser, 0);
+  return lod_stones_uri(report.stones.back());
+}
+
 std::vector<meshing::PlacedStone> some_stones(const ModelField& f) {
   std::vector<meshing::PlacedStone> stones;
   for (int i = 0; i < 5; ++i) {
@@ -936,8 +943,9 @@ TEST(LodSet, StonesLieInTheirPoses) {
   const ModelField f = plane(130, 130);
   const ScratchFolder scratch;
   const auto stones = some_stones(f);
-  ASSERT_THAT(write_lod_set(f, stones, small_tiles(), scratch.path()), Succeeds());
-  const Asset asset = read_glb(scratch / "stones.glb");
+  const auto report = write_lod_set(f, stones, small_tiles(), scratch.path());
+  ASSERT_THAT(report, Succeeds());
+  const Asset asset = read_glb(scratch / stones_file(*report));
   const auto floats = [&](std::size_t accessor, std::size_t width, std::size_t i) {
     const json& a = asset.head["accessors"][accessor];
     std::vector<double> values;
@@ -981,7 +989,8 @@ TEST(LodSet, StonesLieInTheirPoses) {
   EXPECT_EQ(seen, (std::set<int>{1, 2, 3, 4, 5}));
   EXPECT_EQ(asset.head["nodes"].size(), 2U);
   const json tileset = json::parse(*read_file(scratch / "tileset.json"));
-  EXPECT_EQ(tileset["root"]["children"][1]["content"]["uri"], "stones.glb");
+  EXPECT_EQ(tileset["root"]["children"][1]["content"]["uri"],
+            lod_stones_uri(report->stones.front()));
 }
 
 TEST(LodSet, StonesMergedAreOneMesh) {
@@ -990,8 +999,9 @@ TEST(LodSet, StonesMergedAreOneMesh) {
   const auto stones = some_stones(f);
   LodSetOptions options = small_tiles();
   options.asset.merge_stones = true;
-  ASSERT_THAT(write_lod_set(f, stones, options, scratch.path()), Succeeds());
-  const Asset asset = read_glb(scratch / "stones.glb");
+  const auto report = write_lod_set(f, stones, options, scratch.path());
+  ASSERT_THAT(report, Succeeds());
+  const Asset asset = read_glb(scratch / stones_file(*report));
   ASSERT_EQ(asset.head["nodes"].size(), 1U);
   ASSERT_EQ(asset.head["meshes"].size(), 1U);
   EXPECT_FALSE(asset.head.contains("extensionsRequired"));
@@ -1026,15 +1036,163 @@ TEST(LodSet, StonesMergedAreOneMesh) {
   EXPECT_EQ(asset.head["accessors"][primitive["indices"].get<std::size_t>()]["count"], corners);
 }
 
+/// Triangles of merged stones, millimetres of the model, by the stone's place in `extras`.
+std::vector<std::vector<std::array<Vec3, 3>>> merged_triangles(const fs::path& path,
+                                                               const ModelField& f) {
+  const Asset asset = read_glb(path);
+  const json& primitive = asset.head["meshes"][0]["primitives"][0];
+  const auto start = [&](const json& accessor) {
+    const json& a = asset.head["accessors"][accessor.get<std::size_t>()];
+    return asset.head["bufferViews"][a["bufferView"].get<std::size_t>()]["byteOffset"]
+        .get<std::size_t>();
+  };
+  const std::size_t position = start(primitive["attributes"]["POSITION"]),
+                    feature = start(primitive["attributes"]["_FEATURE_ID_0"]),
+                    index = start(primitive["indices"]);
+  const std::size_t corners =
+      asset.head["accessors"][primitive["indices"].get<std::size_t>()]["count"];
+  std::vector<std::vector<std::array<Vec3, 3>>> stones(
+      asset.head["nodes"][0]["extras"]["stones"].size());
+  for (std::size_t i = 0; i < corners; i += 3) {
+    std::array<Vec3, 3> triangle;
+    std::size_t of = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto v = value_at<std::uint32_t>(asset.binary, index + 4 * (i + k));
+      const auto p = value_at<Float3>(asset.binary, position + 12 * v);
+      of = static_cast<std::size_t>(value_at<float>(asset.binary, feature + 4 * v));
+      triangle[k] = {f.x0.value() + 1e3 * static_cast<double>(p[0]),
+                     f.y0.value() - 1e3 * static_cast<double>(p[2]),
+                     1e3 * static_cast<double>(p[1])};
+    }
+    stones.at(of).push_back(triangle);
+  }
+  return stones;
+}
+
+Box3 merged_box(const fs::path& path, const ModelField& f) {
+  Box3 box;
+  for (const auto& stone : merged_triangles(path, f))
+    for (const auto& triangle : stone)
+      for (const Vec3& v : triangle) box.add(1e-3 * (v - Vec3{f.x0.value(), f.y0.value(), 0.0}));
+  return box;
+}
+
+TEST(LodSet, CoarseStonesAreAsFarOffAsIsSaid) {
+  const ModelField f = plane(513, 385);
+  std::vector<meshing::PlacedStone> stones;
+  for (int i = 0; i < 40; ++i) {
+    meshing::PlacedStone s;
+    s.number = i + 1;
+    s.shape.seed = static_cast<std::uint64_t>(i);
+    s.shape.angularity = 0.02 * i;
+    s.shape.subdivisions = i == 7 ? 1 : 4;  // one has less to give
+    s.scale_mm = 2.0 + 0.1 * i;
+    s.model_from_stone.rotation = normalized(Quaternion{1.0, 0.3, -0.1 * i, 0.2});
+    s.model_from_stone.translation_mm = {f.x0.value() + 6.0 * i, f.y0.value() + 4.5 * i, 3.0};
+    stones.push_back(s);
+  }
+  const ScratchFolder scratch;
+  LodSetOptions options = small_tiles();
+  options.asset.merge_stones = true;
+  const auto report = write_lod_set(f, stones, options, scratch.path());
+  ASSERT_THAT(report, Succeeds());
+  std::map<int, std::size_t> stones_at;
+  std::map<int, double> worst, said;
+  std::size_t triangles = 0;
+  for (const LodStones& file : report->stones) {
+    const auto found = merged_triangles(scratch / lod_stones_uri(file), f);
+    ASSERT_EQ(found.size(), file.stones.size());
+    stones_at[file.coarser] += found.size();
+    said[file.coarser] = std::fmax(said[file.coarser], file.error_mm);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      const meshing::PlacedStone& stone = file.stones[i];
+      const TriMesh full = meshing::stone_mesh(stone);
+      EXPECT_EQ(found[i].size() << (2 * std::min(file.coarser, stone.shape.subdivisions)),
+                full.triangles.size());
+      triangles += found[i].size();
+      const auto off = [](Vec3 p, const auto& others, auto corner) {
+        double least = INFINITY;
+        for (const auto& t : others)
+          least = std::fmin(least, triangle_distance2(p, corner(t, 0), corner(t, 1), corner(t, 2)));
+        return std::sqrt(least);
+      };
+      // Both ways, at vertices of the one and middles of the other; floats of some 250 mm.
+      double far = 0.0;
+      for (std::size_t v = 0; v < full.vertices_mm.size(); v += 11)
+        far = std::fmax(far, off(full.vertices_mm[v], found[i],
+                                 [](const auto& t, std::size_t k) { return t[k]; }));
+      for (std::size_t t = 0; t < found[i].size(); t += found[i].size() / 20)
+        far = std::fmax(far, off((1.0 / 3.0) * (found[i][t][0] + found[i][t][1] + found[i][t][2]),
+                                 full.triangles, [&](const auto& c, std::size_t k) {
+                                   return full.vertices_mm[c[k]];
+                                 }));
+      EXPECT_LE(far, file.error_mm + 3e-5) << "stone " << stone.number;
+      worst[file.coarser] = std::fmax(worst[file.coarser], far);
+    }
+  }
+  // All stones in each level, in smaller cells where they are finer.
+  EXPECT_EQ(stones_at, (std::map<int, std::size_t>{{0, 40}, {2, 40}, {4, 40}}));
+  EXPECT_EQ(report->stones.front().cells, 0);
+  EXPECT_EQ(report->stones.back().cells, 1);
+  EXPECT_EQ(said[0], 0.0);
+  for (const int coarser : {2, 4})
+    EXPECT_GT(worst[coarser], 0.3 * said[coarser]) << "the bound says something";
+  // As tiles: boxes hold what is below, errors fall, all files are named once.
+  const json lod = json::parse(*read_file(scratch / "lod.json"));
+  EXPECT_EQ(lod["stones"].size(), report->stones.size());
+  Walked walked;
+  for (const json& t : lod["tiles"])
+    walked.measured_m[t["uri"]] = 1e-3 * t["max_vertical_error_mm"].get<double>();
+  for (const json& t : lod["stones"])
+    walked.measured_m[t["uri"]] = 1e-3 * t["hausdorff_bound_mm"].get<double>();
+  walk(json::parse(*read_file(scratch / "tileset.json"))["root"], scratch.path(), walked);
+  for (const LodStones& file : report->stones) {
+    const std::string uri = lod_stones_uri(file);
+    ASSERT_TRUE(walked.said.contains(uri)) << uri;
+    EXPECT_GE(walked.said[uri].error_m, walked.measured_m[uri]);
+    // One mesh a file: its own box is content's.
+    EXPECT_TRUE(contains(box_of({{"box", walked.said[uri].box}}), merged_box(scratch / uri, f)));
+  }
+  // Fewer stones in a later run: files of cells that are empty now go, and no one else's.
+  ASSERT_THAT(write_file(scratch / "stones/mine.glb", "mine"), Succeeds());
+  stones.resize(8);
+  const auto again = write_lod_set(f, stones, options, scratch.path());
+  ASSERT_THAT(again, Succeeds());
+  std::size_t files = 0;
+  for (const auto& e : fs::recursive_directory_iterator(scratch / "stones"))
+    if (e.is_regular_file()) ++files;
+  EXPECT_EQ(files, again->stones.size() + 1);
+  EXPECT_LT(again->stones.size(), report->stones.size());
+}
+
+TEST(LodSet, ShapesThatLieEverywhereStayTogether) {
+  const ModelField f = plane(513, 385);
+  const Vec3 corner{f.x0.value(), f.y0.value(), 0.0};
+  const auto divided = [&](int shapes) {
+    std::vector<meshing::PlacedStone> stones(200);
+    for (int i = 0; i < 200; ++i) {
+      stones[static_cast<std::size_t>(i)].shape.seed = static_cast<std::uint64_t>(i % shapes);
+      stones[static_cast<std::size_t>(i)].model_from_stone.translation_mm =
+          corner + Vec3{1.25 * i, 0.9 * ((i * 37) % 200), 0.0};
+    }
+    return divide_stones(stones, 4, 256.0, corner);
+  };
+  // Each stone its own shape: no cell more stores a shape more. A dozen of shapes: each cell all.
+  EXPECT_EQ(divided(200).back().cells, 2);
+  EXPECT_EQ(divided(12).back().cells, 0);
+}
+
 TEST(LodSet, StonesOnABodyHangFromItsScale) {
   const ModelField f = plane(130, 130);
   const ScratchFolder model, body;
   const auto stones = some_stones(f);
   LodSetOptions options = small_tiles();
-  ASSERT_THAT(write_lod_set(f, stones, options, model.path()), Succeeds());
+  const auto report = write_lod_set(f, stones, options, model.path());
+  ASSERT_THAT(report, Succeeds());
   options.place = LodPlace{*heightmap::body_by_name("moon"), 10.0, 20.0, 0.0, 2.0};
   ASSERT_THAT(write_lod_set(f, stones, options, body.path()), Succeeds());
-  const Asset small = read_glb(model / "stones.glb"), full = read_glb(body / "stones.glb");
+  const Asset small = read_glb(model / stones_file(*report)),
+              full = read_glb(body / stones_file(*report));
   // The same bytes and nodes under one more.
   EXPECT_EQ(full.binary, small.binary);
   const json& nodes = full.head["nodes"];

@@ -88,7 +88,7 @@ for (const folder of process.argv.slice(2)) {
     count += 1;
     const bytes = readFileSync(path);
     await valid(bytes, path, false);
-    if (path.endsWith('stones.glb')) continue;
+    if (relative(folder, path).startsWith('stones')) continue;
     const glb = readGlb(new Uint8Array(bytes));
     const inside = await unpack(glb), material = glb.json.materials[0].name;
     expect(material === (['regolith', 'foil'].includes(folder) ? folder : 'paint'), `${path}: the material is ${material}`);

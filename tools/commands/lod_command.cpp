@@ -31,8 +31,8 @@ Command add_lod(CLI::App& root, const CommonOptions&) {
       "         maquette lod design.tif --compression meshopt --bits 20 --out lod");
   app->add_option("design", o->design, "model field (.tif)")->required();
   app->add_option("--out", o->out, "folder")->capture_default_str();
-  auto* stones =
-      app->add_option("--stones", o->stones, "stones.json: stones.glb beside the terrain");
+  auto* stones = app->add_option("--stones", o->stones,
+                                 "stones.json: stones beside the terrain, in levels, too");
   app->add_flag("--merge-stones", o->set.asset.merge_stones,
                 "one mesh instead of instances, for engines without EXT_mesh_gpu_instancing")
       ->needs(stones);

@@ -67,10 +67,11 @@ class Pack {
   json entries_ = json::object();
 };
 
-/// Depth of a tile by its name, -1 of what is none.
+/// Depth of a tile by its name, of stones that of the ground they go with; -1 of what is neither.
 int depth_of(const std::string& uri) {
-  if (!uri.starts_with("tiles/")) return -1;
-  return std::atoi(uri.c_str() + 6);
+  for (const std::string_view of : {"tiles/", "stones/"})
+    if (uri.starts_with(of)) return std::atoi(uri.c_str() + of.size());
+  return -1;
 }
 
 /// Takes what is deeper out of a tileset and names what is left.

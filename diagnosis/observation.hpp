@@ -11,6 +11,7 @@
 /// Frame: model frame, millimetres. Time and order are those of the program; where there is no
 /// program `feed` is zero and `path_share` NaN.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -142,65 +143,118 @@ struct CutChange {
 /// Rise a length of the steepest pass whose slope is taken from its command and displacement.
 inline constexpr double kSteepPass = 0.8;
 
+/// A pass as it is beside a place: the ball's normal there, and its underside over the place.
+struct PassBeside {
+  const CutState& state;
+  Vec3 normal;
+  double above_mm = 0.0;
+};
+
+/// Least cosine between a pass's normal and a direction along which it is met to first order.
+inline constexpr double kLeastCosine = 0.1;
+
 /// rise_mm to first order in `tip_mm` (runout included) and radius. Undersides are convex, in the
-/// place and in the radius, so a pass whose direction does not change rises by no less.
-[[nodiscard]] inline double first_order_rise_mm(Vec3 n, Vec3 tip_mm, const CutChange& c) {
-  return dot(n, tip_mm) / n.z + c.radius_mm * (1.0 - 1.0 / n.z);
+/// place and in the radius, so where the normal is within 90 degrees of `up` a pass whose direction
+/// does not change rises by no less.
+[[nodiscard]] inline double first_order_rise_mm(const PassBeside& p, Vec3 tip_mm,
+                                                const CutChange& c, Vec3 up) {
+  return (dot(p.normal, tip_mm) + p.above_mm * p.normal.z - c.radius_mm * (1.0 - p.normal.z)) /
+         std::fmax(kLeastCosine, dot(p.normal, up));
 }
 
-/// By how much a pass leaves its surface higher where its ball has the normal `n`, upwards, mm. The
+/// How far from the place a changed pass leaves its surface, along `up` (a unit vector), mm. The
 /// pass is straight there: its ball sweeps a cylinder along the feed, and the lower of the two
-/// heights at which the upright through the place meets the changed cylinder is the new surface.
+/// points at which the line through the place meets the changed cylinder is on the new surface.
 /// Exact for passes that are straight before and after; where the changed ball does not reach, to
 /// first order.
-[[nodiscard]] inline double rise_mm(const CutState& s, Vec3 n, double radius_mm,
-                                    const CutChange& c) {
-  const Vec3 along = s.feed - dot(s.feed, n) * n;
+[[nodiscard]] inline double rise_mm(const PassBeside& p, double radius_mm, const CutChange& c,
+                                    Vec3 up) {
+  const CutState& s = p.state;
+  const Vec3 along = s.feed - dot(s.feed, p.normal) * p.normal;
   const double length = norm(along);
   Vec3 f = length > 1e-9 ? (1.0 / length) * along : Vec3{};
   // Only of passes along the surface: a plunge or lift whose axis stands still has no direction.
   if (length > 1e-9 && std::abs(s.feed.z) < kSteepPass && c.turns())
     f = normalized(f + c.tip_per_mm);
   const auto across = [&](Vec3 v) { return v - dot(v, f) * f; };
-  const Vec3 up = across({0.0, 0.0, 1.0});
-  const Vec3 tip = c.tip_mm + towards_place(n, radius_mm, c.runout_mm);
-  const Vec3 from = across(-radius_mm * n - tip - Vec3{0.0, 0.0, c.radius_mm});
-  const double r = radius_mm + c.radius_mm, a = dot(up, up), b = dot(from, up),
+  const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
+  const Vec3 way = across(up),
+             from = across(-radius_mm * p.normal - tip - Vec3{0.0, 0.0, p.above_mm + c.radius_mm});
+  const double r = radius_mm + c.radius_mm, a = dot(way, way), b = dot(from, way),
                d = dot(from, from) - r * r, root = b * b - a * d;
-  if (!(root > 0.0) || !(r > 0.0)) return first_order_rise_mm(n, tip, c);
+  if (!(root > 0.0) || !(r > 0.0)) return first_order_rise_mm(p, tip, c, up);
   return d / (std::sqrt(root) - b);
 }
 
+/// Along which a residual is: a scanner's beam meets the changed surface elsewhere than the upright
+/// through the place does. Where passes are displaced by tenths of a millimetre against each other
+/// that is beyond a ridge, and lost motion would come out some hundredths too small. Beams further
+/// than 60 degrees off the normal as at 60, for what they meet is further away than the passes that
+/// are known.
+[[nodiscard]] inline Vec3 seen_along(const Observation& o) {
+  constexpr double kLeast = 0.5;
+  if (!o.has_station) return {0.0, 0.0, 1.0};
+  const Vec3 back = -1.0 * o.beam;
+  const double cosine = dot(back, o.normal);
+  if (cosine > kLeast) return back;
+  const Vec3 aside = normalized(back - cosine * o.normal);
+  return kLeast * o.normal + std::sqrt(1.0 - kLeast * kLeast) * aside;
+}
+
+/// Whether passes beside the place are changed otherwise than the one there by what matters.
+template <class Change>
+[[nodiscard]] bool passes_part(const Observation& o, const Change& change) {
+  constexpr double kApart_mm = 0.01;  // what is left of it is a product of two such
+  if (!o.rivals || o.rivals->empty()) return false;
+  const Vec3 here = change(o, o.normal).tip_mm;
+  return std::any_of(o.rivals->begin(), o.rivals->end(), [&](const Rival& r) {
+    const Vec3 apart = change(r.state, r.normal).tip_mm - here;
+    return dot(apart, apart) > kApart_mm * kApart_mm;
+  });
+}
+
+/// How far from the place, along `up`, the lowest is of what the passes leave if each is changed by
+/// change(state, normal of its ball at the place), mm. Passes that bend there are swept as they
+/// are, others as straight ones.
+template <class Change>
+[[nodiscard]] double lowest_rise_mm(const Observation& o, double radius_mm, const Change& change,
+                                    Vec3 up) {
+  double lowest = INFINITY;
+  const auto let_in = [&](const PassBeside& p) {
+    const CutChange c = change(p.state, p.normal);
+    if (!c.bends && !c.turns() && dot(p.normal, up) > kLeastCosine) {
+      const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
+      if (first_order_rise_mm(p, tip, c, up) >= lowest) return;
+    }
+    double rise = rise_mm(p, radius_mm, c, up);
+    if (c.bends && o.pass) {
+      // Where the straight one is met, and from there by the slope; upright that is the pass.
+      const Vec3 at = o.place + rise * up;
+      const double height =
+          o.pass->height_mm(p.state, at.x, at.y, radius_mm + c.radius_mm, [&](const CutState& t) {
+            const CutChange there = change(t, p.normal);
+            return there.tip_mm + towards_place(p.normal, radius_mm, there.runout_mm);
+          });
+      if (std::isfinite(height))
+        rise += (height - at.z) * p.normal.z / std::fmax(kLeastCosine, dot(p.normal, up));
+    }
+    lowest = std::fmin(lowest, rise);
+  };
+  let_in({o, o.normal});
+  if (o.rivals)
+    for (const Rival& r : *o.rivals) let_in({r.state, r.normal, r.above_mm});
+  return lowest;
+}
+
 /// By how much the residual moves if each pass is changed by change(state, normal of its ball at
-/// the place): the lowest is what remains. Passes that bend there are swept as they are, others as
-/// straight ones.
+/// the place): the lowest is what remains. Along the beam where passes beside the place are changed
+/// otherwise; what moves them alike is looked up over it, for along the beam it would be met beyond
+/// the passes that are known.
 template <class Change>
 [[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change) {
   if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
-  double lowest = INFINITY;
-  const auto let_in = [&](const CutState& s, Vec3 n, double above_mm) {
-    const CutChange c = change(s, n);
-    if (!c.bends && !c.turns()) {
-      const Vec3 tip = c.tip_mm + towards_place(n, radius_mm, c.runout_mm);
-      if (above_mm + first_order_rise_mm(n, tip, c) >= lowest) return;
-    }
-    if (c.bends && o.pass) {
-      const double height = o.pass->height_mm(
-          s, o.place.x, o.place.y, radius_mm + c.radius_mm, [&](const CutState& at) {
-            const CutChange there = change(at, n);
-            return there.tip_mm + towards_place(n, radius_mm, there.runout_mm);
-          });
-      if (std::isfinite(height)) {
-        lowest = std::fmin(lowest, height - o.place.z);
-        return;
-      }
-    }
-    lowest = std::fmin(lowest, above_mm + rise_mm(s, n, radius_mm, c));
-  };
-  let_in(o, o.normal, 0.0);
-  if (o.rivals)
-    for (const Rival& r : *o.rivals) let_in(r.state, r.normal, r.above_mm);
-  return lowest * dot(o.along, o.normal) * o.normal.z;
+  const Vec3 up = passes_part(o, change) ? seen_along(o) : Vec3{0.0, 0.0, 1.0};
+  return lowest_rise_mm(o, radius_mm, change, up) * dot(o.along, o.normal) * dot(up, o.normal);
 }
 
 /// Off the command by `at`, and by `per_mm` more with each mm of way.

@@ -275,7 +275,8 @@ TEST(Library, ABallOutOfTrueCutsFlatBelowAndWiderBeside) {
       CutChange change;
       change.runout_mm = e;
       const Vec3 n{0.0, -u / kRadius, std::sqrt(1.0 - u * u / (kRadius * kRadius))};
-      EXPECT_NEAR(rise_mm(s, n, kRadius, change), height(std::fmax(0.0, u - e)) - height(u), 1e-12)
+      EXPECT_NEAR(rise_mm({s, n}, kRadius, change, {0.0, 0.0, 1.0}),
+                  height(std::fmax(0.0, u - e)) - height(u), 1e-12)
           << "eccentric by " << e << ", " << u << " beside the pass";
     }
 }

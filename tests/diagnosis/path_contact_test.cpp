@@ -333,5 +333,70 @@ TEST(CutPath, AWaveIsFlattenedByALag) {
   EXPECT_GT(most, 0.2) << "there is something to see";
 }
 
+TEST(CutPath, ABeamMeetsDisplacedPassesBesideTheirPlaces) {
+  // Zigzag passes 1 mm apart up and down a slope, off by a tenth along it to either side: every
+  // other one then makes most of the surface, which an oblique beam meets beside the place.
+  const ScratchFolder scratch;
+  constexpr double kRadius_mm = 3.0, kSlope = 0.5, kOff_mm = 0.1;
+  std::string text = "G21 G90 F1000\nG0 X0 Y0 Z0\n";
+  for (int k = 0; k < 12; ++k) {
+    const double to = k % 2 == 0 ? 40.0 : 0.0, from = 40.0 - to;
+    text += fmt::format("G1 X{0} Y{1} Z{2}\nG1 X{3} Y{1} Z{4}\n", from, k, kSlope * from, to,
+                        kSlope * to);
+  }
+  const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
+  // Balls of a straight pass touch their envelope across it: in its section a circle, upright
+  // stretched by the slope.
+  const double stretch = std::hypot(1.0, kSlope);
+  const auto height = [&](double x, double y, double off) {
+    double low = INFINITY;
+    for (int k = 0; k < 12; ++k)
+      if (const double d = y - k; std::abs(d) < kRadius_mm)
+        low = std::fmin(low, kSlope * (x - (k % 2 == 0 ? off : -off)) + kRadius_mm -
+                                 stretch * std::sqrt(kRadius_mm * kRadius_mm - d * d));
+    return low;
+  };
+  for (const Vec3 beam : {Vec3{0.0, 0.0, -1.0}, normalized(Vec3{0.3, 0.9, -1.0}),
+                          normalized(Vec3{-0.2, -0.7, -1.0})}) {
+    double most = 0.0, upright = 0.0;
+    for (double y = 3.0; y < 8.0; y += 0.0317) {
+      std::vector<Rival> rivals;
+      const double x = 20.0 + 0.3 * y;
+      const auto contact = path.at(x, y, &rivals);
+      ASSERT_TRUE(contact.has_value());
+      Observation o;
+      static_cast<CutState&>(o) = *contact;
+      o.place = {x, y, contact->height_mm};
+      o.normal = o.along = contact->normal;
+      o.rivals = std::make_shared<std::vector<Rival>>(rivals);
+      ASSERT_NEAR(o.place.z, height(x, y, 0.0), 1e-9);
+      const auto change = [&](const CutState& s, Vec3) {
+        return CutChange{{s.feed.x > 0.0 ? kOff_mm : -kOff_mm, 0.0, 0.0}};
+      };
+      upright = recut_mm(o, kRadius_mm, change);
+      o.has_station = true;
+      o.beam = beam;
+      // Back along the beam to the displaced surface, by halves.
+      double below = -0.3, above = 0.3;
+      for (int k = 0; k < 60; ++k) {
+        const double middle = 0.5 * (below + above);
+        const Vec3 q = o.place - middle * beam;
+        (q.z < height(q.x, q.y, kOff_mm) ? below : above) = middle;
+      }
+      const double seen = recut_mm(o, kRadius_mm, change);
+      EXPECT_NEAR(seen, -below * dot(beam, o.normal), 1e-9) << "y = " << y;
+      most = std::fmax(most, std::abs(seen - upright));
+      // What moves all alike is looked up over the place.
+      const auto alike = [](const CutState&, Vec3) { return CutChange{{0.05, -0.08, 0.1}}; };
+      const double together = recut_mm(o, kRadius_mm, alike);
+      o.has_station = false;
+      EXPECT_EQ(together, recut_mm(o, kRadius_mm, alike)) << "y = " << y;
+    }
+    if (beam.z > -0.99) {
+      EXPECT_GT(most, 0.01) << "there is something to see";
+    }
+  }
+}
+
 }  // namespace
 }  // namespace maquette::diagnosis

@@ -64,7 +64,8 @@ TEST_F(ViewCommand, SaysThatAPortIsTaken) {
 
 TEST_F(ViewCommand, EndsWellByCtrlC) {
   // Without --foreground the signal comes twice, and the second one ends it at once.
-  const Outcome seen = view(site() + " --port 0", "timeout --foreground --preserve-status -s INT 8");
+  const Outcome seen =
+      view(site() + " --port 0", "timeout --foreground --preserve-status -s INT 8");
   if (view_page().empty()) {  // built without node
     EXPECT_EQ(seen.exit_code, 3);
     EXPECT_THAT(seen.err, HasSubstr("tools/setup --web"));

@@ -993,49 +993,6 @@ TEST(LodSet, StonesLieInTheirPoses) {
             lod_stones_uri(report->stones.front()));
 }
 
-TEST(LodSet, StonesMergedAreOneMesh) {
-  const ModelField f = plane(130, 130);
-  const ScratchFolder scratch;
-  const auto stones = some_stones(f);
-  LodSetOptions options = small_tiles();
-  options.asset.merge_stones = true;
-  const auto report = write_lod_set(f, stones, options, scratch.path());
-  ASSERT_THAT(report, Succeeds());
-  const Asset asset = read_glb(scratch / stones_file(*report));
-  ASSERT_EQ(asset.head["nodes"].size(), 1U);
-  ASSERT_EQ(asset.head["meshes"].size(), 1U);
-  EXPECT_FALSE(asset.head.contains("extensionsRequired"));
-  EXPECT_EQ(asset.head["nodes"][0]["extras"]["stones"], json({1, 2, 3, 4, 5}));
-  const json& primitive = asset.head["meshes"][0]["primitives"][0];
-  EXPECT_EQ(primitive["extensions"]["EXT_mesh_features"]["featureIds"],
-            json({{{"featureCount", 5}, {"attribute", 0}}}));
-  const auto start = [&](const json& accessor) {
-    const json& a = asset.head["accessors"][accessor.get<std::size_t>()];
-    return asset.head["bufferViews"][a["bufferView"].get<std::size_t>()]["byteOffset"]
-        .get<std::size_t>();
-  };
-  const std::size_t position = start(primitive["attributes"]["POSITION"]),
-                    feature = start(primitive["attributes"]["_FEATURE_ID_0"]),
-                    index = start(primitive["indices"]);
-  std::size_t vertex = 0, corners = 0;
-  for (std::size_t i = 0; i < stones.size(); ++i) {
-    const TriMesh expected = meshing::stone_mesh(stones[i]);
-    for (const Vec3& v : expected.vertices_mm) {
-      EXPECT_EQ(value_at<float>(asset.binary, feature + 4 * vertex), static_cast<float>(i));
-      const auto p = value_at<Float3>(asset.binary, position + 12 * vertex++);
-      // Metres from the corner, to a float: some 50 mm.
-      EXPECT_NEAR(1e3 * static_cast<double>(p[0]), v.x - f.x0.value(), 5e-6);
-      EXPECT_NEAR(-1e3 * static_cast<double>(p[2]), v.y - f.y0.value(), 5e-6);
-      EXPECT_NEAR(1e3 * static_cast<double>(p[1]), v.z, 5e-6);
-    }
-    const std::size_t first = vertex - expected.vertices_mm.size();
-    for (const auto& t : expected.triangles)
-      for (const std::uint32_t corner : t)
-        ASSERT_EQ(value_at<std::uint32_t>(asset.binary, index + 4 * corners++), first + corner);
-  }
-  EXPECT_EQ(asset.head["accessors"][primitive["indices"].get<std::size_t>()]["count"], corners);
-}
-
 /// Triangles of merged stones, millimetres of the model, by the stone's place in `extras`.
 std::vector<std::vector<std::array<Vec3, 3>>> merged_triangles(const fs::path& path,
                                                                const ModelField& f) {
@@ -1067,6 +1024,33 @@ std::vector<std::vector<std::array<Vec3, 3>>> merged_triangles(const fs::path& p
     stones.at(of).push_back(triangle);
   }
   return stones;
+}
+
+TEST(LodSet, StonesMergedAreOneMesh) {
+  const ModelField f = plane(130, 130);
+  const ScratchFolder scratch;
+  const auto stones = some_stones(f);
+  LodSetOptions options = small_tiles();
+  options.asset.merge_stones = true;
+  const auto report = write_lod_set(f, stones, options, scratch.path());
+  ASSERT_THAT(report, Succeeds());
+  const fs::path file = scratch / stones_file(*report);
+  const json head = read_glb(file).head;
+  ASSERT_EQ(head["nodes"].size(), 1U);
+  ASSERT_EQ(head["meshes"].size(), 1U);
+  EXPECT_FALSE(head.contains("extensionsRequired"));
+  EXPECT_EQ(head["nodes"][0]["extras"]["stones"], json({1, 2, 3, 4, 5}));
+  EXPECT_EQ(head["meshes"][0]["primitives"][0]["extensions"]["EXT_mesh_features"]["featureIds"],
+            json({{{"featureCount", 5}, {"attribute", 0}}}));
+  const auto found = merged_triangles(file, f);
+  ASSERT_EQ(found.size(), stones.size());
+  for (std::size_t i = 0; i < stones.size(); ++i) {
+    const TriMesh expected = meshing::stone_mesh(stones[i]);
+    ASSERT_EQ(found[i].size(), expected.triangles.size());
+    for (std::size_t t = 0; t < found[i].size(); ++t)
+      for (std::size_t k = 0; k < 3; ++k)  // floats of some 50 mm
+        EXPECT_LT(norm(found[i][t][k] - expected.vertices_mm[expected.triangles[t][k]]), 1e-5);
+  }
 }
 
 Box3 merged_box(const fs::path& path, const ModelField& f) {

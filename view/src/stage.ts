@@ -8,6 +8,9 @@ import type { Box, Hit, Surface } from './surface';
 import type { Triple } from './contents';
 
 const kTogether = 200; // ms; tiles that come within are drawn at once
+// Where a picture takes longer than kSlow (no graphics processor, a remote desktop) coarser ground and
+// stones are drawn while the view moves, by kLess of the pixels, and all of it when it rests. ms
+const kSlow = 100, kRest = 250, kLess = 0.2;
 
 export class Stage {
   readonly renderer: THREE.WebGLRenderer;
@@ -33,6 +36,10 @@ export class Stage {
   private fresh = false;
   private drawn = 0;
   private busy = false;
+  /** Of the pixels along a side, for which levels are chosen. */
+  private share = 1;
+  private moved = -Infinity;
+  private turn = { at: 0, drew: false };
 
   constructor(readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext) {
     this.renderer = new THREE.WebGLRenderer({ canvas, context });
@@ -42,7 +49,7 @@ export class Stage {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.zoomToCursor = true;
     this.controls.maxPolarAngle = 0.999 * Math.PI / 2;
-    this.controls.addEventListener('change', () => this.later());
+    this.controls.addEventListener('change', () => { this.moved = performance.now(); this.later(); });
     this.marks.frustumCulled = false;
     this.marks.renderOrder = 10;
     this.relief.add(this.marks);
@@ -192,12 +199,22 @@ export class Stage {
     chooser.projectionMatrixInverse.copy(camera.projectionMatrixInverse);
   }
 
+  private pace(): void {
+    const now = performance.now(), moves = now - this.moved < kRest;
+    const slow = this.turn.drew && now - this.turn.at > kSlow;
+    const share = !moves ? 1 : slow ? kLess : this.share;
+    this.turn = { at: now, drew: false };
+    if (share !== this.share) this.later();
+    this.share = share;
+  }
+
   private frame(): void {
     this.before();
+    this.pace();
     if (this.fresh && performance.now() - this.drawn > kTogether) this.stale = true;
     if (!this.stale && !this.busy && !this.fresh) return;
     this.place();
-    const [width, height] = this.paneSize(), pixels = this.renderer.getPixelRatio(), wasBusy = this.busy;
+    const [width, height] = this.paneSize(), pixels = this.share * this.renderer.getPixelRatio(), wasBusy = this.busy;
     this.busy = false; // else it goes on asking while something loads
     const times = this.relief.scale.z;
     this.flatten(times);
@@ -208,10 +225,11 @@ export class Stage {
     if (this.stale || (wasBusy && !this.busy)) {
       this.stale = this.fresh = false;
       this.draw();
+      this.turn.drew = true;
       this.drawn = performance.now();
       this.shown();
     }
-    if (!this.busy && !this.fresh && this.panes.some((p) => p)) this.still();
+    if (!this.busy && !this.fresh && this.share === 1 && this.panes.some((p) => p)) this.still();
   }
 
   private draw(): void {

@@ -136,8 +136,21 @@ std::size_t add_mesh(Json& json, Buffer& buffer, const TriMesh& mesh) {
   return json["meshes"].size() - 1;
 }
 
+/// Takes a stone of the file into its box, error and count.
+void count_in(LodStones& file, const PlacedStone& stone, const CoarseRock& rock, Vec3 corner_mm,
+              LodContentScale content) {
+  for (const Vec3& v : rock.mesh.vertices_mm) {
+    const Vec3 m =
+        kMetresPerMillimetre * (stone.model_from_stone.point(stone.scale_mm * v) - corner_mm);
+    file.box.add({content.horizontal * m.x, content.horizontal * m.y, content.vertical * m.z});
+  }
+  file.error_mm = std::fmax(file.error_mm, stone.scale_mm * rock.off);
+  file.triangles += rock.mesh.triangles.size();
+}
+
 /// A node for each shape.
-void add_instances(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) {
+void add_instances(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm,
+                   LodContentScale content) {
   const std::vector<PlacedStone>& stones = file.stones;
   std::vector<bool> done(stones.size(), false);
   for (std::size_t i = 0; i < stones.size(); ++i) {
@@ -150,8 +163,7 @@ void add_instances(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) 
     for (std::size_t j = i; j < stones.size(); ++j) {
       if (done[j] || !meshing::same_shape(stones[j], stones[i])) continue;
       done[j] = true;
-      file.error_mm = std::fmax(file.error_mm, stones[j].scale_mm * rock.off);
-      file.triangles += rock.mesh.triangles.size();
+      count_in(file, stones[j], rock, corner_mm, content);
       const Pose pose = pose_of(stones[j], corner_mm);
       translations.push_back(pose.translation_m);
       rotations.push_back(pose.rotation);
@@ -178,13 +190,14 @@ void add_instances(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) 
 }
 
 /// One node, one mesh.
-void add_merged(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) {
+void add_merged(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm,
+                LodContentScale content) {
   TriMesh all;  // metres from the corner
   std::vector<float> feature;
   Json numbers = Json::array();
   for (const PlacedStone& stone : file.stones) {
     const CoarseRock rock = coarse_rock(stone, file.coarser);
-    file.error_mm = std::fmax(file.error_mm, stone.scale_mm * rock.off);
+    count_in(file, stone, rock, corner_mm, content);
     const auto first = static_cast<std::uint32_t>(all.vertices_mm.size());
     for (const Vec3& v : rock.mesh.vertices_mm)
       all.vertices_mm.push_back(kMetresPerMillimetre *
@@ -194,7 +207,6 @@ void add_merged(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) {
     feature.resize(all.vertices_mm.size(), static_cast<float>(numbers.size()));
     numbers.push_back(stone.number);
   }
-  file.triangles = all.triangles.size();
   const std::size_t mesh = add_mesh(json, buffer, all);
   Json& primitive = json["meshes"][mesh]["primitives"][0];
   primitive["attributes"]["_FEATURE_ID_0"] =
@@ -204,24 +216,6 @@ void add_merged(Json& json, Buffer& buffer, LodStones& file, Vec3 corner_mm) {
   json["extensionsUsed"] = {"EXT_mesh_features"};
   json["nodes"].push_back(
       {{"name", "stones"}, {"mesh", mesh}, {"extras", {{"stones", std::move(numbers)}}}});
-}
-
-Box3 box_of(std::span<const PlacedStone> stones, Vec3 corner_mm, LodContentScale content) {
-  const auto placed = [&](Vec3 model_mm) {
-    const Vec3 m = kMetresPerMillimetre * (model_mm - corner_mm);
-    return Vec3{content.horizontal * m.x, content.horizontal * m.y, content.vertical * m.z};
-  };
-  Box3 box;
-  for (const PlacedStone& stone : stones) {
-    const Box3 one = meshing::stone_mesh(stone).bounds();
-    box.add(placed(one.min));
-    box.add(placed(one.max));
-  }
-  // Poses are stored as floats.
-  const double slack = 1e-6 * std::max(content.horizontal, norm(box.max - box.min));
-  box.min += Vec3{-slack, -slack, -slack};
-  box.max += Vec3{slack, slack, slack};
-  return box;
 }
 
 /// Shapes of stones, each cell's counted for itself.
@@ -297,7 +291,7 @@ std::vector<LodStones> divide_stones(std::span<const PlacedStone> stones, int de
 
 GlbContent encode_stones(LodStones& stones, Vec3 corner_mm, const LodAssetOptions& options,
                          LodContentScale content) {
-  stones.box = box_of(stones.stones, corner_mm, content);
+  stones.box = {};
   stones.error_mm = 0.0;
   stones.triangles = 0;
   Json json;
@@ -309,9 +303,13 @@ GlbContent encode_stones(LodStones& stones, Vec3 corner_mm, const LodAssetOption
   json["materials"] = {Json::parse(material_json(options.material))};
   Buffer buffer;
   if (options.merge_stones)
-    add_merged(json, buffer, stones, corner_mm);
+    add_merged(json, buffer, stones, corner_mm, content);
   else
-    add_instances(json, buffer, stones, corner_mm);
+    add_instances(json, buffer, stones, corner_mm, content);
+  // Poses are stored as floats.
+  const double slack = 1e-6 * std::max(content.horizontal, norm(stones.box.max - stones.box.min));
+  stones.box.min += Vec3{-slack, -slack, -slack};
+  stones.box.max += Vec3{slack, slack, slack};
   Json top = Json::array();
   for (std::size_t i = 0; i < json["nodes"].size(); ++i) top.push_back(i);
   if (content.horizontal != 1.0 || content.vertical != 1.0) {

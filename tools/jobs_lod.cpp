@@ -36,7 +36,6 @@ Result<JobResult> lod_job(const LodJob& job, const fs::path& folder, const RunCo
   const auto kept = std::count_if(report->tiles.begin(), report->tiles.end(),
                                   [](const auto& tile) { return tile.kept; });
   figures["kept_tiles"] = kept;
-  figures.erase("stones");
   std::uint64_t stones_bytes = 0;
   for (const exporting::LodStones& file : report->stones) stones_bytes += file.bytes;
   figures["stones"] = {{"files", report->stones.size()}, {"bytes", stones_bytes}};

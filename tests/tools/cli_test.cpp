@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "assets/synthetic_products.hpp"
+#include "cnc/undercoat.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
@@ -1196,6 +1197,13 @@ TEST_F(CommandLine, ASolidIsFilletedAndMoved) {
   }
   EXPECT_TRUE(beside) << "no round at the stone's foot";
   EXPECT_EQ(json::parse(slurp(scratch / "stony.certificate.json"))["proof"], "graph of a height");
+  // A coat goes over both, too.
+  ASSERT_EQ(run(verb + (scratch / "bare.ply").string() + " --coating-mm 0.5 --stones " +
+                (scratch / "stones.json").string())
+                .exit_code,
+            0);
+  EXPECT_EQ(heightmap::read_model_field(scratch / "bare.undercoat.tif").value().z_mm,
+            cnc::undercoat(meshing::with_stones(design, stones), Millimetres{0.5})->surface.z_mm);
   out = scratch / "x.ply";
   expect_refused(run(verb + out.string() + " --offset-mm 60"), HasSubstr("offset of 60 mm"));
 }

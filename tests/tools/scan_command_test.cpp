@@ -181,6 +181,38 @@ TEST_F(ScanCommand, SpheresGiveThePoseAndThePartsPlace) {
   EXPECT_THAT(slurp(scratch / "d" / "corrections.toml"), HasSubstr("maquette.corrections/1"));
 }
 
+// The second of three bands lies 0.2 mm high, as one does that was milled from a datum of its own:
+// its row of the table says so, by the joints of bands.json, and the others' do not.
+TEST_F(ScanCommand, EachBandHasItsHeight) {
+  const auto part = heightmap::read_model_field(scratch / "design.tif");
+  ASSERT_TRUE(part.has_value());
+  ASSERT_EQ(run("bands design.tif --count 3 --out b --quiet").exit_code, 0);
+  const json bands = json::parse(slurp(scratch / "b" / "bands.json"))["bands"];
+  ASSERT_EQ(bands.size(), 3U);
+  const double from = bands[1]["from_mm"], to = bands[1]["to_mm"];
+  scan::Cloud cloud = testing_support::points_on(*part, 90'000, 12, 0.05);
+  for (Vec3& p : cloud.points_mm)
+    if (p.y > from && p.y < to) p.z += 0.2;
+  ASSERT_TRUE(scan::write_cloud(cloud, scratch / "s.ply"));
+  ASSERT_TRUE(write_file(scratch / "case.toml",
+                         "schema = \"maquette.case/1\"\ndesign = \"design.tif\"\n[deviation]\n"
+                         "bands = \"b/bands.json\"\n[[scan]]\npoints = \"s.ply\"\n"));
+  ASSERT_EQ(run("deviate case.toml --out d --quiet").exit_code, 0);
+  const json regions = json::parse(slurp(scratch / "d" / "summary.json"))["regions"];
+  ASSERT_EQ(regions.size(), 3U);
+  std::array<double, 3> mean{};
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_EQ(regions[k]["name"], "band " + std::to_string(k + 1));
+    mean[k] = regions[k]["mean_mm"];
+    // Of 0.05 mm; a joint that lay a tenth of a band elsewhere would make 0.07 of it.
+    EXPECT_LT(regions[k]["nmad_mm"].get<double>(), 0.062) << k;
+  }
+  // Along the normal, of which the best fit takes what a shift along the relief can make up for.
+  EXPECT_GT(mean[1] - 0.5 * (mean[0] + mean[2]), 0.12);
+  EXPECT_LT(mean[1] - 0.5 * (mean[0] + mean[2]), 0.2);
+  EXPECT_NEAR(mean[0], mean[2], 0.01);
+}
+
 // A strip along the rim stands 0.4 mm high: the best fit is made again without it, so the scanner
 // comes out where it stood; points beside the rim have a slope, so its height along z is a figure.
 TEST_F(ScanCommand, AStripAlongTheRimHasItsHeight) {

@@ -204,8 +204,9 @@ TEST_F(ScanCommand, EachBandHasItsHeight) {
   for (std::size_t k = 0; k < 3; ++k) {
     EXPECT_EQ(regions[k]["name"], "band " + std::to_string(k + 1));
     mean[k] = regions[k]["mean_mm"];
-    // Of 0.05 mm; a joint that lay a tenth of a band elsewhere would make 0.07 of it.
-    EXPECT_LT(regions[k]["nmad_mm"].get<double>(), 0.062) << k;
+    // 3.3 times the noise of 0.05 mm and what a tilt adds; with a tenth of a neighbour's points,
+    // 0.15 mm off, it would be 0.24.
+    EXPECT_LT(regions[k]["p95_mm"].get<double>() - regions[k]["p05_mm"].get<double>(), 0.2) << k;
   }
   // Along the normal, of which the best fit takes what a shift along the relief can make up for.
   EXPECT_GT(mean[1] - 0.5 * (mean[0] + mean[2]), 0.12);

@@ -73,9 +73,7 @@ Result<Detectability> detectability(const Measurements& m, std::uint64_t seed,
   const auto candidates = detail::candidates_of(m.scene, d.untestable);
   const auto columns = detail::all_columns(candidates);
   const auto nuisances = detail::nuisances_of(m);
-  const auto plain = detail::plain_thetas(layout.cell_mm);
-  layout.smooth =
-      detail::smooth_law(detail::sum_up(m.observations, nuisances, {}, layout, &plain), layout);
+  layout.smooth = detail::smooth_law(detail::sum_up(m.observations, nuisances, {}, layout), layout);
   Bank bank = detail::sum_up(m.observations, nuisances, columns, layout);
   const auto model = detail::columns_of(bank, {});
   bank.weight = detail::effective_weights(bank, model, detail::fit(bank, model, detail::kAll));

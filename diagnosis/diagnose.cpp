@@ -231,10 +231,10 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   Scene scene = m.scene;
   Layout layout = detail::lay_out(scene.box, seed);
   const auto nuisances = detail::nuisances_of(m);
-  const auto theta = detail::plain_thetas(layout.cell_mm);
-  const Bank plain = detail::sum_up(m.observations, nuisances, {}, layout, &theta);
-  if (scene.has_path) look_along_the_program(m.observations, plain, layout, scene);
+  Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
   layout.smooth = detail::smooth_law(plain, layout);
+  plain.tried = detail::plain_thetas(layout.cell_mm).size();
+  if (scene.has_path) look_along_the_program(m.observations, plain, layout, scene);
   detail::Search search{m.observations, nuisances, layout,
                         detail::candidates_of(scene, d.untestable)};
   Bank bank =

@@ -306,6 +306,27 @@ Fit fit(const Bank& bank, const std::vector<int>& model, const std::vector<int>&
   return best;
 }
 
+MatrixXd covariance_over_laws(const Bank& bank, const std::vector<int>& model, const Fit& best,
+                              const std::vector<int>& sets) {
+  constexpr double kFarOff = 12.0;  // a law that the data call e^-6 as likely counts for nothing
+  const Small s = pick(bank, model, sets);
+  const auto p = static_cast<Index>(model.size());
+  MatrixXd sum = MatrixXd::Zero(p, p), a;
+  double weight = 0.0;
+  for (std::size_t t = 0; t < bank.tried; ++t) {
+    Fit f = best;
+    f.theta[0] = static_cast<int>(t);
+    for (int round = 0; round < 3; ++round) improve(s, f, false, a);
+    if (!(f.objective < best.objective + kFarOff)) continue;
+    solve(a, VectorXd::Zero(p), &f.covariance);
+    const double w = std::exp(-0.5 * (f.objective - best.objective));
+    const VectorXd off = f.coefficients - best.coefficients;
+    sum += w * (f.covariance + off * off.transpose());
+    weight += w;
+  }
+  return weight > 0.0 ? MatrixXd(sum / weight) : best.covariance;
+}
+
 Beside beside(const Bank& bank, const std::vector<int>& model, const Fit& f, int column,
               const std::vector<int>& sets) {
   std::vector<int> wide = model;
@@ -367,8 +388,9 @@ SmoothLaw smooth_law(const Bank& bank, const Layout& layout) {
   const Theta& theta = bank.theta[static_cast<std::size_t>(fit(bank, nuisances, kAll).theta[0])];
   if (!theta.gauss || theta.ratio == 0.0 || theta.length_mm < kLeastCells * layout.cell_mm)
     return {};
+  // What a coat adds to a cell's mean is its own.
   return {std::fmin(theta.length_mm, kMostCells * layout.cell_mm),
-          std::fmax(kLeastNugget, 1.0 / theta.ratio)};
+          std::fmax(kLeastNugget, (1.0 + theta.rough * theta.ratio) / theta.smooth_ratio())};
 }
 
 }  // namespace maquette::diagnosis::detail

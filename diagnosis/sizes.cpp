@@ -74,11 +74,12 @@ std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Mem
   const Form& form = members[k].form;
   const double wider =
       std::sqrt(overstated(bank, model, columns_of(bank, without(members, k)), fit));
+  const Eigen::MatrixXd covariance = covariance_over_laws(bank, model, fit, kAll);
   std::vector<Estimate> sizes;
   for (const Column& column : form.columns) {
     const auto at = place_of(bank, model, column);
     const double coefficient = fit.coefficients(at);
-    double variance = std::fmax(0.0, fit.covariance(at, at));
+    double variance = std::fmax(0.0, covariance(at, at));
     if (sizes.empty() && form.alternatives)
       variance = std::fmax(variance, variance_over_laws(search, bank, members, k, coefficient));
     sizes.push_back({column.parameter.name, value_of(form, column, coefficient),

@@ -169,6 +169,14 @@ struct Fit {
   std::array<double, kGroups> variance{};  ///< of one point, by group
   std::array<double, kTops> top_variance{};
 };
+/// Covariance of a fit's coefficients about those of the best one, over what law the unevenness
+/// might have: averaged over the laws by restricted likelihood. Of a process as long as a third of
+/// the part there are a dozen independent places, which leave its variance and length open by
+/// half; the best law's covariance alone is too small by as much.
+/// @param best  of the same sets
+[[nodiscard]] Eigen::MatrixXd covariance_over_laws(const Bank& bank, const std::vector<int>& model,
+                                                   const Fit& best, const std::vector<int>& sets);
+
 /// What details are worth: the variance that scores (column times residual) would have were the
 /// residuals of a fit independent, over the variance that they have, sums over cells and their
 /// neighbours taken together (Conley, J. Econometrics 92 (1999),

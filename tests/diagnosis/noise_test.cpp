@@ -20,19 +20,12 @@ using testing_support::noise_alone;
 using testing_support::u;
 using testing_support::v;
 
-// A block with a smooth part of its own, under little noise of points: what it does to causes with
-// long waves. Standard errors must be those that estimates have, and nothing is confirmed. With
-// blocks of different sets taken for independent and heights taken for residuals along normals they
-// were up to three times too small at 28 mm, four at 60 mm.
-class SmoothNoise : public testing::TestWithParam<double> {};
-INSTANTIATE_TEST_SUITE_P(Length_mm, SmoothNoise, testing::Values(10.0, 28.0, 60.0));
-
-TEST_P(SmoothNoise, IsNotTakenForEvidence) {
-  const double length_mm = GetParam();
+/// What smooth causes look like.
+std::vector<Column> long_waves() {
   const auto column = [](const char* key, double (*value)(const Observation&)) {
     return Column{key, {"size", 1.0, 1.0}, value};
   };
-  const std::vector<Column> columns{
+  return {
       column("bow", [](const Observation& o) { return o.normal.z * u(o) * u(o); }),
       column("twist", [](const Observation& o) { return o.normal.z * u(o) * v(o); }),
       column("cubic", [](const Observation& o) { return o.normal.z * v(o) * v(o) * v(o); }),
@@ -42,6 +35,18 @@ TEST_P(SmoothNoise, IsNotTakenForEvidence) {
       column("scale", [](const Observation& o) { return o.normal.x * u(o); }),
       column("step", [](const Observation& o) { return o.path_share > 0.43 ? o.normal.z : 0.0; }),
   };
+}
+
+// A block with a smooth part of its own, under little noise of points: what it does to causes with
+// long waves. Standard errors must be those that estimates have, and nothing is confirmed. With
+// blocks of different sets taken for independent and heights taken for residuals along normals they
+// were up to three times too small at 28 mm, four at 60 mm.
+class SmoothNoise : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Length_mm, SmoothNoise, testing::Values(10.0, 28.0, 60.0));
+
+TEST_P(SmoothNoise, IsNotTakenForEvidence) {
+  const double length_mm = GetParam();
+  const auto columns = long_waves();
   constexpr int kDraws = 12;
   double all = 0.0;
   int confirmed = 0;
@@ -73,6 +78,38 @@ TEST_P(SmoothNoise, IsNotTakenForEvidence) {
   for (std::size_t c = 0; c < columns.size(); ++c)
     EXPECT_LT(std::sqrt(squares[c]), 1.9) << columns[c].key;
   EXPECT_LE(confirmed, 1) << "0.08 expected";
+}
+
+// Standard errors on a block that is uneven under a rough coat, as told (sizes.cpp). Details that
+// were not told of the unevenness, for a coat hid it, and the likeliest law of the noise taken for
+// the only one left them 1.26 times too small over these draws (10 % for that root, as above).
+TEST(SmoothNoise, UnderACoatLeavesSizesOpen) {
+  const auto columns = long_waves();
+  constexpr int kDraws = 24;
+  double all = 0.0;
+  for (int k = 0; k < kDraws; ++k) {
+    const auto seed = 1000 + 10 * static_cast<std::uint64_t>(k);
+    auto m = noise_alone(seed, 0.007, 0.018, 60.0);
+    const auto coat = field(seed + 5, 0.023, 1.5);
+    for (Observation& o : m.observations) o.residual_mm += coat(o.place.x, o.place.y) * o.normal.z;
+    const auto layout = laid_out(m, static_cast<std::uint64_t>(k));
+    EXPECT_GE(layout.smooth.length_mm, 30.0) << "seed " << seed;
+    detail::Bank bank = detail::sum_up(m.observations, detail::nuisances_of(m), columns, layout);
+    const auto empty = detail::columns_of(bank, {});
+    bank.weight = detail::effective_weights(bank, empty, detail::fit(bank, empty, kAll));
+    for (const Column& c : columns) {
+      auto model = empty;
+      model.push_back(bank.index.at(c.key));
+      const auto at = static_cast<Eigen::Index>(model.size()) - 1;
+      const auto f = detail::fit(bank, model, kAll);
+      const double variance = detail::overstated(bank, model, empty, f) *
+                              detail::covariance_over_laws(bank, model, f, kAll)(at, at);
+      all += f.coefficients(at) * f.coefficients(at) / variance /
+             static_cast<double>(kDraws * columns.size());
+    }
+  }
+  EXPECT_GT(std::sqrt(all), 0.8) << "seeds 1000, 1010, ...";
+  EXPECT_LT(std::sqrt(all), 1.2);
 }
 
 // A block that is uneven under a rough coat. A process of one length for both was exponential, of

@@ -73,9 +73,8 @@ inline Measurements noise_alone(std::uint64_t seed, double white, double sigma, 
 /// With the law that the nuisances leave.
 inline detail::Layout laid_out(const Measurements& m, std::uint64_t seed) {
   auto layout = detail::lay_out(m.scene.box, seed);
-  const auto plain = detail::plain_thetas(layout.cell_mm);
   layout.smooth = detail::smooth_law(
-      detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout, &plain), layout);
+      detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout), layout);
   return layout;
 }
 

@@ -312,6 +312,29 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
       confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(beyond_belief));
       continue;
     }
+    // A cause that has a law keeps to it, and one that is named is there.
+    std::size_t none = members.size();
+    std::string why;
+    for (std::size_t k = 0; k < members.size() && none == members.size(); ++k) {
+      const Estimate& size = causes[k].parameters[0];
+      if (causes[k].parameters.size() == 1 && std::abs(size.value) < kSure * size.sigma) {
+        none = k;
+        why = fmt::format("beside the others it may as well be none: {} = {:.3g}, known to {:.2g}",
+                          size.name, size.value, size.sigma);
+      } else if (breaks_its_law(k, members, shares[k] * model.left.excess, search, bank,
+                                residuals)) {
+        none = k;
+        why = "what looks like it changes over the part or with height, as it does not";
+        vague += causes[k].share;
+      }
+    }
+    if (none < members.size()) {
+      d.rejected.push_back({causes[none].effect, why});
+      confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(none));
+      const Members rest = at_own_size(members_of(confirmed), search, bank, residuals);
+      for (std::size_t k = 0; k < rest.size(); ++k) confirmed[k].member = rest[k];
+      continue;
+    }
     const auto wrong = [&](std::size_t k) {
       const double most = wrong_share(members, shares, k);
       return shares[k] < most ? wrong_share_like(k, members, shares, search, bank, residuals, kAll)

@@ -74,6 +74,25 @@ SeenLamp seen(const PhotoPixel& p, double diameter_mm, double rendered_mm,
           std::lerp(at_below.y_mm, at_above.y_mm, t)};
 }
 
+/// Radiance factor of the lobes. Of facets: D F G / (4 mu0 mu), Torrance & Sparrow, J. Opt. Soc.
+/// Am. 57 (1967) 1105, doi:10.1364/JOSA.57.001105, with Blinn's distribution, grooves that are
+/// mirrors of a dielectric (n = 1.5: Schlick, Comput. Graph. Forum 13 (1994) 233), over what it is
+/// where light, view and normal are one.
+double shine(Vec3 normal, Vec3 light, Vec3 view, const PhotoState& s) {
+  constexpr double kNormalReflectance = 0.04;
+  const Vec3 half = normalized(light + view);
+  const double h = std::fmax(1e-6, dot(normal, half)), mu0 = dot(normal, light),
+               mu = std::fmax(1e-6, dot(normal, view)), v = std::fmax(1e-6, dot(view, half));
+  const double fresnel = 1.0 + (1.0 / kNormalReflectance - 1.0) * std::pow(1.0 - v, 5),
+               open = std::fmin(1.0, 2.0 * h * std::fmin(mu, mu0) / v);
+  double sum = 0.0;
+  for (std::size_t k = 0; k < kLobeExponents.size(); ++k)
+    if (s.specular[k] != 0.0 || s.facets[k] != 0.0)
+      sum += (s.specular[k] * mu0 + s.facets[k] * fresnel * open / mu) *
+             std::pow(h, kLobeExponents[k]);
+  return sum;
+}
+
 }  // namespace
 
 std::array<Vec3, 2> across(Vec3 d) {
@@ -160,8 +179,8 @@ double before_sensor(double number, int channel, std::size_t photo, const PhotoS
 bool same_light(const PhotoState& a, const PhotoState& b) {
   return a.albedo == b.albedo && a.albedo_map == b.albedo_map &&
          a.roughness_rad2 == b.roughness_rad2 && a.roughness_short_rad2 == b.roughness_short_rad2 &&
-         a.surge == b.surge && a.specular == b.specular && a.bounce == b.bounce &&
-         a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
+         a.surge == b.surge && a.specular == b.specular && a.facets == b.facets &&
+         a.bounce == b.bounce && a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
          a.lamp_refocused_mm == b.lamp_refocused_mm && a.lamp_diameter_mm == b.lamp_diameter_mm &&
          a.falloff == b.falloff && a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
          a.ambient_even == b.ambient_even && a.ambient_side == b.ambient_side &&
@@ -205,7 +224,7 @@ PhotoChain::PhotoChain(const PhotoState& state, const PhotoState& rendered, cons
     return std::any_of(values.begin(), values.end(), [](double v) { return v != 0.0; });
   };
   surge_ = any(state.surge);
-  specular_ = any(state.specular);
+  specular_ = any(state.specular) || any(state.facets);
 }
 
 double PhotoChain::albedo_map(Vec3 place) const {
@@ -263,12 +282,7 @@ double PhotoChain::radiance(const PhotoPixel& p) const {
         factor *= 1.0 + s.surge[k] / (1.0 + std::sqrt((1.0 - c) / std::fmax(1e-12, 1.0 + c)) /
                                                 kSurgeWidths[k]);
       }
-    for (std::size_t k = 0; specular_ && k < kLobeExponents.size(); ++k)
-      if (s.specular[k] != 0.0) {
-        const Vec3 half = light + view;
-        factor += s.specular[k] * angles.mu0 *
-                  std::pow(std::fmax(0.0, dot(p.normal, half) / norm(half)), kLobeExponents[k]);
-      }
+    if (specular_) factor += shine(p.normal, light, view, s);
     out += e * factor;
   }
   const auto toward = [&](std::size_t axis) { return static_cast<double>(p.sky_side[axis]); };

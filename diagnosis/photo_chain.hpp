@@ -76,9 +76,10 @@ struct PhotoState {
   double roughness_rad2 = 0.0;        ///< Oren and Nayar's variance of facets' slopes, full fit
   double roughness_short_rad2 = 0.0;  ///< the same in their short form, equation 30
   std::array<double, kSurgeWidths.size()> surge{};
-  std::array<double, kLobeExponents.size()> specular{};
-  double bounce = 0.0;      ///< share of the once interreflected light
-  double bounce_all = 0.0;  ///< share of all of it, however often
+  std::array<double, kLobeExponents.size()> specular{};  ///< about the half vector, as it is
+  std::array<double, kLobeExponents.size()> facets{};    ///< of facets that mask each other
+  double bounce = 0.0;                                   ///< share of the once interreflected light
+  double bounce_all = 0.0;                               ///< share of all of it, however often
   // lamp
   std::vector<Vec3> lamp_mm;            ///< by lamp; its intensity stays
   std::vector<Vec3> lamp_refocused_mm;  ///< by lamp; the target's irradiance stays

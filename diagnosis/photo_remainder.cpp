@@ -4,10 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <cstdint>
 #include <functional>
 #include <map>
 #include <numbers>
+#include <numeric>
+
+#include <oneapi/tbb/parallel_for.h>
 
 #include "core/median.hpp"
 
@@ -22,6 +26,9 @@ constexpr double kSmoothLevel = 1e-9;
 /// What bands rows and leaves columns alone, as sensors that are read row by row and lamps that
 /// flicker do: scatter of the rows' means over that of the columns'.
 constexpr double kRowsOverColumns = 4.0;
+/// Power of a wave in a picture, over the noise's. Of 1e5 waves the largest of noise alone is 12 to
+/// 17; what the relief leaves is more than noise, but no line.
+constexpr double kFringe = 60.0;
 
 struct Mean {
   double sum = 0.0, n = 0.0;
@@ -85,6 +92,51 @@ Lines lines_of(const std::map<std::int64_t, Line>& lines) {
   out.excess = excess / out.counted;
   out.level = excess / std::sqrt(std::fmax(1e-300, variance));
   return out;
+}
+
+/// Largest power of a wave in a picture's residuals on their lattice, over that of noise there.
+/// Only waves of less than eight steps count: what the relief leaves is longer. A finer fringe than
+/// the lattice is a wave on it all the same. @param residual  NaN: no pixel
+double clearest_wave(const Grid<double>& residual) {
+  constexpr double kShortest = 0.125;  // cycles a step
+  const std::ptrdiff_t rows = residual.rows(), cols = residual.cols();
+  using Complex = std::complex<double>;
+  const auto turns = [](std::ptrdiff_t n) {
+    std::vector<Complex> table;
+    for (std::ptrdiff_t i = 0; i < n; ++i)
+      table.push_back(std::polar(
+          1.0, -2.0 * std::numbers::pi * static_cast<double>(i) / static_cast<double>(n)));
+    return table;
+  };
+  const auto along = turns(cols), down = turns(rows);
+  Grid<Complex> partial(rows, cols);
+  std::vector<double> power;
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+    for (std::ptrdiff_t k = 0; k < cols; ++k) {
+      Complex sum = 0.0;
+      for (std::ptrdiff_t c = 0; c < cols; ++c)
+        if (!std::isnan(residual(r, c)))
+          sum += residual(r, c) * along[static_cast<std::size_t>((k * c) % cols)];
+      partial(r, k) = sum;
+    }
+  });
+  Grid<double> found(rows, cols, NAN);
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, cols, [&](std::ptrdiff_t k) {
+    const double fx = static_cast<double>(std::min(k, cols - k)) / static_cast<double>(cols);
+    for (std::ptrdiff_t q = 0; q < rows; ++q) {
+      const double fy = static_cast<double>(std::min(q, rows - q)) / static_cast<double>(rows);
+      if (std::hypot(fx, fy) < kShortest) continue;
+      Complex sum = 0.0;
+      for (std::ptrdiff_t r = 0; r < rows; ++r)
+        sum += partial(r, k) * down[static_cast<std::size_t>((q * r) % rows)];
+      found(q, k) = std::norm(sum);
+    }
+  });
+  for (const double p : found.cells())
+    if (!std::isnan(p)) power.push_back(p);
+  if (power.size() < 200) return 0.0;
+  const double most = *std::max_element(power.begin(), power.end());
+  return most / std::fmax(1e-300, median(std::move(power)) / std::numbers::ln2);
 }
 
 }  // namespace
@@ -158,6 +210,40 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
     if (rows.level < kFar || !(own > 0.0) || rms_all * std::sqrt(rows.excess) < smooth_255)
       continue;
     if (std::find(rest.kinds.begin(), rest.kinds.end(), "rows") == rest.kinds.end()) note("rows");
+    break;
+  }
+  // Fringes: neighbouring pixels differ by them as by noise.
+  for (std::size_t photo = 0; photo < views.scene().photos.size(); ++photo) {
+    const auto width = static_cast<std::uint32_t>(views.scene().photos[photo].width_px);
+    std::vector<std::uint32_t> row, col;
+    for (const MeasuredPixel& p : pixels)
+      if (p.photo == photo) {
+        row.push_back(p.at / width);
+        col.push_back(p.at % width);
+      }
+    if (row.empty()) continue;
+    const auto step_of = [](std::vector<std::uint32_t> at) {
+      std::sort(at.begin(), at.end());
+      std::uint32_t step = 0;
+      for (std::size_t i = 1; i < at.size(); ++i) step = std::gcd(step, at[i] - at[i - 1]);
+      return std::max(1U, step);
+    };
+    const std::uint32_t down = step_of(row), along = step_of(col);
+    const auto [r0, r1] = std::minmax_element(row.begin(), row.end());
+    const auto [c0, c1] = std::minmax_element(col.begin(), col.end());
+    Grid<double> map(static_cast<std::ptrdiff_t>((*r1 - *r0) / down) + 1,
+                     static_cast<std::ptrdiff_t>((*c1 - *c0) / along) + 1, NAN);
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      if (pixels[i].photo != photo) continue;
+      double sum = 0.0;
+      for (std::size_t ch = 0; ch < channels; ++ch)
+        sum += std::clamp(
+            static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
+            knee);
+      map((pixels[i].at / width - *r0) / down, (pixels[i].at % width - *c0) / along) = sum;
+    }
+    if (clearest_wave(map) < kFringe) continue;
+    note("a wave in a picture");
     break;
   }
   // Neighbouring places' product: what is left beyond noise that is each place's own.

@@ -767,21 +767,45 @@ struct Named {
   double scatter = 1.0;  ///< of neighbouring pixels, over the declared noise
 };
 
-/// The smallest of those that explain less than what remains unexplained beside them: many a thing
-/// without a name looks a little like each. members.size(): none.
+/// The smallest of those that explain too little beside what remains unexplained: many a thing
+/// without a name looks a little like each, and a map, a light from one side, or a factor for each
+/// picture takes the better part of it (a reflex in the lens is a map of albedo in the middle of
+/// all pictures, a second lamp a bright side of the sky). members.size(): none.
 std::size_t beside_unknown(const PhotoLinear& linear, const PhotoMembers& members,
                            const Diagnosis& d) {
+  constexpr double kOfOneLaw = 1.5, kOfMany = 5.0;
+  constexpr std::size_t kMany = 3;  // parameters
   const double left_255 =
       std::sqrt(std::fmax(0.0, d.rms_after * d.rms_after - d.rms_noise * d.rms_noise));
-  std::size_t least = members.size();
-  double least_255 = left_255;
+  std::size_t weakest = members.size();
+  double least = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
     const double own_255 = 255.0 * moved_by(linear, members[k]) * own_share(linear, members, k);
-    if (own_255 >= least_255) continue;
-    least = k;
-    least_255 = own_255;
+    const double wanted = members[k].form.parameters.size() < kMany ? kOfOneLaw : kOfMany;
+    if (const double share = own_255 / (wanted * left_255); share < least) {
+      least = share;
+      weakest = k;
+    }
   }
-  return least;
+  return weakest;
+}
+
+/// The same with an offset of the numbers in the place of ambient light, fitted, where that does as
+/// well; else empty.
+PhotoMembers offset_for_light(PhotoMembers members, const std::vector<Candidate>& candidates,
+                              PhotoFit& fit) {
+  const auto light = std::find_if(members.begin(), members.end(), [](const PhotoMember& m) {
+    return m.effect->name == "lamp.ambient";
+  });
+  const auto offset = std::find_if(candidates.begin(), candidates.end(), [](const Candidate& c) {
+    return c.effect->name == "photo.black_level";
+  });
+  if (light == members.end() || offset == candidates.end() || offset->forms.empty()) return {};
+  const double before = fit.objective(members, kAll);
+  *light = {offset->effect, offset->forms[0],
+            std::vector<double>(offset->forms[0].parameters.size(), 0.0)};
+  members = fit.fitted(std::move(members));
+  return fit.objective(members, kAll) < before + detail::kEquivalent ? members : PhotoMembers{};
 }
 
 bool knows(const std::vector<KnownCause>& known, const std::string& effect) {
@@ -815,6 +839,7 @@ Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
 
   PhotoLinear after;
   detail::PhotoScatter scatter;
+  bool told_by_scatter = false;
   while (true) {
     after = fit.about(members, Search::parameters_of(members));
     d.rms_after = rms_of(after, kReport, nullptr);
@@ -823,9 +848,20 @@ Result<Named> named(PhotoFit& fit, const std::vector<Candidate>& candidates,
     d.remainder =
         detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
     const std::size_t drop = d.remainder.found ? beside_unknown(after, members, d) : members.size();
-    if (drop == members.size()) break;
+    if (drop == members.size()) {
+      if (noise_known || d.remainder.found || told_by_scatter || !(scatter.off() > kScatterOff))
+        break;
+      // Light has shot noise, an offset of the numbers has none.
+      told_by_scatter = true;
+      PhotoMembers instead = offset_for_light(members, candidates, fit);
+      if (instead.empty()) break;
+      static_cast<void>(fit.about(instead, Search::parameters_of(instead)));
+      if (const auto its = detail::scatter_of(views); its.off() < kScatterOff)
+        members = std::move(instead);
+      continue;
+    }
     d.rejected.push_back(
-        {members[drop].effect->name, "explains less than what remains unexplained beside it"});
+        {members[drop].effect->name, "explains too little beside what remains unexplained"});
     p_values.erase(p_values.begin() + static_cast<std::ptrdiff_t>(drop));
     members = fit.fitted(without(std::move(members), drop));
   }

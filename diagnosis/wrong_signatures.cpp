@@ -9,7 +9,9 @@
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
+#include "diagnosis/detail/squares.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -17,19 +19,29 @@ namespace {
 /// Of a signature's error the part that follows neither place nor slope, as a share of its square.
 constexpr double kElsewhere = 0.1;
 /// By what a signature may be off: over the part from -1 to 1, slopes of 0.3 as 1.
-constexpr int kWays = 9;
-std::array<double, kWays> ways(const Observation& o, const Box3& box) {
+constexpr int kWays = 9, kWaysAndHeights = 11;
+std::array<double, kWaysAndHeights> ways(const Observation& o, const Box3& box) {
   constexpr double kSlope = 0.3;
-  const double x = 2.0 * (o.place.x - box.min.x) / (box.max.x - box.min.x) - 1.0,
-               y = 2.0 * (o.place.y - box.min.y) / (box.max.y - box.min.y) - 1.0,
-               u = o.slope_normal.x / kSlope, v = o.slope_normal.y / kSlope;
-  return {x, y, x * x, x * y, y * y, u, v, u * u, v * v};
+  const auto within = [](double at, double from, double to) {
+    return 2.0 * (at - from) / std::fmax(1e-9, to - from) - 1.0;
+  };
+  const double x = within(o.place.x, box.min.x, box.max.x),
+               y = within(o.place.y, box.min.y, box.max.y),
+               z = within(o.place.z, box.min.z, box.max.z), u = o.slope_normal.x / kSlope,
+               v = o.slope_normal.y / kSlope;
+  return {x, y, x * x, x * y, y * y, u, v, u * u, v * v, z, z * z};
 }
 
-/// What a member moves, let grow in all ways.
-std::vector<Column> off_in_all_ways(const Member& member, const Bank& bank,
-                                    const std::vector<int>& model, const Fit& f,
-                                    const std::vector<Observation>& all, const Box3& box) {
+Box3 box_of(const std::vector<Observation>& all) {
+  Box3 box;
+  for (const Observation& o : all) box.add(o.place);
+  return box;
+}
+
+/// What a member moves, let grow in the first so many ways.
+std::vector<Column> off_in_ways(int count, const Member& member, const Bank& bank,
+                                const std::vector<int>& model, const Fit& f,
+                                const std::vector<Observation>& all, const Box3& box) {
   const auto signature = std::make_shared<std::vector<float>>(all.size(), 0.0F);
   std::string key = "off";
   for (const Column& c : member.form.columns) {
@@ -40,7 +52,7 @@ std::vector<Column> off_in_all_ways(const Member& member, const Bank& bank,
     });
   }
   std::vector<Column> columns;
-  for (int way = 0; way < kWays; ++way)
+  for (int way = 0; way < count; ++way)
     columns.push_back(column(fmt::format("{} way {}", key, way), {"", 1.0, INFINITY},
                              [signature, box, way, first = all.data()](const Observation& o) {
                                return static_cast<double>(
@@ -68,12 +80,11 @@ double wrong_share_like(std::size_t k, const Members& members, const std::vector
   residuals.about(members);
   const auto model = columns_of(bank, members);
   const Fit f = residuals.fit_of(members);
-  Box3 box;
-  for (const Observation& o : search.observations) box.add(o.place);
+  const Box3 box = box_of(search.observations);
   std::vector<int> off;
   for (std::size_t j = 0; j < members.size(); ++j) {
     if (j == k) continue;
-    const auto columns = off_in_all_ways(members[j], bank, model, f, search.observations, box);
+    const auto columns = off_in_ways(kWays, members[j], bank, model, f, search.observations, box);
     add_columns(bank, search.observations, columns);
     for (const Column& c : columns) off.push_back(bank.index.at(c.key));
   }
@@ -87,6 +98,27 @@ double wrong_share_like(std::size_t k, const Members& members, const std::vector
   const double plain = gain({}), beside = gain(off);
   const double like = plain > 0.0 ? std::clamp(1.0 - beside / plain, kElsewhere, 1.0) : 1.0;
   return like * wrong_share(members, explained, k);
+}
+
+bool breaks_its_law(std::size_t k, const Members& members, double explained, const Search& search,
+                    Bank& bank, Linearised& residuals) {
+  constexpr double kExact = 0.03, kShare = 0.1, kChance = 1e-4;
+  if (members[k].effect->signature_error > kExact) return false;
+  residuals.about(members);
+  const auto model = columns_of(bank, members);
+  const Fit f = residuals.fit_of(members);
+  const auto off = off_in_ways(kWaysAndHeights, members[k], bank, model, f, search.observations,
+                               box_of(search.observations));
+  add_columns(bank, search.observations, off);
+  auto with = model;
+  for (const Column& c : off) with.push_back(bank.index.at(c.key));
+  answer(bank, with);
+  const Fit free = fit(bank, with, kAll);
+  const double gain = (f.objective - free.objective) / overstated(bank, with, model, free);
+  return chi_squared_tail(std::fmax(0.0, gain), kWaysAndHeights) < kChance &&
+         squares(bank, model, f.coefficients, kAll, nullptr) -
+                 squares(bank, with, free.coefficients, kAll, nullptr) >
+             kShare * explained;
 }
 
 }  // namespace maquette::diagnosis::detail

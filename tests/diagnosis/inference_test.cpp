@@ -587,6 +587,21 @@ TEST(Inference, GivesNoNameToRings) {
   EXPECT_EQ(d->verdict, "unexplained");
 }
 
+// A block that has crept by the cube of its height: the best scale of z explains most of it.
+TEST(Inference, WhatGrowsByTheCubeOfTheHeightIsNoScale) {
+  const auto d = diagnose(part(48, {},
+                               [](const Observation& o) {
+                                 return -0.2 * o.normal.z * std::pow((o.place.z - 2.65) / 14.7, 3);
+                               }),
+                          1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty()) << told(*d);
+  EXPECT_EQ(d->verdict, "unexplained");
+  EXPECT_TRUE(std::any_of(d->rejected.begin(), d->rejected.end(), [](const Rejected& r) {
+    return r.effect == "machine.scale_z";
+  })) << told(*d);
+}
+
 TEST(Inference, SeesInThePosesWhatRegistrationTakes) {
   const Noise careful{0.05, 0.0, 20.0, 0.004};
   const auto named = [&](const std::function<double(const Observation&)>& hidden) {

@@ -94,9 +94,12 @@ struct Pictures {
 /// @param lens  light behind the lens at (u, v) of a picture, of `light`
 /// @param sensor  value of a channel from that
 /// @param stand  changes how a picture is taken
-void take(Pictures& made, const std::function<double(const PhotoInput&, double, double)>& lens,
-          const std::function<double(double, int)>& sensor, double noise = 1.0,
-          const std::function<void(PhotoInput&, int)>& stand = {}) {
+/// @param number  what is written for a value with its noise
+void take(
+    Pictures& made, const std::function<double(const PhotoInput&, double, double)>& lens,
+    const std::function<double(double, int)>& sensor, double noise = 1.0,
+    const std::function<void(PhotoInput&, int)>& stand = {},
+    const std::function<double(double)>& number = [](double y) { return y; }) {
   heightmap::ModelField design{Grid<float>(401, 401, 0.0F), Millimetres{0.1}, Millimetres{0.0},
                                Millimetres{0.0}};
   for (std::ptrdiff_t r = 0; r < 401; ++r)
@@ -121,10 +124,10 @@ void take(Pictures& made, const std::function<double(const PhotoInput&, double, 
           const double y = sensor(mean, ch);
           const auto draw = static_cast<std::uint64_t>(((k * 192 + r) * 256 + c) * 3 + ch);
           image[static_cast<std::size_t>(ch)](r, c) =
-              static_cast<float>(y + noise *
-                                         std::sqrt(std::fmax(0.0, y) * p.full_well_e +
-                                                   p.read_noise_e * p.read_noise_e) /
-                                         p.full_well_e * random_normal(kSeed, draw));
+              static_cast<float>(number(y + noise *
+                                                std::sqrt(std::fmax(0.0, y) * p.full_well_e +
+                                                          p.read_noise_e * p.read_noise_e) /
+                                                p.full_well_e * random_normal(kSeed, draw)));
         }
       }
     ASSERT_THAT(camera::write_exr({{"R", &image[0]}, {"G", &image[1]}, {"B", &image[2]}}, p.image),
@@ -281,6 +284,83 @@ TEST(Photographs, NoiseThatIsNotAsStatedIsNamed) {
   ASSERT_THAT(d, Succeeds());
   ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.noise"});
   EXPECT_NEAR(d->causes[0].parameters[0].value, 1.5, 0.05);
+}
+
+// One picture is so dark that half of its noise would be below 0: its file has numbers from 0 up.
+// (What they are too high by is an offset.)
+TEST(Photographs, NoiseThatIsCutOffAtZeroIsNotLess) {
+  Pictures p;
+  take(
+      p, light, as_it_is, 1.0,
+      [](PhotoInput& of, int k) { of.exposure_scale = k == 0 ? 0.004 : 1.5; },
+      [](double y) { return std::fmax(0.0, y); });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_THAT(names_of(*d), ::testing::Not(::testing::Contains("photo.noise")));
+}
+
+// Light would scatter by its shot noise, 600 electrons beside 300 of the lamp's and 400 of reading.
+TEST(Photographs, AnOffsetIsToldFromLightByItsNoise) {
+  Pictures p;
+  take(
+      p, light, as_it_is, 1.0, [](PhotoInput& of, int) { of.exposure_scale = 0.08; },
+      [](double y) { return y + 0.03; });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.black_level"});
+}
+
+// Neighbouring pixels differ by a fringe as by noise.
+TEST(Photographs, AFringeIsNoNoise) {
+  Pictures p;
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, u, v) *
+               (1.0 + 0.03 * std::sin(2.0 * std::numbers::pi * (0.8 * u + 0.6 * v) / 8.4));
+      },
+      as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_THAT(names_of(*d), ::testing::IsEmpty());
+  EXPECT_EQ(d->verdict, "unexplained");
+  EXPECT_THAT(d->remainder.kinds, ::testing::Contains("a wave in a picture"));
+}
+
+// Facets by Beckmann's distribution, Fresnel's law for n = 1.5 and V-shaped grooves (Cook &
+// Torrance, ACM Trans. Graph. 1 (1982) 7), seen from where they mirror the lamp, too: a lobe of the
+// half vector alone left the exposure of one picture to be named.
+TEST(Photographs, PaintThatShinesByFacetsIsSpecular) {
+  const auto shine = [](const PhotoInput& of, double u, double v) {
+    const double matt = light(of, u, v);
+    if (matt <= 0.0) return 0.0;
+    const Vec3 at = place_at(of, u, v), n = normal(at.x, at.y),
+               l = normalized(of.lamp_position_mm - at), e = normalized(of.camera_position_mm - at),
+               h = normalized(l + e);
+    const double mu0 = dot(n, l), mu = dot(n, e), c = dot(n, h), b = dot(e, h);
+    const double g = std::sqrt(1.5 * 1.5 - 1.0 + b * b),
+                 fresnel = 0.5 * std::pow((g - b) / (g + b), 2) *
+                           (1.0 + std::pow((b * (g + b) - 1.0) / (b * (g - b) + 1.0), 2));
+    const double m2 = 0.3 * 0.3, t2 = (1.0 - c * c) / (c * c),
+                 lobe = std::exp(-t2 / m2) / (m2 * std::pow(c, 4)),
+                 open = std::min({1.0, 2.0 * c * mu / b, 2.0 * c * mu0 / b});
+    // As a factor beside the matt albedo: a tenth of the paint is bare.
+    return matt * (1.0 + 0.1 * fresnel * lobe * open / (4.0 * mu0 * mu) / of.albedo);
+  };
+  Pictures p;
+  take(p, shine, as_it_is, 1.0, [](PhotoInput& of, int k) {
+    if (k != 1) return;
+    // Opposite the lamp, as far down.
+    of.camera_position_mm = {170.0, -80.0, 200.0};
+    of.model_from_camera = {};
+    const Vec3 back = normalized(of.camera_position_mm - Vec3{20.0, 20.0, 0.0});
+    of.model_from_camera =
+        rotation_about(normalized(cross({0.0, 0.0, 1.0}, back)), std::acos(back.z));
+  });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"surface.specular"});
+  EXPECT_THAT(d->causes[0].law, ::testing::HasSubstr("facets"));
 }
 
 TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {

@@ -321,6 +321,7 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
         none = k;
         why = fmt::format("beside the others it may as well be none: {} = {:.3g}, known to {:.2g}",
                           size.name, size.value, size.sigma);
+        doubtful.push_back(members[k]);
       } else if (breaks_its_law(k, members, shares[k] * model.left.excess, search, bank,
                                 residuals)) {
         none = k;

@@ -98,7 +98,7 @@ Lines lines_of(const std::map<std::int64_t, Line>& lines) {
 /// Only waves of less than eight steps count: what the relief leaves is longer. A finer fringe than
 /// the lattice is a wave on it all the same. @param residual  NaN: no pixel
 double clearest_wave(const Grid<double>& residual) {
-  constexpr double kShortest = 0.125;  // cycles a step
+  constexpr double kLongest = 0.125;  // cycles a step
   const std::ptrdiff_t rows = residual.rows(), cols = residual.cols();
   using Complex = std::complex<double>;
   const auto turns = [](std::ptrdiff_t n) {
@@ -125,7 +125,7 @@ double clearest_wave(const Grid<double>& residual) {
     const double fx = static_cast<double>(std::min(k, cols - k)) / static_cast<double>(cols);
     for (std::ptrdiff_t q = 0; q < rows; ++q) {
       const double fy = static_cast<double>(std::min(q, rows - q)) / static_cast<double>(rows);
-      if (std::hypot(fx, fy) < kShortest) continue;
+      if (std::hypot(fx, fy) < kLongest) continue;
       Complex sum = 0.0;
       for (std::ptrdiff_t r = 0; r < rows; ++r)
         sum += partial(r, k) * down[static_cast<std::size_t>((q * r) % rows)];

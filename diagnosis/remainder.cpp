@@ -18,6 +18,13 @@ constexpr double kLonely = 7.0;  // robust standard deviations
 /// fields (plane removed, robust spread; drawn 3000 times each); a bulge of 0.2 mm over a fifth of
 /// the part has 6.5, and is not to pass for smooth noise.
 constexpr double kLonelyFar = 5.0, kFar_mm = 0.1;
+/// A process longer than this many cells is the block's own unevenness, which is rarely more than
+/// 0.02 mm (fit.cpp): found on parts without another cause 0.036 at most, 0.053 for a scanner that
+/// drifts by 0.08.
+constexpr double kMostUneven_mm = 0.045, kUnevenCells = 2.0;
+/// Scans of one part differ by noise and poses alone: by 0.004 mm of anything smooth at most, on
+/// 12 cases, by 0.072 for a range that is off by 0.07 in turn.
+constexpr double kApart_mm = 0.012;
 constexpr double kEdge = 7.5;
 /// Of a straight line of cells that differ from those across it. Where nothing is left the clearest
 /// has 3.5 to 5.2; a patch of 0.054 mm under noise and roughness of 0.07 has 6.0.
@@ -133,6 +140,10 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
       rest.kinds.emplace_back(kind);
     rest.found = true;
   };
+  if (rest.smooth_mm > kMostUneven_mm && rest.smooth_length_mm > kUnevenCells * l.cell_mm)
+    note("more unevenness than blocks have");
+  const Theta& apart = bank.theta[static_cast<std::size_t>(f.theta[1])];
+  if (std::sqrt(apart.smooth_ratio() * f.top_variance[1]) > kApart_mm) note("scans that differ");
   odd = {l.x0, l.y0, 0.5 * l.cell_mm, {}};
   double structured = 0.0;
   for (const double share : {0.25, 0.5, 1.0}) {

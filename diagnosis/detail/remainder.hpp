@@ -32,6 +32,9 @@ struct Squares {
 ///   edges          largest steps between neighbours over their robust spread
 ///   a wave         largest line of the periodogram over its ring
 ///   rings          a ring of the periodogram above its neighbours
+/// and two at the process itself:
+///   more unevenness than blocks have
+///   scans that differ by something smooth
 [[nodiscard]] Remainder judge(const std::vector<Observation>& all,
                               const std::vector<double>& residual, const Layout& layout,
                               const Bank& bank, const Fit& fit, Squares& odd);

@@ -587,6 +587,21 @@ TEST(Inference, GivesNoNameToRings) {
   EXPECT_EQ(d->verdict, "unexplained");
 }
 
+// A range that is off in turn, by how far it is: each scan has rings about its own station, which a
+// smooth process of the part's and one of what the scans differ by took for noise.
+TEST(Inference, ScansThatDifferBySomethingSmoothAreNotConsistent) {
+  const auto d = diagnose(part(49, {},
+                               [](const Observation& o) {
+                                 return 0.07 * dot(o.along, o.beam) * std::sin(o.range_mm / 3.0);
+                               }),
+                          1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty()) << told(*d);
+  EXPECT_EQ(d->verdict, "unexplained");
+  EXPECT_NE(std::find(d->remainder.kinds.begin(), d->remainder.kinds.end(), "scans that differ"),
+            d->remainder.kinds.end());
+}
+
 // A block that has crept by the cube of its height: the best scale of z explains most of it.
 TEST(Inference, WhatGrowsByTheCubeOfTheHeightIsNoScale) {
   const auto d = diagnose(part(48, {},

@@ -51,11 +51,12 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
 }
 
 /// A member in whose place another cause, cut anew, does better was only found first.
-Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals) {
-  for (int round = 0; round < kRounds; ++round) {
+Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
+                  const RunContext& run) {
+  for (int round = 0; round < kRounds && !run.stopped(); ++round) {
     double best = residuals.score(with) - kPricePerCause;
     Members better;
-    for (std::size_t k = 0; k < with.size(); ++k)
+    for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k)
       for (const Member& rival : rivals_of(with, k, search, bank, residuals)) {
         auto instead = with;
         instead[k] = rival;
@@ -73,9 +74,10 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
 
 /// Members without which the rest, cut anew, does as well: straightened residuals favour what they
 /// were straightened for.
-Members pruned(Members with, const Search& search, Bank& bank, Linearised& residuals) {
+Members pruned(Members with, const Search& search, Bank& bank, Linearised& residuals,
+               const RunContext& run) {
   const double null = residuals.score({}), null_left = residuals.left_by({});
-  while (!with.empty()) {
+  while (!with.empty() && !run.stopped()) {
     const double all = residuals.score(with), left = residuals.left_by(with);
     if (!std::isfinite(all)) {
       // Cut anew two that fit against each other grow beyond belief: without the one that is missed
@@ -146,7 +148,7 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
 /// Of a lag and lost motion in one machine sizes are what their forms are made of: what the two do
 /// together hangs on both, and on which is nearer to the tool.
 Members in_one_machine(const Members& start, const Search& search, Bank& bank,
-                       Linearised& residuals) {
+                       Linearised& residuals, const RunContext& run) {
   if (!follows_any(start, true) || !follows_any(start, false)) return start;
   Members best = start;
   double least = INFINITY;
@@ -154,7 +156,7 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
   for (const bool lag_first : {true, false}) {
     residuals.take_order(lag_first);
     Members now = start;
-    for (int round = 0; round < kSizeRounds; ++round) {
+    for (int round = 0; round < kSizeRounds && !run.stopped(); ++round) {
       if (const double s = residuals.score(now); s < least) {
         least = s;
         best = now;
@@ -204,16 +206,16 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     if (chosen.empty() && members.empty()) break;
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
-    if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals);
-    chosen = pruned(std::move(chosen), search, bank, residuals);
-    if (auto other = exchanged(chosen, search, bank, residuals); !alike(other, chosen))
-      chosen = pruned(std::move(other), search, bank, residuals);
+    if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);
+    chosen = pruned(std::move(chosen), search, bank, residuals, run);
+    if (auto other = exchanged(chosen, search, bank, residuals, run); !alike(other, chosen))
+      chosen = pruned(std::move(other), search, bank, residuals, run);
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
     members = std::move(chosen);
     if (settled || run.stopped()) break;
   }
-  members = in_one_machine(members, search, bank, residuals);
+  members = in_one_machine(members, search, bank, residuals, run);
   return at_own_size(std::move(members), search, bank, residuals);
 }
 

@@ -167,7 +167,7 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
     residuals.about({});
     const auto members = detail::choose_and_recut(search, bank, residuals, ranking, run);
     if (look == 0) d.ranking = std::move(ranking);
-    if (members.empty()) break;
+    if (members.empty() || run.stopped()) break;
     confirmed = detail::confirm(bank, members, look == 0 ? kClaimLevel : kLaterLevel, d.rejected,
                                 residuals.settle_alone());
     std::erase_if(search.candidates,

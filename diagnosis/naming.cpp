@@ -330,7 +330,7 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
       }
     }
     if (none < members.size()) {
-      d.rejected.push_back({causes[none].effect, why});
+      d.rejected.push_back({causes[none].effect, std::move(why)});
       confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(none));
       const Members rest = at_own_size(members_of(confirmed), search, bank, residuals);
       for (std::size_t k = 0; k < rest.size(); ++k) confirmed[k].member = rest[k];

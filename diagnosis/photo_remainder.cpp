@@ -4,16 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <complex>
 #include <cstdint>
 #include <functional>
 #include <map>
 #include <numbers>
-#include <numeric>
-
-#include <oneapi/tbb/parallel_for.h>
 
 #include "core/median.hpp"
+#include "diagnosis/detail/periodogram.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -100,40 +97,15 @@ Lines lines_of(const std::map<std::int64_t, Line>& lines) {
 double clearest_wave(const Grid<double>& residual) {
   constexpr double kLongest = 0.125;  // cycles a step
   const std::ptrdiff_t rows = residual.rows(), cols = residual.cols();
-  using Complex = std::complex<double>;
-  const auto turns = [](std::ptrdiff_t n) {
-    std::vector<Complex> table;
-    for (std::ptrdiff_t i = 0; i < n; ++i)
-      table.push_back(std::polar(
-          1.0, -2.0 * std::numbers::pi * static_cast<double>(i) / static_cast<double>(n)));
-    return table;
+  const Grid<double> all = periodogram(residual, rows, cols);
+  const auto frequency = [](std::ptrdiff_t waves, std::ptrdiff_t of) {
+    return static_cast<double>(std::min(waves, of - waves)) / static_cast<double>(of);
   };
-  const auto along = turns(cols), down = turns(rows);
-  Grid<Complex> partial(rows, cols);
   std::vector<double> power;
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t k = 0; k < cols; ++k) {
-      Complex sum = 0.0;
-      for (std::ptrdiff_t c = 0; c < cols; ++c)
-        if (!std::isnan(residual(r, c)))
-          sum += residual(r, c) * along[static_cast<std::size_t>((k * c) % cols)];
-      partial(r, k) = sum;
-    }
-  });
-  Grid<double> found(rows, cols, NAN);
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, cols, [&](std::ptrdiff_t k) {
-    const double fx = static_cast<double>(std::min(k, cols - k)) / static_cast<double>(cols);
-    for (std::ptrdiff_t q = 0; q < rows; ++q) {
-      const double fy = static_cast<double>(std::min(q, rows - q)) / static_cast<double>(rows);
-      if (std::hypot(fx, fy) < kLongest) continue;
-      Complex sum = 0.0;
-      for (std::ptrdiff_t r = 0; r < rows; ++r)
-        sum += partial(r, k) * down[static_cast<std::size_t>((q * r) % rows)];
-      found(q, k) = std::norm(sum);
-    }
-  });
-  for (const double p : found.cells())
-    if (!std::isnan(p)) power.push_back(p);
+  for (std::ptrdiff_t q = 0; q < rows; ++q)
+    for (std::ptrdiff_t k = 0; k < cols; ++k)
+      if (std::hypot(frequency(k, cols), frequency(q, rows)) >= kLongest)
+        power.push_back(all(q, k));
   if (power.size() < 200) return 0.0;
   const double most = *std::max_element(power.begin(), power.end());
   return most / std::fmax(1e-300, median(std::move(power)) / std::numbers::ln2);
@@ -147,14 +119,17 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
   const auto& pixels = views.pixels();
   const std::size_t channels = views.channels();
   const double knee = kClip * std::sqrt(factor);
+  const auto clipped = [&](std::size_t i, std::size_t ch) {
+    return std::clamp(
+        static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
+        knee);
+  };
   const auto group = [&](const std::function<std::uint64_t(const MeasuredPixel&)>& key) {
     std::map<std::uint64_t, Mean> means;
     for (std::size_t i = 0; i < pixels.size(); ++i) {
       Mean& m = means[key(pixels[i])];
       for (std::size_t ch = 0; ch < channels; ++ch) {
-        m.sum += std::clamp(
-            static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
-            knee);
+        m.sum += clipped(i, ch);
         m.n += 1.0;
       }
     }
@@ -191,9 +166,7 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
       Line& line = lines[pixels[i].photo][along][std::llround(
           std::floor(static_cast<double>(along == 0 ? pixels[i].v : pixels[i].u)))];
       for (std::size_t ch = 0; ch < channels; ++ch) {
-        const double r = std::clamp(
-            static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
-            knee);
+        const double r = clipped(i, ch);
         line.sum += r;
         line.squares += r * r;
         line.n += 1.0;
@@ -214,34 +187,27 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
   }
   // Fringes: neighbouring pixels differ by them as by noise.
   for (std::size_t photo = 0; photo < views.scene().photos.size(); ++photo) {
-    const auto width = static_cast<std::uint32_t>(views.scene().photos[photo].width_px);
-    std::vector<std::uint32_t> row, col;
-    for (const MeasuredPixel& p : pixels)
-      if (p.photo == photo) {
-        row.push_back(p.at / width);
-        col.push_back(p.at % width);
-      }
-    if (row.empty()) continue;
-    const auto step_of = [](std::vector<std::uint32_t> at) {
-      std::sort(at.begin(), at.end());
-      std::uint32_t step = 0;
-      for (std::size_t i = 1; i < at.size(); ++i) step = std::gcd(step, at[i] - at[i - 1]);
-      return std::max(1U, step);
+    const std::ptrdiff_t width = views.scene().photos[photo].width_px,
+                         step = views.lattice_step(photo);
+    struct Place {
+      std::ptrdiff_t row, col;
+      double residual;
     };
-    const std::uint32_t down = step_of(row), along = step_of(col);
-    const auto [r0, r1] = std::minmax_element(row.begin(), row.end());
-    const auto [c0, c1] = std::minmax_element(col.begin(), col.end());
-    Grid<double> map(static_cast<std::ptrdiff_t>((*r1 - *r0) / down) + 1,
-                     static_cast<std::ptrdiff_t>((*c1 - *c0) / along) + 1, NAN);
+    std::vector<Place> seen;
+    Place least{}, most{};
     for (std::size_t i = 0; i < pixels.size(); ++i) {
       if (pixels[i].photo != photo) continue;
-      double sum = 0.0;
-      for (std::size_t ch = 0; ch < channels; ++ch)
-        sum += std::clamp(
-            static_cast<double>(left.residual(static_cast<Eigen::Index>(i * channels + ch))), -knee,
-            knee);
-      map((pixels[i].at / width - *r0) / down, (pixels[i].at % width - *c0) / along) = sum;
+      const auto at = static_cast<std::ptrdiff_t>(pixels[i].at);
+      Place p{at / width / step, at % width / step, 0.0};
+      for (std::size_t ch = 0; ch < channels; ++ch) p.residual += clipped(i, ch);
+      if (seen.empty()) least = most = p;
+      least = {std::min(least.row, p.row), std::min(least.col, p.col), 0.0};
+      most = {std::max(most.row, p.row), std::max(most.col, p.col), 0.0};
+      seen.push_back(p);
     }
+    if (seen.empty()) continue;
+    Grid<double> map(most.row - least.row + 1, most.col - least.col + 1, NAN);
+    for (const Place& p : seen) map(p.row - least.row, p.col - least.col) = p.residual;
     if (clearest_wave(map) < kFringe) continue;
     note("a wave in a picture");
     break;

@@ -66,6 +66,8 @@ class PhotoViews {
   [[nodiscard]] double penumbra_px(double diameter_mm) const;
   /// Pixels on the surface, on a lattice over each picture; not at its rim, not saturated.
   [[nodiscard]] const std::vector<MeasuredPixel>& pixels() const { return pixels_; }
+  /// Rows and columns from one pixel of the lattice to the next.
+  [[nodiscard]] std::ptrdiff_t lattice_step(std::size_t photo) const { return views_[photo].step; }
   [[nodiscard]] const PhotoScene& scene() const { return scene_; }
   [[nodiscard]] const PhotoState& state() const { return state_; }
   [[nodiscard]] std::size_t channels() const { return scene_.colour ? 3 : 1; }

@@ -43,6 +43,13 @@ Vec3 normal(double x, double y) {
   return normalized(Vec3{-gx, -gy, 1.0});
 }
 
+/// Turns a camera to the part's middle.
+void look_at_the_middle(PhotoInput& p) {
+  const Vec3 back = normalized(p.camera_position_mm - Vec3{20.0, 20.0, 0.0});
+  const double tilt = std::acos(back.z);
+  p.model_from_camera = rotation_about(normalized(cross({0.0, 0.0, 1.0}, back)), tilt);
+}
+
 /// Looks down at the part's middle.
 PhotoInput photo(int number) {
   PhotoInput p;
@@ -52,9 +59,7 @@ PhotoInput photo(int number) {
   p.focal_length_mm = 30.0;
   const double azimuth = 2.1 * number;
   p.camera_position_mm = {20.0 + 40.0 * std::cos(azimuth), 20.0 + 40.0 * std::sin(azimuth), 260.0};
-  const Vec3 back = normalized(p.camera_position_mm - Vec3{20.0, 20.0, 0.0});
-  const double tilt = std::acos(back.z);
-  p.model_from_camera = rotation_about(normalized(cross({0.0, 0.0, 1.0}, back)), tilt);
+  look_at_the_middle(p);
   p.lamp_position_mm = number % 2 == 0 ? Vec3{700.0, 100.0, 900.0} : Vec3{-500.0, 600.0, 900.0};
   p.lamp_target_mm = {20.0, 20.0, 0.0};
   p.exposure_scale = 1.5;
@@ -144,6 +149,14 @@ std::vector<std::string> names_of(const Diagnosis& d) {
 
 double as_it_is(double v, int) {
   return v;
+}
+
+void expect_unexplained(const Pictures& p, const char* kind) {
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_THAT(names_of(*d), ::testing::IsEmpty());
+  EXPECT_EQ(d->verdict, "unexplained");
+  EXPECT_THAT(d->remainder.kinds, ::testing::Contains(kind));
 }
 
 TEST(Photographs, NothingIsClaimedWhereNothingIs) {
@@ -320,11 +333,7 @@ TEST(Photographs, AFringeIsNoNoise) {
                (1.0 + 0.03 * std::sin(2.0 * std::numbers::pi * (0.8 * u + 0.6 * v) / 8.4));
       },
       as_it_is);
-  const auto d = diagnose_photographs(p.part, p.photos, false);
-  ASSERT_THAT(d, Succeeds());
-  EXPECT_THAT(names_of(*d), ::testing::IsEmpty());
-  EXPECT_EQ(d->verdict, "unexplained");
-  EXPECT_THAT(d->remainder.kinds, ::testing::Contains("a wave in a picture"));
+  expect_unexplained(p, "a wave in a picture");
 }
 
 // Facets by Beckmann's distribution, Fresnel's law for n = 1.5 and V-shaped grooves (Cook &
@@ -352,10 +361,7 @@ TEST(Photographs, PaintThatShinesByFacetsIsSpecular) {
     if (k != 1) return;
     // Opposite the lamp, as far down.
     of.camera_position_mm = {170.0, -80.0, 200.0};
-    of.model_from_camera = {};
-    const Vec3 back = normalized(of.camera_position_mm - Vec3{20.0, 20.0, 0.0});
-    of.model_from_camera =
-        rotation_about(normalized(cross({0.0, 0.0, 1.0}, back)), std::acos(back.z));
+    look_at_the_middle(of);
   });
   const auto d = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(d, Succeeds());
@@ -372,11 +378,7 @@ TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {
         return light(of, u, v) * (1.0 + 0.015 * std::sin(2.0 * std::numbers::pi * v / 22.0));
       },
       as_it_is);
-  const auto d = diagnose_photographs(p.part, p.photos, false);
-  ASSERT_THAT(d, Succeeds());
-  EXPECT_THAT(names_of(*d), ::testing::IsEmpty());
-  EXPECT_EQ(d->verdict, "unexplained");
-  EXPECT_THAT(d->remainder.kinds, ::testing::Contains("rows"));
+  expect_unexplained(p, "rows");
 }
 
 TEST(Photographs, AVeilIsAShareOfAllThatThePictureShows) {

@@ -103,6 +103,18 @@ export async function look(maquette, pictures) {
   };
   const whole = async (page, name) => { if (pictures) await page.screenshot({ path: join(pictures, `${name}.png`) }); };
   const slide = async (page, id, value) => { await page.locator(id).fill(String(value)); await still(page); };
+  /** Another place by the address, which is there once the page has written its own; it does so again
+   * where it has arrived. */
+  const go = async (page, from, to) => {
+    await page.waitForFunction(() => location.hash.includes('from='));
+    const asked = await page.evaluate(([f, t]) => {
+      location.hash = location.hash.replace(/from=[^&]*/, `from=${f}`).replace(/to=[^&]*/, `to=${t}`);
+      return location.hash;
+    }, [from, to].map((p) => p.join(',')));
+    await page.waitForFunction((old) => location.hash !== old, asked);
+    const there = new URLSearchParams((await page.evaluate(() => location.hash)).slice(1)).get('from').split(',');
+    expect(there.every((v, i) => Math.abs(v - from[i]) < 0.001), `sent to ${from}, the page is at ${there}`);
+  };
   /** Controls that nothing gives a name to, for screen readers. */
   const nameless = (page) => page.evaluate(() => [...document.querySelectorAll('input, select, button, canvas, a, svg, img')]
     .filter((e) => !e.closest('[aria-hidden=true]') && !e.labels?.length && !e.getAttribute('aria-label') && !e.getAttribute('alt') && !e.textContent.trim()).map((e) => e.id));
@@ -110,5 +122,5 @@ export async function look(maquette, pictures) {
     await chromium.close();
     await Promise.all(servers.map((child) => new Promise((resolve) => { child.on('exit', resolve); child.kill('SIGINT'); })));
   };
-  return { serve, run, tab, still, readout, ask, differ, shot, whole, slide, nameless, close };
+  return { serve, run, tab, still, readout, ask, differ, shot, whole, slide, go, nameless, close };
 }

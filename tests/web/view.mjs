@@ -17,7 +17,7 @@ import { look } from './looking.mjs';
 import { expect, finish } from './packages.mjs';
 
 const [maquette, lodFolder, runFolder, pictures] = process.argv.slice(2);
-const { serve, tab, still, ask, differ, shot, whole, slide, nameless, close } = await look(maquette, pictures);
+const { serve, tab, still, ask, differ, shot, whole, slide, go, nameless, close } = await look(maquette, pictures);
 
 const lodUrl = await serve(lodFolder), runUrl = await serve(runFolder);
 /** The design itself, by GDAL; view_server_test holds this against a closed form. */
@@ -327,11 +327,8 @@ const kHeight = lod.levels[0].max_vertical_error_mm + 0.0005 + 2 * 0.0005;
   rmSync(join(broken, `tiles/${depth}/1/1.glb`));
   const page = await tab(await serve(broken), { expected: ['Failed to load', 'DRACOLoader', 'RangeError', '404'] });
   await still(page);
-  await page.waitForTimeout(600);
   // Near enough for the finest tiles of the south-western corner.
-  await page.evaluate(() => {
-    location.hash = location.hash.replace(/from=[^&]*/, 'from=16,-6,24').replace(/to=[^&]*/, 'to=18,14,2');
-  });
+  await go(page, [16, -6, 24], [18, 14, 2]);
   await page.waitForFunction(() => document.querySelectorAll('#problems li').length >= 2);
   const problems = await page.locator('#problems').innerText();
   for (const name of [`tiles/${depth}/0/0.glb`, `tiles/${depth}/1/1.glb`])

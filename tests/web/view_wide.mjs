@@ -11,7 +11,7 @@ import { look } from './looking.mjs';
 import { expect, finish } from './packages.mjs';
 
 const [maquette, runFolder, pictures] = process.argv.slice(2);
-const { serve, tab, still, ask, shot, whole, close } = await look(maquette, pictures);
+const { serve, tab, still, ask, shot, whole, go, close } = await look(maquette, pictures);
 const url = await serve(runFolder), file = 's1000/design.tif';
 const height = async ([x, y]) => (await (await fetch(`${url}profile?file=${file}&from=${x},${y}&to=0,0&count=1`)).json()).values[0];
 const nodes = (await (await fetch(`${url}maquette.json`)).json()).fields.find((f) => f.path === file).nodes;
@@ -32,9 +32,6 @@ const holes = async (page, name) => {
     return n;
   }, png);
 };
-const go = (page, from, to) => page.evaluate(([f, t]) => {
-  location.hash = location.hash.replace(/from=[^&]*/, `from=${f}`).replace(/to=[^&]*/, `to=${t}`);
-}, [from, to]);
 
 {
   const asked = new Map();
@@ -52,12 +49,10 @@ const go = (page, from, to) => page.evaluate(([f, t]) => {
     // Three decimals, and a slope of one between half a micrometre of x and y.
     expect(Math.abs(place[2] - z) < 0.0015, `${text}: the file has ${z} there`);
   }
-  await page.waitForTimeout(600);
   const middle = await height([200, 200]);
   // Over the ground, to the horizon: near squares beside far ones.
   await go(page, [200, 60, middle + 30], [200, 130, middle]);
   await still(page);
-  await page.waitForTimeout(600);
   await holes(page, 'wide_oblique');
   await go(page, [200, 196, middle + 60], [200, 204, middle]);
   await still(page);
@@ -84,7 +79,6 @@ const go = (page, from, to) => page.evaluate(([f, t]) => {
   await page.route(/tile\?.*every=1&/, (route) => route.abort());
   await page.goto(url);
   await still(page);
-  await page.waitForTimeout(600);
   const middle = await height([200, 200]);
   await go(page, [200, 196, middle + 60], [200, 204, middle]);
   await page.waitForFunction(() => document.querySelector('#problems').textContent.includes('coarser ground stands for it'));

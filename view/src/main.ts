@@ -55,6 +55,7 @@ class Page {
     this.stage.before = () => this.path.advance();
     this.stage.dress = (pane) => this.colours.dress(pane);
     this.stage.shown = () => this.firstPicture();
+    this.stage.stirs = () => { document.documentElement.dataset.state = 'loading'; };
     this.stage.still = () => { document.documentElement.dataset.state = 'still'; this.remember(); };
     this.fill();
     this.listen();

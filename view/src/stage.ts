@@ -27,6 +27,8 @@ export class Stage {
   before: () => void = () => {};
   /** Before a pane is drawn. */
   dress: (pane: number) => void = () => {};
+  /** What is seen is not all that there is to see, or no longer. */
+  stirs: () => void = () => {};
   still: () => void = () => {};
   shown: () => void = () => {};
   private readonly sun = new THREE.DirectionalLight(0xfff6ea, 3.4);
@@ -39,6 +41,8 @@ export class Stage {
   /** Of the pixels along a side, for which levels are chosen. */
   private share = 1;
   private moved = -Infinity;
+  /** All that there is to see is drawn, and the view has not moved for kRest. */
+  private rests = false;
   private turn = { at: 0, drew: false };
 
   constructor(readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext) {
@@ -60,10 +64,15 @@ export class Stage {
     requestAnimationFrame(turn);
   }
 
-  later(): void { this.stale = true; }
+  later(): void { this.stale = true; this.stir(); }
 
   /** Something was loaded: drawn soon, with what else comes by then. */
-  arrived(): void { this.fresh = true; }
+  arrived(): void { this.fresh = true; this.stir(); }
+
+  private stir(): void {
+    this.rests = false;
+    this.stirs();
+  }
 
   get exaggeration(): number { return this.relief.scale.z; }
   set exaggeration(times: number) {
@@ -199,8 +208,10 @@ export class Stage {
     chooser.projectionMatrixInverse.copy(camera.projectionMatrixInverse);
   }
 
+  private moves(): boolean { return performance.now() - this.moved < kRest; }
+
   private pace(): void {
-    const now = performance.now(), moves = now - this.moved < kRest;
+    const now = performance.now(), moves = this.moves();
     const slow = this.turn.drew && now - this.turn.at > kSlow;
     const share = !moves ? 1 : slow ? kLess : this.share;
     this.turn = { at: now, drew: false };
@@ -212,7 +223,7 @@ export class Stage {
     this.before();
     this.pace();
     if (this.fresh && performance.now() - this.drawn > kTogether) this.stale = true;
-    if (!this.stale && !this.busy && !this.fresh) return;
+    if (this.rests) return;
     this.place();
     const [width, height] = this.paneSize(), pixels = this.share * this.renderer.getPixelRatio(), wasBusy = this.busy;
     this.busy = false; // else it goes on asking while something loads
@@ -229,7 +240,9 @@ export class Stage {
       this.drawn = performance.now();
       this.shown();
     }
-    if (!this.busy && !this.fresh && this.share === 1 && this.panes.some((p) => p)) this.still();
+    this.rests = !this.busy && !this.fresh && !this.moves() && this.share === 1 && this.panes.some((p) => p);
+    if (this.rests) this.still();
+    else this.stirs();
   }
 
   private draw(): void {

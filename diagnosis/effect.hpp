@@ -50,6 +50,9 @@ struct Column {
   /// Of causes that act through the cut: what one unit of the coefficient does to a pass, so that
   /// several together can be cut anew (recut_mm) where `value` is to first order. Empty: others.
   std::function<CutChange(const Observation&, const CutState&, Vec3 normal)> cut{};
+  /// `cut` goes by the state alone, and may change along a pass. Others are the same within
+  /// kBendReach_mm.
+  bool by_program = false;
   /// Of poses and scanners, which move all passes alike: where to, for one unit of the coefficient.
   /// Beside causes that are cut anew the ridges between passes go along.
   std::function<Vec3(const Observation&)> moves{};

@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,8 @@ inline constexpr std::array<double, 7> kSpotWidths_mm{0.6, 0.8, 1.05, 1.4, 1.8, 
 
 /// Passes that are higher by more than this are taken to stay out of the surface.
 inline constexpr double kRivalHeight_mm = 0.2;
+/// More passes than that run nowhere side by side within it.
+inline constexpr std::size_t kMostRivals = 8;
 
 /// What the machine did at a place of the program.
 struct CutState {
@@ -64,6 +67,15 @@ class Pass {
   [[nodiscard]] virtual double height_mm(const CutState& s, double x_mm, double y_mm,
                                          double radius_mm,
                                          const std::function<Vec3(const CutState&)>& off) const = 0;
+  /// All states that `off` may be asked for.
+  [[nodiscard]] virtual std::size_t states() const = 0;
+  [[nodiscard]] virtual CutState state(std::size_t index) const = 0;
+  /// The same of displacements that are known at all of them, and `more` everywhere: a tenth of the
+  /// time where several causes displace the tips of many places' passes.
+  [[nodiscard]] virtual double height_mm(const CutState& s, double x_mm, double y_mm,
+                                         double radius_mm,
+                                         std::span<const std::array<float, 3>> off_mm,
+                                         Vec3 more_mm) const = 0;
 };
 /// How far along the way a bend is felt: a ball of 3 mm over a bend of 0.4.
 inline constexpr double kBendReach_mm = 1.2;
@@ -83,7 +95,8 @@ struct Observation : CutState {
   bool on_surface = true;               ///< false: a mark, which coats and cutters do not move
   double milled_minus_design_mm = 0.0;  ///< along the normal
 
-  /// Passes within kRivalHeight_mm above; shared, for most causes do not look at them.
+  /// Passes within kRivalHeight_mm above, kMostRivals at most; shared, for most causes do not look
+  /// at them.
   std::shared_ptr<const std::vector<Rival>> rivals;
   std::shared_ptr<const Pass> pass;  ///< of the program; none without
 
@@ -201,27 +214,31 @@ inline constexpr double kLeastCosine = 0.1;
   return kLeast * o.normal + std::sqrt(1.0 - kLeast * kLeast) * aside;
 }
 
-/// Whether passes beside the place are changed otherwise than the one there by what matters.
-template <class Change>
-[[nodiscard]] bool passes_part(const Observation& o, const Change& change) {
-  constexpr double kApart_mm = 0.01;  // what is left of it is a product of two such
-  if (!o.rivals || o.rivals->empty()) return false;
-  const Vec3 here = change(o, o.normal).tip_mm;
-  return std::any_of(o.rivals->begin(), o.rivals->end(), [&](const Rival& r) {
-    const Vec3 apart = change(r.state, r.normal).tip_mm - here;
-    return dot(apart, apart) > kApart_mm * kApart_mm;
-  });
+[[nodiscard]] inline std::span<const Rival> rivals_of(const Observation& o) {
+  if (!o.rivals) return {};
+  return {o.rivals->data(), std::min(o.rivals->size(), kMostRivals)};
 }
 
-/// How far from the place, along `up`, the lowest is of what the passes leave if each is changed by
-/// change(state, normal of its ball at the place), mm. Passes that bend there are swept as they
-/// are, others as straight ones.
-template <class Change>
-[[nodiscard]] double lowest_rise_mm(const Observation& o, double radius_mm, const Change& change,
-                                    Vec3 up) {
+/// How a place's passes are changed: the one that made it, then its rivals.
+using PassChanges = std::array<CutChange, 1 + kMostRivals>;
+
+/// Whether passes beside the place are changed otherwise than the one there by what matters.
+[[nodiscard]] inline bool passes_part(const Observation& o, const PassChanges& changes) {
+  constexpr double kApart_mm = 0.01;  // what is left of it is a product of two such
+  for (std::size_t i = 0; i < rivals_of(o).size(); ++i) {
+    const Vec3 apart = changes[i + 1].tip_mm - changes[0].tip_mm;
+    if (dot(apart, apart) > kApart_mm * kApart_mm) return true;
+  }
+  return false;
+}
+
+/// How far from the place, along `up`, the lowest is of what the changed passes leave, mm. Passes
+/// that bend there are swept as they are, by bent(pass, x, y, radius), others as straight ones.
+template <class Bent>
+[[nodiscard]] double lowest_rise_mm(const Observation& o, double radius_mm,
+                                    const PassChanges& changes, const Bent& bent, Vec3 up) {
   double lowest = INFINITY;
-  const auto let_in = [&](const PassBeside& p) {
-    const CutChange c = change(p.state, p.normal);
+  const auto let_in = [&](const PassBeside& p, const CutChange& c) {
     if (!c.bends && !c.turns() && dot(p.normal, up) > kLeastCosine) {
       const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
       if (first_order_rise_mm(p, tip, c, up) >= lowest) return;
@@ -230,19 +247,15 @@ template <class Change>
     if (c.bends && o.pass) {
       // Where the straight one is met, and from there by the slope; upright that is the pass.
       const Vec3 at = o.place + rise * up;
-      const double height =
-          o.pass->height_mm(p.state, at.x, at.y, radius_mm + c.radius_mm, [&](const CutState& t) {
-            const CutChange there = change(t, p.normal);
-            return there.tip_mm + towards_place(p.normal, radius_mm, there.runout_mm);
-          });
+      const double height = bent(p, at.x, at.y, radius_mm + c.radius_mm);
       if (std::isfinite(height))
         rise += (height - at.z) * p.normal.z / std::fmax(kLeastCosine, dot(p.normal, up));
     }
     lowest = std::fmin(lowest, rise);
   };
-  let_in({o, o.normal});
-  if (o.rivals)
-    for (const Rival& r : *o.rivals) let_in({r.state, r.normal, r.above_mm});
+  let_in({o, o.normal}, changes[0]);
+  std::size_t i = 0;
+  for (const Rival& r : rivals_of(o)) let_in({r.state, r.normal, r.above_mm}, changes[++i]);
   return lowest;
 }
 
@@ -250,11 +263,29 @@ template <class Change>
 /// the place): the lowest is what remains. Along the beam where passes beside the place are changed
 /// otherwise; what moves them alike is looked up over it, for along the beam it would be met beyond
 /// the passes that are known.
+/// @param bent  bent(pass, x, y, radius): Pass::height_mm of a pass that bends, so changed
+template <class Change, class Bent>
+[[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change,
+                              const Bent& bent) {
+  if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
+  PassChanges changes;
+  changes[0] = change(o, o.normal);
+  const auto rivals = rivals_of(o);
+  for (std::size_t i = 0; i < rivals.size() && i < kMostRivals; ++i)
+    changes[i + 1] = change(rivals[i].state, rivals[i].normal);
+  const Vec3 up = passes_part(o, changes) ? seen_along(o) : Vec3{0.0, 0.0, 1.0};
+  return lowest_rise_mm(o, radius_mm, changes, bent, up) * dot(o.along, o.normal) *
+         dot(up, o.normal);
+}
 template <class Change>
 [[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change) {
-  if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
-  const Vec3 up = passes_part(o, change) ? seen_along(o) : Vec3{0.0, 0.0, 1.0};
-  return lowest_rise_mm(o, radius_mm, change, up) * dot(o.along, o.normal) * dot(up, o.normal);
+  return recut_mm(o, radius_mm, change,
+                  [&](const PassBeside& p, double x, double y, double radius) {
+                    return o.pass->height_mm(p.state, x, y, radius, [&](const CutState& t) {
+                      const CutChange there = change(t, p.normal);
+                      return there.tip_mm + towards_place(p.normal, radius_mm, there.runout_mm);
+                    });
+                  });
 }
 
 /// Off the command by `at`, and by `per_mm` more with each mm of way.

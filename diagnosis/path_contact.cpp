@@ -43,8 +43,8 @@ struct Swath {
 };
 
 Swath swath(Vec3 from, Vec3 to) {
-  const double ux = to.x - from.x, uy = to.y - from.y, plan = std::hypot(ux, uy);
-  const double low = std::fmin(from.z, to.z);
+  const double ux = to.x - from.x, uy = to.y - from.y, plan = std::sqrt(ux * ux + uy * uy);
+  const double low = std::min(from.z, to.z);
   if (plan <= 1e-9)
     return {from.x, from.y, from.z, 1.0, 0.0, 0.0, from.z < to.z ? 1.0 : -1.0, 0.0, low};
   const double rise = (to.z - from.z) / plan;
@@ -333,6 +333,19 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
 
 namespace {
 
+/// False where a ball along a line is not below `limit`: it is at least d^2 / (2 r) above its
+/// lowest tip, d being the line's distance in plan.
+bool may_be_below(Vec3 from, Vec3 to, double x, double y, double radius, double limit) {
+  const double room = 2.0 * radius * (limit - std::min(from.z, to.z));
+  if (!(room > 0.0)) return false;
+  const double vx = to.x - from.x, vy = to.y - from.y, ax = x - from.x, ay = y - from.y;
+  const double way = ax * vx + ay * vy, length2 = vx * vx + vy * vy, a2 = ax * ax + ay * ay;
+  if (!(way > 0.0)) return a2 < room;
+  if (way >= length2) return a2 - 2.0 * way + length2 < room;
+  const double across = ax * vy - ay * vx;
+  return across * across < room * length2;
+}
+
 /// A move's underside over a place, and where along the move it is.
 struct Under {
   double height = INFINITY, share = 0.0;
@@ -418,8 +431,10 @@ struct CutPath::Walk final : Pass {
   std::shared_ptr<const Moves> moves;
   explicit Walk(std::shared_ptr<const Moves> m) : moves(std::move(m)) {}
 
-  double height_mm(const CutState& s, double x, double y, double radius,
-                   const std::function<Vec3(const CutState&)>& off) const override {
+  /// @param displaced  displaced(move, k): its tip after k of kPiecesOfBend pieces
+  template <class Displaced>
+  double lowest_mm(const CutState& s, double x, double y, double radius,
+                   const Displaced& displaced) const {
     const Moves& m = *moves;
     const auto follows = [&](std::uint32_t i) { return m.moves[i].end == m.moves[i - 1].end + 1; };
     const auto length = [&](std::uint32_t i) { return m.moves[i].end_mm - m.moves[i].start_mm; };
@@ -430,19 +445,47 @@ struct CutPath::Walk final : Pass {
     for (double d = (1.0 - share) * length(last);
          d < kBendReach_mm && last + 1 < m.moves.size() && follows(last + 1);)
       d += length(++last);
-    const auto displaced = [&](std::uint32_t i, double at) {
-      const CutState t = m.state(i, at);
-      return t.tip + off(t);
-    };
     double best = INFINITY;
-    Vec3 from = displaced(first, 0.0);
-    for (std::uint32_t i = first; i <= last; ++i)
+    const auto sweep = [&](std::uint32_t i) {
+      Vec3 from = displaced(i, 0);
       for (int k = 1; k <= kPiecesOfBend; ++k) {
-        const Vec3 to = displaced(i, static_cast<double>(k) / kPiecesOfBend);
-        best = std::fmin(best, under(swath(from, to), x, y, radius * radius, radius, best).height);
+        const Vec3 to = displaced(i, k);
+        if (may_be_below(from, to, x, y, radius, best)) {
+          const double height = under(swath(from, to), x, y, radius * radius, radius, best).height;
+          if (height < best) best = height;
+        }
         from = to;
       }
+    };
+    sweep(s.move);  // mostly the lowest: the others are then told at a glance
+    for (std::uint32_t i = first; i <= last; ++i)
+      if (i != s.move) sweep(i);
     return best;
+  }
+  static double share_of(int k) { return static_cast<double>(k) / kPiecesOfBend; }
+
+  double height_mm(const CutState& s, double x, double y, double radius,
+                   const std::function<Vec3(const CutState&)>& off) const override {
+    return lowest_mm(s, x, y, radius, [&](std::uint32_t i, int k) {
+      const CutState t = moves->state(i, share_of(k));
+      return t.tip + off(t);
+    });
+  }
+
+  std::size_t states() const override { return (kPiecesOfBend + 1) * moves->moves.size(); }
+  CutState state(std::size_t index) const override {
+    return moves->state(static_cast<std::uint32_t>(index / (kPiecesOfBend + 1)),
+                        share_of(static_cast<int>(index % (kPiecesOfBend + 1))));
+  }
+  double height_mm(const CutState& s, double x, double y, double radius,
+                   std::span<const std::array<float, 3>> off, Vec3 more) const override {
+    return lowest_mm(s, x, y, radius, [&](std::uint32_t i, int k) {
+      const Move& m = moves->moves[i];
+      const auto& by = off[(kPiecesOfBend + 1) * std::size_t{i} + static_cast<std::size_t>(k)];
+      return between(m.from, m.to, share_of(k)) + more +
+             Vec3{static_cast<double>(by[0]), static_cast<double>(by[1]),
+                  static_cast<double>(by[2])};
+    });
   }
 };
 
@@ -480,7 +523,7 @@ std::optional<Contact> CutPath::at(double x, double y, std::vector<Rival>* rival
   std::sort(passes.begin(), passes.end(),
             [](const auto& a, const auto& b) { return a.second.height < b.second.height; });
   rivals->clear();
-  for (std::size_t i = 1; i < passes.size() && i <= 8; ++i) {
+  for (std::size_t i = 1; i < passes.size() && i <= kMostRivals; ++i) {
     Rival r;
     r.state = m.state(passes[i].first, passes[i].second.share);
     r.normal = m.normal(r.state, x, y, passes[i].second.height);

@@ -41,7 +41,7 @@ class CutPath {
                                             double ball_radius_mm, const RunContext& run);
   /// none: no cutting move within a radius.
   /// @param rivals  unless null: the other passes that come within kRivalHeight_mm of the surface
-  ///   there, lowest first, at most 8
+  ///   there, lowest first, at most kMostRivals
   [[nodiscard]] std::optional<Contact> at(double x_mm, double y_mm,
                                           std::vector<Rival>* rivals = nullptr) const;
   /// Of the cut surface alone, in half the time.

@@ -2,6 +2,7 @@
 #include "diagnosis/detail/residuals.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -15,6 +16,13 @@ namespace {
 /// A part that is moved sideways by more has other passes there than those that are known
 /// (kRivalHeight_mm): it is moved without its ridges.
 constexpr double kFar_mm = 0.5;
+
+/// Of the one program that observations come from; nullptr without.
+const Pass* pass_of(const std::vector<Observation>& all) {
+  const auto o = std::find_if(all.begin(), all.end(),
+                              [](const Observation& each) { return each.pass != nullptr; });
+  return o == all.end() ? nullptr : o->pass.get();
+}
 
 }  // namespace
 
@@ -63,6 +71,21 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   for (const Term& t : cut)
     if (t.column.follows) followed.push_back({*t.column.follows, t.coefficient});
   const auto pairs = both.changes(followed);
+  const auto sum_of = [&](bool by_program, const Observation& o, const CutState& s, Vec3 n) {
+    CutChange sum;
+    for (const Term& t : cut)
+      if (t.column.by_program == by_program) sum += t.coefficient * t.column.cut(o, s, n);
+    if (by_program)
+      for (const auto& pair : pairs) sum += pair(s);
+    return sum;
+  };
+  // What follows the program bends passes; the same states are met from many places.
+  const Pass* const pass = followed.empty() ? nullptr : pass_of(all);
+  std::vector<std::array<float, 3>> off(pass == nullptr ? 0 : pass->states());
+  oneapi::tbb::parallel_for(std::size_t{0}, off.size(), [&](std::size_t i) {
+    const Vec3 d = sum_of(true, all.front(), pass->state(i), {}).tip_mm;
+    off[i] = {static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
+  });
   if (!cut.empty())
     oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
       const Observation& o = all[i];
@@ -71,12 +94,19 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
       for (const Term& t : moving) moved.tip_mm += t.coefficient * t.column.moves(o);
       const bool far = std::hypot(moved.tip_mm.x, moved.tip_mm.y) > kFar_mm;
       if (far) moved = {};
-      d = recut_mm(o, ball_radius_mm, [&](const CutState& s, Vec3 n) {
+      const auto all_of_it = [&](const CutState& s, Vec3 n) {
         CutChange together = moved;
-        for (const Term& t : cut) together += t.coefficient * t.column.cut(o, s, n);
-        for (const auto& pair : pairs) together += pair(s);
+        together += sum_of(false, o, s, n);
+        together += sum_of(true, o, s, n);
         return together;
-      });
+      };
+      const auto bent = [&](const PassBeside& p, double x, double y, double radius_mm) {
+        const CutChange more = sum_of(false, o, p.state, p.normal);
+        return pass->height_mm(
+            p.state, x, y, radius_mm, off,
+            moved.tip_mm + more.tip_mm + towards_place(p.normal, ball_radius_mm, more.runout_mm));
+      };
+      d = recut_mm(o, ball_radius_mm, all_of_it, bent);
       for (const Term& t : moving)
         if (!far) d -= t.at(i);
       if (levels) change[i] = d;

@@ -41,6 +41,7 @@ template <class DriftOf>
     const Drift drift = d(s);
     return CutChange{drift.at, 0.0, drift.per_mm};
   };
+  c.by_program = true;
   return c;
 }
 /// The same of tips that are displaced by d(state), hardly more with each mm of way.
@@ -120,8 +121,11 @@ template <class Displacement>
 [[nodiscard]] Column timed_column(std::string key, Parameter parameter, double size_mm,
                                   double radius_mm, Displacement d) {
   if (size_mm == 0.0) return tip_column(std::move(key), std::move(parameter), d);
-  return cut_column(fmt::format("{}of{}", key, size_mm), std::move(parameter), size_mm, radius_mm,
-                    [d](const Observation&, const CutState& s, Vec3) { return CutChange{d(s)}; });
+  Column c =
+      cut_column(fmt::format("{}of{}", key, size_mm), std::move(parameter), size_mm, radius_mm,
+                 [d](const Observation&, const CutState& s, Vec3) { return CutChange{d(s)}; });
+  c.by_program = true;
+  return c;
 }
 /// From a moment of the program on, the tip is off by a constant along one axis.
 [[nodiscard]] inline Column step_after(int axis, double share, std::string name, double size_mm,

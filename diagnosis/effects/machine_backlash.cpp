@@ -41,6 +41,7 @@ struct Make {
            {std::move(column)},
            {{"followed_width_mm", width_mm}},
            1};
+    f.columns[0].by_program = true;
     f.columns[0].follows = {false, axis, width_mm};
     f.of_size = [make = *this](double size_mm) { return make(size_mm, 1.0); };
     f.at_size = [make = *this](double size_mm) {

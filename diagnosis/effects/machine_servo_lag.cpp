@@ -32,6 +32,7 @@ struct Make {
       c.bends = true;
       return c;
     };
+    f.columns[0].by_program = true;
     f.columns[0].follows = {true, 0, lag_mm};
     // What a lag does grows more slowly than its square, for bends are shorter: a size that is not
     // its form's is off.

@@ -9,12 +9,14 @@
 //   lag ................. circle: half the square of the lag over the radius, inwards; between the
 //                         corners of a polygon; of one pass by dense samples
 //   lag and lost motion . by samples of 1 um
+//   known displacements . what asking at each state gives
 //   sections ............ tool changes start new ones
 
 #include "diagnosis/path_contact.hpp"
 
 #include "diagnosis/effect.hpp"
 
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <numbers>
@@ -325,6 +327,16 @@ TEST(CutPath, AWaveIsFlattenedByALag) {
         recut_mm(o, kRadius_mm,
                  [&](const CutState& s, Vec3 n) { return form.columns[0].cut(o, s, n); }) /
         o.normal.z;
+    // The same pass by displacements known before, half a millimetre lower.
+    const auto off = [&](const CutState& s) { return form.columns[0].cut(o, s, {}).tip_mm; };
+    std::vector<std::array<float, 3>> known(o.pass->states());
+    for (std::size_t i = 0; i < known.size(); ++i) {
+      const Vec3 d = off(o.pass->state(i));
+      known[i] = {static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
+    }
+    EXPECT_NEAR(o.pass->height_mm(o, x, 0.0, kRadius_mm, known, {0.0, 0.0, -0.5}),
+                o.pass->height_mm(o, x, 0.0, kRadius_mm, off) - 0.5, 1e-6)
+        << "x = " << x << ", floats";
     const double truth = lowest(lagged, x) - lowest(command, x);
     most = std::fmax(most, std::abs(truth));
     // Half moves of 0.25 mm leave out 1 um of a bend; samples of 1 um the same of the lag.

@@ -104,8 +104,8 @@ Measurements part(const CutPath& path, const std::vector<std::vector<Vec3>>& cut
     o.level_tip = o.place + kRadius_mm * (o.slope_normal - Vec3{0.0, 0.0, 1.0});
     o.rivals = std::make_shared<std::vector<Rival>>(std::move(rivals));
     o.pass = path.pass();
-    o.residual_mm = (lowest_mm(cut, x, y) - o.place.z) * o.normal.z +
-                    kWhite_mm * random_normal(seed + 1, i);
+    o.residual_mm =
+        (lowest_mm(cut, x, y) - o.place.z) * o.normal.z + kWhite_mm * random_normal(seed + 1, i);
     m.observations.push_back(std::move(o));
   }
   return m;
@@ -126,9 +126,8 @@ TEST(LostMotion, IsFoundWhereItIsFarLargerThanTheRidges) {
   ASSERT_TRUE(path.has_value());
   const auto d = diagnose(part(*path, played(passes, kWidth_mm), kSeed), 1);
   ASSERT_TRUE(d.has_value());
-  const auto found = std::find_if(d->causes.begin(), d->causes.end(), [](const Cause& c) {
-    return c.effect == "machine.backlash_x";
-  });
+  const auto found = std::find_if(d->causes.begin(), d->causes.end(),
+                                  [](const Cause& c) { return c.effect == "machine.backlash_x"; });
   ASSERT_TRUE(found != d->causes.end()) << d->verdict;
   EXPECT_EQ(d->causes.size(), 1U);
   const Estimate& size = found->parameters[0];

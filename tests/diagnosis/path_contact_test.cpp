@@ -8,6 +8,7 @@
 //   flat of a valley .... lost motion of one pass by dense samples
 //   lag ................. circle: half the square of the lag over the radius, inwards; between the
 //                         corners of a polygon; of one pass by dense samples
+//   long lost motion .... of a bent pass by dense samples
 //   lag and lost motion . by samples of 1 um
 //   known displacements . what asking at each state gives
 //   sections ............ tool changes start new ones
@@ -343,6 +344,54 @@ TEST(CutPath, AWaveIsFlattenedByALag) {
     EXPECT_NEAR(rise, truth, 0.004) << "x = " << x;
   }
   EXPECT_GT(most, 0.2) << "there is something to see";
+}
+
+TEST(CutPath, APassThatSlidesAlongItselfKeepsItsBends) {
+  // There and back over a wave of 14 mm, with lost motion of 0.4 mm: a straight pass would leave
+  // out half the square of 0.2 mm times the wave's curvature, up to 5 um.
+  const ScratchFolder scratch;
+  constexpr double kWidth_mm = 0.4, kRadius_mm = 3.0, kStep_mm = 0.001, kBack_mm = 10.0;
+  const auto z = [](double x) { return 1.2 * std::cos(2.0 * std::numbers::pi * x / 14.0); };
+  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", z(0.0));
+  std::vector<Vec3> nodes;
+  for (int i = 0; i <= 84; ++i) nodes.push_back({0.5 * i, 0.0, z(0.5 * i)});
+  for (const Vec3& p : nodes) text += fmt::format("G1 X{:.3f} Z{:.6f}\n", p.x, p.z);
+  text += fmt::format("G1 Y{}\n", kBack_mm);
+  for (auto p = nodes.rbegin(); p != nodes.rend(); ++p)
+    text += fmt::format("G1 X{:.3f} Z{:.6f}\n", p->x, p->z);
+  const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
+  Scene scene;
+  scene.has_path = true;
+  scene.ball_radius_mm = kRadius_mm;
+  scene.slack = [&](double width_mm) { return path.slack(width_mm); };
+  const Form play = find_effect("machine.backlash_x")->forms(scene).at(4);
+  const Trail side = path.slack(kWidth_mm);
+  const auto lowest = [&](double at) {
+    double least = INFINITY;
+    for (std::size_t i = 1; i < nodes.size(); ++i)
+      for (double share = 0.0; share < 1.0; share += kStep_mm / 0.5) {
+        const Vec3 t = nodes[i - 1] + share * (nodes[i] - nodes[i - 1]);
+        if (const double d = at - t.x; std::abs(d) < kRadius_mm)
+          least = std::fmin(least, t.z + kRadius_mm - std::sqrt(kRadius_mm * kRadius_mm - d * d));
+      }
+    return least;
+  };
+  double most = 0.0;
+  for (double x = 14.0; x < 28.0; x += 0.23) {
+    const auto contact = path.at(x, 0.0);
+    ASSERT_TRUE(contact.has_value());
+    Observation o;
+    static_cast<CutState&>(o) = *contact;
+    o.place = {x, 0.0, contact->height_mm};
+    o.normal = o.along = contact->normal;
+    o.pass = path.pass();
+    const double off = -0.5 * kWidth_mm * side(o).at.x;
+    most = std::fmax(most, std::abs(off));
+    const double rise = 0.5 * kWidth_mm * play.columns[0].value(o) / o.normal.z;
+    // Where the straight pass is met and from there by the slope; samples of 1 um.
+    EXPECT_NEAR(rise, lowest(x - off) - lowest(x), 1e-5) << "x = " << x;
+  }
+  EXPECT_GT(most, 0.15) << "there is something to see";
 }
 
 TEST(CutPath, ABeamMeetsDisplacedPassesBesideTheirPlaces) {

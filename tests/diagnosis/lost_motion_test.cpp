@@ -16,6 +16,7 @@
 #include "core/random.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "diagnosis/path_contact.hpp"
+#include "diagnosis/surface.hpp"
 #include "support/matchers.hpp"
 
 namespace maquette::diagnosis {
@@ -75,17 +76,11 @@ double lowest_mm(const std::vector<std::vector<Vec3>>& passes, double x, double 
 Measurements part(const CutPath& path, const std::vector<std::vector<Vec3>>& cut,
                   std::uint64_t seed) {
   Measurements m;
-  m.scene.box.add({0, 0, 7});
-  m.scene.box.add({kSide_mm, kSide_mm, 13});
-  m.scene.has_path = true;
-  m.scene.duration_min = path.duration_min();
-  m.scene.cut_mm = path.cut_mm();
-  m.scene.ball_radius_mm = kRadius_mm;
-  m.scene.slack = [path](double width_mm) { return path.slack(width_mm); };
-  m.scene.lag = [path](double lag_mm) { return path.lag(lag_mm); };
-  m.scene.slack_with_lag = [path](int axis, double width_mm, double lag_mm, bool lag_first) {
-    return path.slack_with_lag(axis, width_mm, lag_mm, lag_first);
-  };
+  heightmap::ModelField corners;
+  corners.spacing = Millimetres{kSide_mm};
+  corners.z_mm = Grid<float>(2, 2, 7.0F);
+  corners.z_mm(1, 1) = 13.0F;
+  m.scene = scene_of(corners, &path, kRadius_mm);
   m.scene.has_station = {false};
   m.scene.stations = {{}};
   m.set_ups.emplace_back();

@@ -16,6 +16,7 @@
 #include "diagnosis/path_contact.hpp"
 
 #include "diagnosis/effect.hpp"
+#include "diagnosis/surface.hpp"
 
 #include <array>
 #include <cmath>
@@ -40,6 +41,60 @@ CutPath path_of(const ScratchFolder& scratch, const std::string& text, double ra
   auto path = CutPath::read(files, radius, {});
   EXPECT_TRUE(path.has_value());
   return std::move(*path);
+}
+
+/// Of a case whose part does not matter.
+Scene scene_of(const CutPath& path, double radius) {
+  heightmap::ModelField flat;
+  flat.z_mm = Grid<float>(2, 2, 0.0F);
+  return diagnosis::scene_of(flat, &path, radius);
+}
+
+/// A place of the pass along y = 0.
+Observation on_the_pass(const CutPath& path, double x) {
+  const auto contact = path.at(x, 0.0);
+  EXPECT_TRUE(contact.has_value());
+  Observation o;
+  static_cast<CutState&>(o) = *contact;
+  o.place = {x, 0.0, contact->height_mm};
+  o.normal = o.along = contact->normal;
+  o.pass = path.pass();
+  return o;
+}
+
+/// Nodes along a wave of 14 mm.
+std::vector<Vec3> wave() {
+  std::vector<Vec3> nodes;
+  for (int i = 0; i <= 84; ++i) {
+    const double x = 0.5 * i;
+    nodes.push_back({x, 0.0, 1.2 * std::cos(2.0 * std::numbers::pi * x / 14.0)});
+  }
+  return nodes;
+}
+
+std::string feed_to(const Vec3& p) {
+  return fmt::format("G1 X{:.3f} Z{:.6f}\n", p.x, p.z);
+}
+
+/// Samples 1 um apart along the lines between nodes, without the first node.
+std::vector<Vec3> sampled(const std::vector<Vec3>& nodes) {
+  std::vector<Vec3> tips;
+  for (std::size_t i = 1; i < nodes.size(); ++i) {
+    const Vec3 way = nodes[i] - nodes[i - 1];
+    const int steps = static_cast<int>(std::ceil(norm(way) / 0.001));
+    for (int k = 1; k <= steps; ++k)
+      tips.push_back(nodes[i - 1] + (static_cast<double>(k) / steps) * way);
+  }
+  return tips;
+}
+
+/// Underside at x of balls at these tips along y = 0.
+double lowest_mm(const std::vector<Vec3>& tips, double x, double radius) {
+  double least = INFINITY;
+  for (const Vec3& t : tips)
+    if (const double d = x - t.x; std::abs(d) < radius)
+      least = std::fmin(least, t.z + radius - std::sqrt(radius * radius - d * d));
+  return least;
 }
 
 class CutPathSeeded : public testing::TestWithParam<int> {};
@@ -147,10 +202,7 @@ TEST_P(Valley, IsFlattenedByLostMotion) {
   for (int i = -48; i <= 48; ++i)
     text += fmt::format("G1 X{:.3f} Z{:.6f}\n", 0.25 * i, z(0.25 * i));
   const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
-  Scene scene;
-  scene.has_path = true;
-  scene.ball_radius_mm = kRadius_mm;
-  scene.slack = [&](double width_mm) { return path.slack(width_mm); };
+  const Scene scene = scene_of(path, kRadius_mm);
   const Form play = find_effect("machine.backlash_z")->forms(scene).at(2);
   // The same by samples: down to the middle, then up.
   const auto lowest = [&](double at, bool slack) {
@@ -165,13 +217,7 @@ TEST_P(Valley, IsFlattenedByLostMotion) {
     return least;
   };
   const auto moved = [&](double x) {
-    std::vector<Rival> rivals;
-    const auto contact = path.at(x, 0.0, &rivals);
-    Observation o;
-    static_cast<CutState&>(o) = *contact;
-    o.place = {x, 0.0, contact->height_mm};
-    o.normal = o.along = contact->normal;
-    o.pass = path.pass();
+    const Observation o = on_the_pass(path, x);
     return 0.5 * kWidth_mm * play.columns[0].value(o) / o.normal.z;
   };
   // Moves are swept in halves, 0.125 mm here: a corner in the middle of one is cut off by a quarter
@@ -278,67 +324,44 @@ TEST(CutPath, ALagIsRoundWhereTheCommandIsStraight) {
 }
 
 TEST(CutPath, AWaveIsFlattenedByALag) {
-  // One pass over a wave of 14 mm. In its pits a ball of 3 mm meets the flatter pass elsewhere.
+  // One pass over a wave. In its pits a ball of 3 mm meets the flatter pass elsewhere.
   const ScratchFolder scratch;
-  constexpr double kLag_mm = 1.8, kRadius_mm = 3.0, kStep_mm = 0.001;
-  const auto z = [](double x) { return 1.2 * std::cos(2.0 * std::numbers::pi * x / 14.0); };
-  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", z(0.0));
-  std::vector<Vec3> nodes;
-  for (int i = 0; i <= 84; ++i) {
-    nodes.push_back({0.5 * i, 0.0, z(0.5 * i)});
-    text += fmt::format("G1 X{:.3f} Z{:.6f}\n", nodes.back().x, nodes.back().z);
-  }
+  constexpr double kLag_mm = 1.8, kRadius_mm = 3.0;
+  const auto nodes = wave();
+  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", nodes.front().z);
+  for (const Vec3& p : nodes) text += feed_to(p);
   const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
-  Scene scene;
-  scene.has_path = true;
-  scene.ball_radius_mm = kRadius_mm;
-  scene.lag = [&](double lag_mm) { return path.lag(lag_mm); };
-  const Form form = find_effect("machine.servo_lag")->forms(scene).at(2).of_size(kLag_mm);
+  const Form form =
+      find_effect("machine.servo_lag")->forms(scene_of(path, kRadius_mm)).at(2).of_size(kLag_mm);
+  const auto cut = form.columns[0].cut;
   // The same by samples along the way.
-  std::vector<Vec3> command, lagged;
-  Vec3 tip = nodes.front();
-  for (std::size_t i = 1; i < nodes.size(); ++i) {
-    const Vec3 way = nodes[i] - nodes[i - 1];
-    const int steps = static_cast<int>(std::ceil(norm(way) / kStep_mm));
-    for (int k = 1; k <= steps; ++k) {
-      const double length = norm(way) / steps;
-      command.push_back(nodes[i - 1] + (static_cast<double>(k) / steps) * way);
-      tip += (length / kLag_mm) * (command.back() - tip);
-      lagged.push_back(tip);
-    }
+  const auto command = sampled(nodes);
+  std::vector<Vec3> lagged;
+  Vec3 tip = nodes.front(), last = tip;
+  for (const Vec3& c : command) {
+    tip += (norm(c - last) / kLag_mm) * (c - tip);
+    lagged.push_back(tip);
+    last = c;
   }
-  const auto lowest = [&](const std::vector<Vec3>& tips, double x) {
-    double least = INFINITY;
-    for (const Vec3& t : tips)
-      if (const double d = x - t.x; std::abs(d) < kRadius_mm)
-        least = std::fmin(least, t.z + kRadius_mm - std::sqrt(kRadius_mm * kRadius_mm - d * d));
-    return least;
-  };
+  // And by displacements that are known before.
+  const auto pass = path.pass();
+  const auto off = [&](const CutState& s) { return cut({}, s, {}).tip_mm; };
+  std::vector<std::array<float, 3>> known(pass->states());
+  for (std::size_t i = 0; i < known.size(); ++i) {
+    const Vec3 d = off(pass->state(i));
+    known[i] = {static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
+  }
   double most = 0.0;
   for (double x = 14.0; x < 28.0; x += 0.23) {
-    std::vector<Rival> rivals;
-    const auto contact = path.at(x, 0.0, &rivals);
-    ASSERT_TRUE(contact.has_value());
-    Observation o;
-    static_cast<CutState&>(o) = *contact;
-    o.place = {x, 0.0, contact->height_mm};
-    o.normal = o.along = contact->normal;
-    o.pass = path.pass();
+    const Observation o = on_the_pass(path, x);
     const double rise =
-        recut_mm(o, kRadius_mm,
-                 [&](const CutState& s, Vec3 n) { return form.columns[0].cut(o, s, n); }) /
+        recut_mm(o, kRadius_mm, [&](const CutState& s, Vec3 n) { return cut(o, s, n); }) /
         o.normal.z;
-    // The same pass by displacements known before, half a millimetre lower.
-    const auto off = [&](const CutState& s) { return form.columns[0].cut(o, s, {}).tip_mm; };
-    std::vector<std::array<float, 3>> known(o.pass->states());
-    for (std::size_t i = 0; i < known.size(); ++i) {
-      const Vec3 d = off(o.pass->state(i));
-      known[i] = {static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
-    }
-    EXPECT_NEAR(o.pass->height_mm(o, x, 0.0, kRadius_mm, known, {0.0, 0.0, -0.5}),
-                o.pass->height_mm(o, x, 0.0, kRadius_mm, off) - 0.5, 1e-6)
+    // Half a millimetre lower.
+    EXPECT_NEAR(pass->height_mm(o, x, 0.0, kRadius_mm, known, {0.0, 0.0, -0.5}),
+                pass->height_mm(o, x, 0.0, kRadius_mm, off) - 0.5, 1e-6)
         << "x = " << x << ", floats";
-    const double truth = lowest(lagged, x) - lowest(command, x);
+    const double truth = lowest_mm(lagged, x, kRadius_mm) - lowest_mm(command, x, kRadius_mm);
     most = std::fmax(most, std::abs(truth));
     // Half moves of 0.25 mm leave out 1 um of a bend; samples of 1 um the same of the lag.
     EXPECT_NEAR(rise, truth, 0.004) << "x = " << x;
@@ -347,49 +370,29 @@ TEST(CutPath, AWaveIsFlattenedByALag) {
 }
 
 TEST(CutPath, APassThatSlidesAlongItselfKeepsItsBends) {
-  // There and back over a wave of 14 mm, with lost motion of 0.4 mm: a straight pass would leave
-  // out half the square of 0.2 mm times the wave's curvature, up to 5 um.
+  // There and back over a wave, with lost motion of 0.4 mm: a straight pass would leave out half
+  // the square of 0.2 mm times the wave's curvature, and be met elsewhere: up to 0.03 mm.
   const ScratchFolder scratch;
-  constexpr double kWidth_mm = 0.4, kRadius_mm = 3.0, kStep_mm = 0.001, kBack_mm = 10.0;
-  const auto z = [](double x) { return 1.2 * std::cos(2.0 * std::numbers::pi * x / 14.0); };
-  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", z(0.0));
-  std::vector<Vec3> nodes;
-  for (int i = 0; i <= 84; ++i) nodes.push_back({0.5 * i, 0.0, z(0.5 * i)});
-  for (const Vec3& p : nodes) text += fmt::format("G1 X{:.3f} Z{:.6f}\n", p.x, p.z);
+  constexpr double kWidth_mm = 0.4, kRadius_mm = 3.0, kBack_mm = 10.0;
+  const auto nodes = wave();
+  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", nodes.front().z);
+  for (const Vec3& p : nodes) text += feed_to(p);
   text += fmt::format("G1 Y{}\n", kBack_mm);
-  for (auto p = nodes.rbegin(); p != nodes.rend(); ++p)
-    text += fmt::format("G1 X{:.3f} Z{:.6f}\n", p->x, p->z);
+  for (auto p = nodes.rbegin(); p != nodes.rend(); ++p) text += feed_to(*p);
   const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
-  Scene scene;
-  scene.has_path = true;
-  scene.ball_radius_mm = kRadius_mm;
-  scene.slack = [&](double width_mm) { return path.slack(width_mm); };
-  const Form play = find_effect("machine.backlash_x")->forms(scene).at(4);
+  const Form play = find_effect("machine.backlash_x")->forms(scene_of(path, kRadius_mm)).at(4);
   const Trail side = path.slack(kWidth_mm);
-  const auto lowest = [&](double at) {
-    double least = INFINITY;
-    for (std::size_t i = 1; i < nodes.size(); ++i)
-      for (double share = 0.0; share < 1.0; share += kStep_mm / 0.5) {
-        const Vec3 t = nodes[i - 1] + share * (nodes[i] - nodes[i - 1]);
-        if (const double d = at - t.x; std::abs(d) < kRadius_mm)
-          least = std::fmin(least, t.z + kRadius_mm - std::sqrt(kRadius_mm * kRadius_mm - d * d));
-      }
-    return least;
-  };
+  const auto command = sampled(nodes);
   double most = 0.0;
   for (double x = 14.0; x < 28.0; x += 0.23) {
-    const auto contact = path.at(x, 0.0);
-    ASSERT_TRUE(contact.has_value());
-    Observation o;
-    static_cast<CutState&>(o) = *contact;
-    o.place = {x, 0.0, contact->height_mm};
-    o.normal = o.along = contact->normal;
-    o.pass = path.pass();
+    const Observation o = on_the_pass(path, x);
     const double off = -0.5 * kWidth_mm * side(o).at.x;
     most = std::fmax(most, std::abs(off));
     const double rise = 0.5 * kWidth_mm * play.columns[0].value(o) / o.normal.z;
     // Where the straight pass is met and from there by the slope; samples of 1 um.
-    EXPECT_NEAR(rise, lowest(x - off) - lowest(x), 1e-5) << "x = " << x;
+    EXPECT_NEAR(rise, lowest_mm(command, x - off, kRadius_mm) - lowest_mm(command, x, kRadius_mm),
+                1e-5)
+        << "x = " << x;
   }
   EXPECT_GT(most, 0.15) << "there is something to see";
 }

@@ -240,9 +240,8 @@ export class Stage {
       this.drawn = performance.now();
       this.shown();
     }
-    this.rests = !this.busy && !this.fresh && !this.moves() && this.share === 1 && this.panes.some((p) => p);
-    if (this.rests) this.still();
-    else this.stirs();
+    this.rests = !this.busy && !this.fresh && !this.moves() && this.share === 1;
+    if (this.rests && this.panes.some((p) => p)) this.still();
   }
 
   private draw(): void {

@@ -70,8 +70,8 @@ class Pass {
   /// All states that `off` may be asked for.
   [[nodiscard]] virtual std::size_t states() const = 0;
   [[nodiscard]] virtual CutState state(std::size_t index) const = 0;
-  /// The same of displacements that are known at all of them, and `more` everywhere: a tenth of the
-  /// time where several causes displace the tips of many places' passes.
+  /// The same of displacements that are known at all of them, and `more` everywhere: for many
+  /// places, which ask for the same states again and again.
   [[nodiscard]] virtual double height_mm(const CutState& s, double x_mm, double y_mm,
                                          double radius_mm,
                                          std::span<const std::array<float, 3>> off_mm,
@@ -271,6 +271,7 @@ template <class Change, class Bent>
   PassChanges changes;
   changes[0] = change(o, o.normal);
   const auto rivals = rivals_of(o);
+  // The second bound is one that compilers see.
   for (std::size_t i = 0; i < rivals.size() && i < kMostRivals; ++i)
     changes[i + 1] = change(rivals[i].state, rivals[i].normal);
   const Vec3 up = passes_part(o, changes) ? seen_along(o) : Vec3{0.0, 0.0, 1.0};

@@ -268,6 +268,7 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
 
 void name_causes(const Search& search, Bank& bank, Linearised& residuals, double null_squares,
                  std::vector<Confirmed>& confirmed, Members doubtful, Diagnosis& d) {
+  std::size_t stood = confirmed.size();
   double vague = 0.0;
   while (true) {
     const Members members = members_of(confirmed);
@@ -342,6 +343,15 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
                               : most;
     };
     const std::size_t drop = nameless(causes, shapes, wrong);
+    if (drop == members.size() && members.size() < stood) {
+      // What those without a name explained is explained by nothing now, and others stand beside it
+      // or do not.
+      const bool found = d.remainder.found;
+      const Members also = keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
+      doubtful.insert(doubtful.end(), also.begin(), also.end());
+      stood = confirmed.size();
+      if (stood < members.size() || d.remainder.found != found) continue;
+    }
     if (drop == members.size()) {
       d.causes = std::move(causes);
       widen_by_doubtful(bank, residuals, members, doubtful, d);

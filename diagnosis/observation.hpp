@@ -37,16 +37,18 @@ inline constexpr double kRivalHeight_mm = 0.2;
 /// More passes than that run nowhere side by side within it.
 inline constexpr std::size_t kMostRivals = 8;
 
+/// More bands than that are no bands.
+inline constexpr std::size_t kMostSections = 12;
+
 /// What the machine did at a place of the program.
 struct CutState {
-  Vec3 tip;                  ///< of the cutter
-  Vec3 feed;                 ///< unit direction of motion, or zero
-  double path_share = NAN;   ///< of the program's time, 0 to 1
-  double cut_share = NAN;    ///< of its cutting length
-  double path_mm = NAN;      ///< cutting length so far
-  std::int32_t section = 0;  ///< tool, program or band
-  std::uint32_t move = 0;    ///< of the program: what a Trail goes by
-  float move_share = 0.0F;   ///< of that move's length
+  Vec3 tip;                 ///< of the cutter
+  Vec3 feed;                ///< unit direction of motion, or zero
+  double path_share = NAN;  ///< of the program's time, 0 to 1
+  double cut_share = NAN;   ///< of its cutting length
+  double path_mm = NAN;     ///< cutting length so far
+  std::uint32_t move = 0;   ///< of the program: what a Trail goes by
+  float move_share = 0.0F;  ///< of that move's length
 };
 
 /// A pass that runs by a place, a little above the one that made it: if passes are displaced
@@ -232,6 +234,25 @@ using PassChanges = std::array<CutChange, 1 + kMostRivals>;
   return false;
 }
 
+/// Where along a line a surface is met that lies over_mm(at) above it, by secants from a place and
+/// slope near it; where they do not come closer, as far as they came. Few go a second time.
+template <class Over>
+[[nodiscard]] double met_mm(double at_mm, double slope, const Over& over_mm) {
+  constexpr double kGood_mm = 0.01;  // what is left of a step by the slope is its square
+  constexpr int kMost = 4;
+  double over = over_mm(at_mm);
+  for (int k = 0; k < kMost && std::isfinite(over); ++k) {
+    const double next = at_mm - over / slope;
+    if (std::abs(next - at_mm) < kGood_mm) return next;
+    const double over_next = over_mm(next);
+    if (!(std::abs(over_next) < std::abs(over))) break;
+    slope = (over_next - over) / (next - at_mm);
+    at_mm = next;
+    over = over_next;
+  }
+  return at_mm;
+}
+
 /// How far from the place, along `up`, the lowest is of what the changed passes leave, mm. Passes
 /// that bend there are swept as they are, by bent(pass, x, y, radius), others as straight ones.
 template <class Bent>
@@ -243,15 +264,21 @@ template <class Bent>
       const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
       if (first_order_rise_mm(p, tip, c, up) >= lowest) return;
     }
-    double rise = rise_mm(p, radius_mm, c, up);
-    if (c.bends && o.pass) {
-      // Where the straight one is met, and from there by the slope; upright that is the pass.
-      const Vec3 at = o.place + rise * up;
-      const double height = bent(p, at.x, at.y, radius_mm + c.radius_mm);
-      if (std::isfinite(height))
-        rise += (height - at.z) * p.normal.z / std::fmax(kLeastCosine, dot(p.normal, up));
+    if (!(c.bends && o.pass)) {
+      lowest = std::fmin(lowest, rise_mm(p, radius_mm, c, up));
+      return;
     }
-    lowest = std::fmin(lowest, rise);
+    // Looked for from where it is met if all of it is moved as it is here: a straight one along the
+    // bent direction is soon far from all that the ball comes to.
+    CutChange here = c;
+    here.tip_per_mm = {};
+    const auto over_mm = [&](double rise) {
+      const Vec3 at = o.place + rise * up;
+      return bent(p, at.x, at.y, radius_mm + c.radius_mm) - at.z;
+    };
+    lowest = std::fmin(lowest,
+                       met_mm(rise_mm(p, radius_mm, here, up),
+                              -std::fmax(kLeastCosine, dot(p.normal, up)) / p.normal.z, over_mm));
   };
   let_in({o, o.normal}, changes[0]);
   std::size_t i = 0;

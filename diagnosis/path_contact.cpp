@@ -29,8 +29,7 @@ struct Move {
   Vec3 from, to;
   double start_min, end_min;
   double start_mm, end_mm;  // cutting length
-  std::int32_t section;
-  std::uint32_t end;  // its end in the command; its start is one before
+  std::uint32_t end;        // its end in the command; its start is one before
 };
 
 /// A move as its underside needs it: a line in plan, upright moves without length.
@@ -65,14 +64,67 @@ Vec3 taken(Vec3 before, Vec3 step, double width) {
   return {taken(before.x, step.x, width), taken(before.y, step.y, width),
           taken(before.z, step.z, width)};
 }
+/// Where work is taken up anew: with another tool, as another program, or elsewhere after a lift.
+class Sections {
+ public:
+  /// @param apart_mm  further off than that is elsewhere
+  explicit Sections(double apart_mm) : apart_mm_(apart_mm) {}
+
+  void rapid() { lifted_ = true; }
+  void cut(Vec3 from, Vec3 to, int tool, std::size_t program, double minutes) {
+    if (!stretch_.empty()) {
+      if (tool != tool_ || program != program_) {
+        begun_.push_back(minutes);
+      } else if (lifted_) {
+        lifts_.push_back(minutes);
+        if (off_mm(from) > apart_mm_) jumps_.push_back(minutes);
+      }
+    }
+    if (lifted_) stretch_ = {};
+    lifted_ = false;
+    tool_ = tool;
+    program_ = program;
+    stretch_.add(from);
+    stretch_.add(to);
+  }
+
+  /// In order. A program that lifts after each pass begins no band by that: there only where it
+  /// goes elsewhere; and where all of that is often, at tools and programs alone.
+  [[nodiscard]] std::vector<double> starts_min() const {
+    std::vector<double> starts = begun_;
+    for (const auto* some : {&lifts_, &jumps_})
+      if (begun_.size() + some->size() <= kMostSections) {
+        starts.insert(starts.end(), some->begin(), some->end());
+        break;
+      }
+    std::sort(starts.begin(), starts.end());
+    return starts;
+  }
+
+ private:
+  [[nodiscard]] double off_mm(Vec3 p) const {
+    const auto beside = [](double v, double least, double most) {
+      return std::fmax(0.0, std::fmax(least - v, v - most));
+    };
+    return std::hypot(beside(p.x, stretch_.min.x, stretch_.max.x),
+                      beside(p.y, stretch_.min.y, stretch_.max.y));
+  }
+
+  double apart_mm_;
+  bool lifted_ = false;
+  int tool_ = -1;
+  std::size_t program_ = 0;
+  Box3 stretch_;  // cut since the last lift
+  std::vector<double> begun_, lifts_, jumps_;
+};
 }  // namespace
 
 struct CutPath::Moves {
   double radius = 3.0;
   std::vector<Move> moves;
-  std::vector<Swath> swaths;  // of the moves
-  std::vector<Vec3> command;  // every place of it, rapids too
-  std::vector<double> section_start_min;
+  std::vector<Swath> swaths;              // of the moves
+  std::vector<Vec3> command;              // every place of it, rapids too
+  std::vector<double> section_start_min;  // the first left out
   double total_min = 0.0, total_mm = 0.0;
   double x0 = 0.0, y0 = 0.0;
   std::ptrdiff_t rows = 0, cols = 0;
@@ -281,29 +333,24 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
   auto made = std::make_shared<Moves>();
   Moves& m = *made;
   m.radius = ball_radius_mm;
-  int tool = -1;
-  std::int32_t section = -1;
-  std::size_t program_of_section = 0;
+  Sections sections(2.0 * ball_radius_mm);
   for (std::size_t program = 0; program < programs.size(); ++program) {
     const auto take = [&](std::span<const cnc::Motion> motions) -> Result<void> {
       for (const cnc::Motion& motion : motions) {
         if (motion.probe) continue;
         const bool rapid = motion.kind == cnc::Motion::Kind::rapid;
-        if (section < 0 || (!rapid && (motion.tool != tool || program != program_of_section))) {
-          ++section;
-          tool = motion.tool;
-          program_of_section = program;
-          m.section_start_min.push_back(m.total_min);
-        }
         const auto take_piece = [&](Vec3 a, Vec3 b) {
           const double length = norm(b - a);
           if (m.command.empty() || !(m.command.back() == a)) m.command.push_back(a);
           m.command.push_back(b);
           const double minutes =
               length / (rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min);
-          if (!rapid) {
+          if (rapid) {
+            sections.rapid();
+          } else {
+            sections.cut(a, b, motion.tool, program, m.total_min);
             m.moves.push_back({a, b, m.total_min, m.total_min + minutes, m.total_mm,
-                               m.total_mm + length, section,
+                               m.total_mm + length,
                                static_cast<std::uint32_t>(m.command.size() - 1)});
             m.total_mm += length;
           }
@@ -327,6 +374,7 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
     MAQUETTE_TRY(const auto summary, cnc::read_gcode(programs[program], take, run));
     (void)summary;
   }
+  m.section_start_min = sections.starts_min();
   m.bin();
   return CutPath(std::move(made));
 }
@@ -412,7 +460,6 @@ CutState CutPath::Moves::state(std::uint32_t index, double share) const {
   s.path_mm = move.start_mm + share * (move.end_mm - move.start_mm);
   s.path_share = total_min > 0.0 ? minutes / total_min : 0.0;
   s.cut_share = total_mm > 0.0 ? s.path_mm / total_mm : 0.0;
-  s.section = move.section;
   s.move = index;
   s.move_share = static_cast<float>(share);
   return s;
@@ -553,8 +600,8 @@ double CutPath::cut_mm() const {
 
 std::vector<double> CutPath::section_starts() const {
   std::vector<double> starts;
-  for (std::size_t i = 1; i < moves_->section_start_min.size(); ++i)
-    starts.push_back(moves_->section_start_min[i] / moves_->total_min);
+  for (const double minutes : moves_->section_start_min)
+    starts.push_back(minutes / moves_->total_min);
   return starts;
 }
 

@@ -64,7 +64,7 @@ void add_process_band_step(std::vector<Effect>& all) {
     std::vector<Form> forms;
     const MakeBands make{sizes_of_drifts(scene, kSize_mm).back(), scene.ball_radius_mm,
                          scene.duration_min};
-    if (!scene.section_starts.empty() && scene.section_starts.size() <= 12)
+    if (!scene.section_starts.empty() && scene.section_starts.size() <= kMostSections)
       forms.push_back(make("bands of the program", scene.section_starts, 0, 0));
     // Borders that the data show, the sharpest alone, then with the next.
     const auto& seen = scene.steps[2];

@@ -3,11 +3,14 @@
 // How large lost motion is found to be, on a zigzag whose tips are displaced by a play operator and
 // whose surface is the least of dense samples of the balls (shares no code).
 //
-//   0.4 mm, ridges as cut ... named alone, with a width within its error
+//   0.4 mm, measured upright or from aside ... named alone, with a width within its error
+//   0.1 and 0.4 mm, from aside, no noise .... as predicted within 2.5 % of what it moves; no place
+//       is thrown far off where a pass turns and the axis stands still
 
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <optional>
 #include <vector>
 
 #include <fmt/format.h>
@@ -15,6 +18,7 @@
 
 #include "core/random.hpp"
 #include "diagnosis/diagnose.hpp"
+#include "diagnosis/effect.hpp"
 #include "diagnosis/path_contact.hpp"
 #include "diagnosis/surface.hpp"
 #include "support/matchers.hpp"
@@ -73,16 +77,48 @@ double lowest_mm(const std::vector<std::vector<Vec3>>& passes, double x, double 
   return low;
 }
 
+/// Of a scanner beside the part; without, the surface is measured upright.
+using Station_mm = std::optional<Vec3>;
+const Station_mm kAside{{-800.0, 450.0, 750.0}};
+
+/// @return false where no beam comes to the place
+bool look(Observation& o, const Station_mm& station) {
+  if (!station) return true;
+  o.has_station = true;
+  o.range_mm = norm(o.place - *station);
+  o.beam = (1.0 / o.range_mm) * (o.place - *station);
+  constexpr double kLeastCosine = 0.35;
+  return dot(o.beam, o.slope_normal) < -kLeastCosine;
+}
+
+/// From the place to the cut surface along what it is measured by, along the normal.
+double residual_mm(const Observation& o, const std::vector<std::vector<Vec3>>& cut) {
+  const Vec3 back = o.has_station ? -1.0 * o.beam : Vec3{0.0, 0.0, 1.0};
+  const auto above = [&](double far) {
+    const Vec3 q = o.place + far * back;
+    return q.z - lowest_mm(cut, q.x, q.y);
+  };
+  double near = 0.0, at_near = above(0.0), far = -at_near, at_far = above(far);
+  for (int k = 0; k < 8 && std::abs(at_far) > 1e-6; ++k) {
+    const double next = far - at_far * (far - near) / (at_far - at_near);
+    near = far;
+    at_near = at_far;
+    far = next;
+    at_far = above(far);
+  }
+  return far * dot(back, o.normal);
+}
+
 Measurements part(const CutPath& path, const std::vector<std::vector<Vec3>>& cut,
-                  std::uint64_t seed) {
+                  const Station_mm& station, double white_mm, std::uint64_t seed) {
   Measurements m;
   heightmap::ModelField corners;
   corners.spacing = Millimetres{kSide_mm};
   corners.z_mm = Grid<float>(2, 2, 7.0F);
   corners.z_mm(1, 1) = 13.0F;
   m.scene = scene_of(corners, &path, kRadius_mm);
-  m.scene.has_station = {false};
-  m.scene.stations = {{}};
+  m.scene.has_station = {station.has_value()};
+  m.scene.stations = {station.value_or(Vec3{})};
   m.set_ups.emplace_back();
   m.set_ups[0].name = "scan";
   m.set_ups[0].centre_mm = {0.5 * kSide_mm, 0.5 * kSide_mm, 10.0};
@@ -99,35 +135,66 @@ Measurements part(const CutPath& path, const std::vector<std::vector<Vec3>>& cut
     o.level_tip = o.place + kRadius_mm * (o.slope_normal - Vec3{0.0, 0.0, 1.0});
     o.rivals = std::make_shared<std::vector<Rival>>(std::move(rivals));
     o.pass = path.pass();
-    o.residual_mm =
-        (lowest_mm(cut, x, y) - o.place.z) * o.normal.z + kWhite_mm * random_normal(seed + 1, i);
+    if (!look(o, station)) continue;
+    o.residual_mm = residual_mm(o, cut) + white_mm * random_normal(seed + 1, i);
     m.observations.push_back(std::move(o));
   }
   return m;
 }
 
-TEST(LostMotion, IsFoundWhereItIsFarLargerThanTheRidges) {
-  constexpr double kWidth_mm = 0.4;
-  constexpr std::uint64_t kSeed = 20'261'127;
+/// The program as it is written, every sample.
+CutPath written(const std::vector<std::vector<Vec3>>& passes) {
   const testing_support::ScratchFolder scratch;
-  const auto passes = command();
   std::string text = "G21 G90 F2000\n";
   for (const auto& pass : passes)
-    for (std::size_t i = 0; i < pass.size(); i += 5)
-      text += fmt::format("G1 X{:.5f} Y{:.5f} Z{:.5f}\n", pass[i].x, pass[i].y, pass[i].z);
+    for (const Vec3& p : pass) text += fmt::format("G1 X{:.5f} Y{:.5f} Z{:.5f}\n", p.x, p.y, p.z);
   std::ofstream(scratch / "part.ngc") << text << "M30\n";
   const std::vector<std::filesystem::path> files{scratch / "part.ngc"};
-  const auto path = CutPath::read(files, kRadius_mm, {});
-  ASSERT_TRUE(path.has_value());
-  const auto d = diagnose(part(*path, played(passes, kWidth_mm), kSeed), 1);
+  return CutPath::read(files, kRadius_mm, {}).value();
+}
+
+class SeenFromAside : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Width_mm, SeenFromAside, testing::Values(0.1, 0.4));
+
+TEST_P(SeenFromAside, LostMotionMovesAllPlacesAsPredicted) {
+  const double width_mm = GetParam();
+  const auto passes = command();
+  const CutPath path = written(passes);
+  const Measurements m = part(path, played(passes, width_mm), kAside, 0.0, 1);
+  const auto forms = find_effect("machine.backlash_x")->forms(m.scene);
+  const Form form = forms[0].of_size(width_mm);
+  double moved = 0.0, left = 0.0, worst_mm = 0.0;
+  for (const Observation& o : m.observations) {
+    const double off_mm = 0.5 * width_mm * form.columns[0].value(o) - o.residual_mm;
+    moved += o.residual_mm * o.residual_mm;
+    left += off_mm * off_mm;
+    worst_mm = std::fmax(worst_mm, std::abs(off_mm));
+  }
+  EXPECT_LT(std::sqrt(left / moved), 0.025);
+  // Seen at 65 degrees off the normal beyond passes that are not known to run there.
+  EXPECT_LT(worst_mm, 0.06 * width_mm);
+}
+
+class LostMotion : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(FromAside, LostMotion, testing::Bool());
+
+TEST_P(LostMotion, IsFoundWhereItIsFarLargerThanTheRidges) {
+  constexpr double kWidth_mm = 0.4;
+  constexpr std::uint64_t kSeed = 2;
+  const auto passes = command();
+  const CutPath path = written(passes);
+  const auto d = diagnose(
+      part(path, played(passes, kWidth_mm), GetParam() ? kAside : std::nullopt, kWhite_mm, kSeed),
+      1);
   ASSERT_TRUE(d.has_value());
   const auto found = std::find_if(d->causes.begin(), d->causes.end(),
                                   [](const Cause& c) { return c.effect == "machine.backlash_x"; });
   ASSERT_TRUE(found != d->causes.end()) << d->verdict;
   EXPECT_EQ(d->causes.size(), 1U);
+  EXPECT_EQ(d->verdict, "explained");
   const Estimate& size = found->parameters[0];
-  EXPECT_NEAR(size.value, kWidth_mm, 4.5 * size.sigma) << "seed " << kSeed;
-  EXPECT_LT(size.sigma, 0.01 * kWidth_mm);
+  EXPECT_NEAR(size.value, kWidth_mm, 3.0 * size.sigma) << "seed " << kSeed;
+  EXPECT_LT(size.sigma, 0.015 * kWidth_mm);
 }
 
 }  // namespace

@@ -153,13 +153,37 @@ TEST(CutPath, CountsTimeLengthAndSections) {
   ASSERT_TRUE(a.has_value());
   EXPECT_NEAR(a->path_share, 0.025 / path.duration_min(), 1e-9);
   EXPECT_NEAR(a->path_mm, 25.0, 1e-9);
-  EXPECT_EQ(a->section, 0);
   const auto b = path.at(50.0, 50.0);
   ASSERT_TRUE(b.has_value());
-  EXPECT_EQ(b->section, 1);
   EXPECT_NEAR(b->path_share, 1.0 - 0.1 / path.duration_min(), 1e-9);
   ASSERT_EQ(path.section_starts().size(), 1U);
   EXPECT_FALSE(path.at(50.0, 25.0).has_value());
+}
+
+TEST(CutPath, BeginsABandWhereItGoesElsewhere) {
+  const ScratchFolder scratch;
+  const auto pass = [](double y) {
+    return fmt::format("G0 X0 Y{0}\nG1 Z0 F1000\nG1 X50 Y{0}\nG0 Z10\n", y);
+  };
+  // One way, a lift after each pass: 20 passes from y = 20 mm, then 20 from 0.
+  std::string one_way = "G21 G90\nG0 Z10\n";
+  for (const double start : {20.0, 0.0})
+    for (int k = 0; k < 20; ++k) one_way += pass(start + 0.5 * k);
+  const auto of_one_way = path_of(scratch, one_way + "M30\n").section_starts();
+  ASSERT_EQ(of_one_way.size(), 1U);
+  EXPECT_NEAR(of_one_way[0], 0.5, 0.01);
+  // A zigzag lifts between its bands alone, wherever the next one is.
+  std::string zigzag = "G21 G90\nG0 Z10\n";
+  for (const double start : {0.0, 5.0, 10.0}) {
+    zigzag += fmt::format("G0 X0 Y{}\nG1 Z0 F1000\n", start);
+    for (int k = 0; k < 10; ++k)
+      zigzag += fmt::format("G1 Y{}\nG1 X{}\n", start + 0.5 * k, k % 2 == 0 ? 50 : 0);
+    zigzag += "G0 Z10\n";
+  }
+  const auto of_zigzag = path_of(scratch, zigzag + "M30\n").section_starts();
+  ASSERT_EQ(of_zigzag.size(), 2U);
+  EXPECT_NEAR(of_zigzag[0], 1.0 / 3.0, 0.01);
+  EXPECT_NEAR(of_zigzag[1], 2.0 / 3.0, 0.01);
 }
 
 TEST(CutPath, FollowsThePlay) {

@@ -343,16 +343,16 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
                               : most;
     };
     const std::size_t drop = nameless(causes, shapes, wrong);
-    if (drop == members.size() && members.size() < stood) {
-      // What those without a name explained is explained by nothing now, and others stand beside it
-      // or do not.
-      const bool found = d.remainder.found;
-      const Members also = keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
-      doubtful.insert(doubtful.end(), also.begin(), also.end());
-      stood = confirmed.size();
-      if (stood < members.size() || d.remainder.found != found) continue;
-    }
     if (drop == members.size()) {
+      if (members.size() < stood) {
+        // What those without a name explained is explained by nothing now, and others stand beside
+        // it or do not.
+        const bool found = d.remainder.found;
+        const Members also = keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
+        doubtful.insert(doubtful.end(), also.begin(), also.end());
+        stood = confirmed.size();
+        if (stood < members.size() || d.remainder.found != found) continue;
+      }
       d.causes = std::move(causes);
       widen_by_doubtful(bank, residuals, members, doubtful, d);
       d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());

@@ -64,6 +64,7 @@ Vec3 taken(Vec3 before, Vec3 step, double width) {
   return {taken(before.x, step.x, width), taken(before.y, step.y, width),
           taken(before.z, step.z, width)};
 }
+
 /// Where work is taken up anew: with another tool, as another program, or elsewhere after a lift.
 class Sections {
  public:
@@ -117,6 +118,7 @@ class Sections {
   Box3 stretch_;  // cut since the last lift
   std::vector<double> begun_, lifts_, jumps_;
 };
+
 }  // namespace
 
 struct CutPath::Moves {

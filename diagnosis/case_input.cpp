@@ -520,7 +520,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         kTooFewMeasurements,
         fmt::format("{} measurements lie on the part within {} mm of it; at least {} are needed",
                     m.observations.size(), input.reach_mm, kLeastMeasurements));
-  const auto layout = detail::lay_out(m.scene.box, input.seed);
+  const auto layout = detail::lay_out(m.scene.box, input.seed, !m.scene.section_starts.empty());
   std::set<int> blocks;
   for (const Observation& o : m.observations) blocks.insert(layout.block_of(o.place.x, o.place.y));
   if (blocks.size() < kLeastBlocks)

@@ -50,19 +50,29 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
   return closest;
 }
 
-/// A member in whose place another cause, cut anew, does better was only found first.
+/// A member in whose place another cause, cut anew, does better, alone or without a third that only
+/// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
                   const RunContext& run) {
   for (int round = 0; round < kRounds && !run.stopped(); ++round) {
     double best = residuals.score(with) - kPricePerCause;
     Members better;
+    const auto try_it = [&](Members instead) {
+      if (const double s = residuals.score(instead); s < best) {
+        best = s;
+        better = std::move(instead);
+      }
+    };
     for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k)
       for (const Member& rival : rivals_of(with, k, search, bank, residuals)) {
         auto instead = with;
         instead[k] = rival;
-        if (const double s = residuals.score(instead); s < best) {
-          best = s;
-          better = std::move(instead);
+        try_it(instead);
+        for (std::size_t j = 0; j < with.size(); ++j) {
+          if (j == k) continue;
+          residuals.about(instead);
+          auto fewer = without(instead, j);
+          if (residuals.score_as_is(fewer) < best + kClose) try_it(std::move(fewer));
         }
       }
     if (better.empty()) break;

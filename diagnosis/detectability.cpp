@@ -69,7 +69,7 @@ Vec3 turned(Vec3 about, Vec3 station, double degrees) {
 Result<Detectability> detectability(const Measurements& m, std::uint64_t seed,
                                     const RunContext& run) {
   Detectability d;
-  auto layout = detail::lay_out(m.scene.box, seed);
+  auto layout = detail::lay_out(m.scene.box, seed, !m.scene.section_starts.empty());
   const auto candidates = detail::candidates_of(m.scene, d.untestable);
   const auto columns = detail::all_columns(candidates);
   const auto nuisances = detail::nuisances_of(m);

@@ -229,7 +229,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   Diagnosis d;
   d.notes = m.notes;
   Scene scene = m.scene;
-  Layout layout = detail::lay_out(scene.box, seed);
+  Layout layout = detail::lay_out(scene.box, seed, !scene.section_starts.empty());
   const auto nuisances = detail::nuisances_of(m);
   Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
   layout.smooth = detail::smooth_law(plain, layout);

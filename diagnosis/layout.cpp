@@ -29,14 +29,20 @@ int Layout::set_of(double x, double y) const {
   return set;
 }
 
-Layout lay_out(const Box3& box, std::uint64_t seed) {
+Layout lay_out(const Box3& box, std::uint64_t seed, bool in_bands) {
   Layout l;
   const double wide = box.max.x - box.min.x, high = box.max.y - box.min.y;
-  l.cell_mm = std::fmax(wide, high) / 24.0;
-  l.x0 = box.min.x;
-  l.y0 = box.min.y;
-  l.cols = static_cast<std::ptrdiff_t>(std::ceil(wide / l.cell_mm - 1e-9));
-  l.rows = static_cast<std::ptrdiff_t>(std::ceil(high / l.cell_mm - 1e-9));
+  // Halves, thirds, quarters and fifths of a part are where bands meet. A cell that is left empty
+  // before the part puts them inside blocks, so that all sets see both sides of a step there.
+  const std::ptrdiff_t empty = in_bands ? 1 : 0;
+  l.cell_mm = std::fmax(wide, high) / static_cast<double>(24 - empty);
+  const auto cells = [&](double side) {
+    return empty + static_cast<std::ptrdiff_t>(std::ceil(side / l.cell_mm - 1e-9));
+  };
+  l.x0 = box.min.x - static_cast<double>(empty) * l.cell_mm;
+  l.y0 = box.min.y - static_cast<double>(empty) * l.cell_mm;
+  l.cols = cells(wide);
+  l.rows = cells(high);
   l.block = 4;
   l.buffer_mm = l.cell_mm / 8.0;
   l.block_cols = (l.cols + l.block - 1) / l.block;

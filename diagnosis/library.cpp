@@ -9,6 +9,8 @@ namespace detail {
 
 namespace {
 
+constexpr double kStepUp_mm = 0.05, kStepAside_mm = 0.2;
+
 /// A step whose moment is refined; `step`: distance to the next such form.
 struct MakeStep {
   int axis;
@@ -34,7 +36,11 @@ struct MakeStep {
 
 std::vector<Form> step_forms(int axis, const Scene& scene) {
   std::vector<Form> forms;
-  for (const double size : sizes_of_drifts(scene, axis == 2 ? 0.05 : 0.2)) {
+  // A ball that is 0.1 mm deeper reaches over the border by more than a pass, one that is higher
+  // leaves as much to the other side.
+  const auto sizes =
+      axis == 2 ? std::vector{kStepUp_mm, -kStepUp_mm} : sizes_of_drifts(scene, kStepAside_mm);
+  for (const double size : sizes) {
     const MakeStep make{axis, size, scene.ball_radius_mm, scene.duration_min};
     for (const double share : scene.steps[static_cast<std::size_t>(axis)])
       forms.push_back(make(share, 1.0 / 64.0));

@@ -313,21 +313,29 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
       confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(beyond_belief));
       continue;
     }
-    // A cause that has a law keeps to it, and one that is named is there.
+    // One that is named is there, and a cause that has a law keeps to it.
     std::size_t none = members.size();
     std::string why;
-    for (std::size_t k = 0; k < members.size() && none == members.size(); ++k) {
+    double least_sure = kSure;
+    for (std::size_t k = 0; k < members.size(); ++k) {
       const Estimate& size = causes[k].parameters[0];
-      if (causes[k].parameters.size() == 1 && std::abs(size.value) < kSure * size.sigma) {
+      if (causes[k].parameters.size() != 1) continue;
+      if (const double sure = sureness(bank, members, model.fit, k); sure < least_sure) {
+        least_sure = sure;
         none = k;
         why = fmt::format("beside the others it may as well be none: {} = {:.3g}, known to {:.2g}",
                           size.name, size.value, size.sigma);
-        doubtful.push_back(members[k]);
-      } else if (breaks_its_law(k, members, shares[k] * model.left.excess, search, bank,
-                                residuals)) {
-        none = k;
+      }
+    }
+    if (none < members.size()) {
+      doubtful.push_back(members[none]);
+    } else {
+      for (std::size_t k = 0; k < members.size() && none == members.size(); ++k)
+        if (breaks_its_law(k, members, shares[k] * model.left.excess, search, bank, residuals))
+          none = k;
+      if (none < members.size()) {
         why = "what looks like it changes over the part or with height, as it does not";
-        vague += causes[k].share;
+        vague += causes[none].share;
       }
     }
     if (none < members.size()) {

@@ -89,6 +89,14 @@ std::vector<Estimate> sizes_of(const Search& search, const Bank& bank, const Mem
   return sizes;
 }
 
+double sureness(const Bank& bank, const Members& members, const Fit& fit, std::size_t k) {
+  const auto model = columns_of(bank, members);
+  const double wider = overstated(bank, model, columns_of(bank, without(members, k)), fit);
+  const auto at = place_of(bank, model, members[k].form.columns[0]);
+  const double variance = wider * covariance_over_laws(bank, model, fit, kAll)(at, at);
+  return variance > 0.0 ? std::abs(fit.coefficients(at)) / std::sqrt(variance) : INFINITY;
+}
+
 void widen_by_doubtful(const Bank& bank, Linearised& residuals, const Members& members,
                        const Members& doubtful, Diagnosis& d) {
   std::vector<std::vector<double>> most(members.size());

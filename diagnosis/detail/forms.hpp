@@ -130,11 +130,20 @@ template <class Displacement>
 /// From a moment of the program on, the tip is off by a constant along one axis.
 [[nodiscard]] inline Column step_after(int axis, double share, std::string name, double size_mm,
                                        double radius_mm) {
-  return timed_column(fmt::format("step_{}{:.6f}", kAxisName[axis], share),
-                      {std::move(name), 1.0, 5.0}, size_mm, radius_mm,
-                      [axis, share](const CutState& s) {
-                        return along_axis(axis, s.path_share > share ? 1.0 : 0.0);
-                      });
+  const auto is_after = [share](const CutState& s) { return s.path_share > share; };
+  Column c = timed_column(
+      fmt::format("step_{}{:.6f}", kAxisName[axis], share), {std::move(name), 1.0, 5.0}, size_mm,
+      radius_mm,
+      [axis, is_after](const CutState& s) { return along_axis(axis, is_after(s) ? 1.0 : 0.0); });
+  if (axis != 2 || size_mm == 0.0) return c;
+  // Lowered alike, passes stay who they are.
+  c.value = [is_after, beside = std::move(c.value)](const Observation& o) {
+    const bool after = is_after(o);
+    for (const auto& rival : rivals_of(o))
+      if (is_after(rival.state) != after) return beside(o);
+    return after ? level_along(o).z : 0.0;
+  };
+  return c;
 }
 /// Of forms that displace passes against each other: first order where neighbours move alike, up
 /// and down by `usual_mm` where passes cross.

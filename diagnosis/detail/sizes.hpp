@@ -15,6 +15,11 @@ namespace maquette::diagnosis::detail {
 [[nodiscard]] std::vector<Estimate> sizes_of(const Search& search, const Bank& bank,
                                              const Members& members, const Fit& fit, std::size_t k);
 
+/// The first size of the k-th in its standard errors, by its law as it stands: a law that is open
+/// makes a size uncertain, not the cause.
+[[nodiscard]] double sureness(const Bank& bank, const Members& members, const Fit& fit,
+                              std::size_t k);
+
 /// Causes that were confirmed, but are too small beside the others to be named, may be there:
 /// errors of the others' sizes come to hold what these would be beside each of them, too, and a
 /// note says so where that is further off than twice a size's own error.

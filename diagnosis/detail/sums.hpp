@@ -80,7 +80,8 @@ struct Layout {
   [[nodiscard]] int set_of(double x, double y) const;
   [[nodiscard]] int block_of(double x, double y) const;
 };
-[[nodiscard]] Layout lay_out(const Box3& box, std::uint64_t seed);
+/// @param in_bands  the program is in sections, which may meet in steps
+[[nodiscard]] Layout lay_out(const Box3& box, std::uint64_t seed, bool in_bands = false);
 /// The law of what is smooth over a cell and more in what the nuisances leave of the cells' means.
 [[nodiscard]] SmoothLaw smooth_law(const Bank& bank, const Layout& layout);
 

@@ -10,18 +10,34 @@ namespace maquette::diagnosis::detail {
 namespace {
 constexpr double kSize_mm = 0.05;
 constexpr std::size_t kTimes = 4;  // that one is refined; the data show four borders at most
+constexpr std::size_t kMostSigned = 3;
+
+/// Of each border whether the band behind it is deeper: a deeper ball reaches over the border.
+using Deeper = std::vector<bool>;
+
+/// All of them for so few borders, else none: to first order.
+std::vector<Deeper> each_deeper(std::size_t borders) {
+  if (borders > kMostSigned) return {{}};
+  std::vector<Deeper> all;
+  for (std::size_t bits = 0; bits < (std::size_t{1} << borders); ++bits) {
+    Deeper& one = all.emplace_back();
+    for (std::size_t k = 0; k < borders; ++k) one.push_back((bits >> k & 1U) != 0);
+  }
+  return all;
+}
 
 /// Borders whose moments are refined in turn: each once, and of two or three some twice.
 struct MakeBands {
-  double size_mm, radius_mm, minutes;
+  double radius_mm, minutes;
+  Deeper deeper;
 
   /// @param next   border that is refined next
   /// @param times  how often one is; 0: they are as they are
   Form operator()(const std::string& law, std::vector<double> borders, std::size_t next,
                   std::size_t times) const {
-    std::sort(borders.begin(), borders.end());
     Form f{law, {}};
     for (std::size_t k = 0; k < borders.size(); ++k) {
+      const double size_mm = deeper.empty() ? 0.0 : deeper[k] ? -kSize_mm : kSize_mm;
       f.columns.push_back(
           step_after(2, borders[k], fmt::format("step_{}_mm", k + 1), size_mm, radius_mm));
       f.fixed.emplace_back(fmt::format("moment_{}_min", k + 1), borders[k] * minutes);
@@ -44,6 +60,15 @@ struct MakeBands {
     return f;
   }
 };
+
+/// @param times  as of MakeBands
+void add_bands(const Scene& scene, const std::string& law, std::vector<double> borders,
+               std::size_t times, std::vector<Form>& forms) {
+  std::sort(borders.begin(), borders.end());
+  for (Deeper& deeper : each_deeper(borders.size()))
+    forms.push_back(MakeBands{scene.ball_radius_mm, scene.duration_min, std::move(deeper)}(
+        law, borders, 0, times));
+}
 }  // namespace
 
 void add_process_band_step(std::vector<Effect>& all) {
@@ -62,16 +87,13 @@ void add_process_band_step(std::vector<Effect>& all) {
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
-    const MakeBands make{sizes_of_drifts(scene, kSize_mm).back(), scene.ball_radius_mm,
-                         scene.duration_min};
     if (!scene.section_starts.empty() && scene.section_starts.size() <= kMostSections)
-      forms.push_back(make("bands of the program", scene.section_starts, 0, 0));
+      add_bands(scene, "bands of the program", scene.section_starts, 0, forms);
     // Borders that the data show, the sharpest alone, then with the next.
     const auto& seen = scene.steps[2];
     for (std::size_t n = 2; n <= seen.size(); ++n)
-      forms.push_back(make(fmt::format("{} borders", n),
-                           {seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(n)}, 0,
-                           kTimes));
+      add_bands(scene, fmt::format("{} borders", n),
+                {seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(n)}, kTimes, forms);
     for (Form& f : step_forms(2, scene)) forms.push_back(std::move(f));
     return forms;
   };

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/choosing.hpp"
+#include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -28,6 +30,19 @@ bool alike(const Members& a, const Members& b) {
          std::all_of(a.begin(), a.end(), [&](const Member& x) { return has(b, x.effect); });
 }
 
+/// Bands that begin where the program says, if others have been found so far: what the data show to
+/// first order may be a pass beside a border.
+std::optional<Candidate> bands_of_the_program(const Search& search, const Member& member) {
+  if (member.form.law == kBandsOfTheProgram) return std::nullopt;
+  for (const Candidate& c : search.candidates) {
+    Candidate bands{c.effect, {}};
+    for (const Form& f : c.forms)
+      if (f.law == kBandsOfTheProgram) bands.forms.push_back(f);
+    if (!bands.forms.empty()) return bands;
+  }
+  return std::nullopt;
+}
+
 /// The causes closest to the k-th to first order, in its place.
 Members rivals_of(const Members& with, std::size_t k, const Search& search, const Bank& bank,
                   Linearised& residuals) {
@@ -36,17 +51,20 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
   const double now = residuals.score_as_is(with);
   const Screen beside = screen(bank, others, {kChoose});
   std::vector<std::pair<double, Member>> rivals;
-  for (const Candidate& other : search.candidates) {
-    if (has(with, other.effect) || !may_join(others, other.effect)) continue;
+  const auto look_at = [&](const Candidate& other) {
+    if (has(others, other.effect) || !may_join(others, other.effect)) return;
     const auto found = best_form(bank, others, other, {kChoose}, true, beside);
     if (found.objective < now + kClose)
       rivals.emplace_back(found.objective, Member{other.effect, other.forms[found.form]});
-  }
+  };
+  for (const Candidate& other : search.candidates)
+    if (other.effect != with[k].effect) look_at(other);
   std::sort(rivals.begin(), rivals.end(),
             [](const auto& a, const auto& b) { return a.first < b.first; });
+  rivals.resize(std::min(rivals.size(), kRivals));
+  if (const auto bands = bands_of_the_program(search, with[k])) look_at(*bands);
   Members closest;
-  for (std::size_t r = 0; r < std::min(rivals.size(), kRivals); ++r)
-    closest.push_back(std::move(rivals[r].second));
+  for (auto& [score, member] : rivals) closest.push_back(std::move(member));
   return closest;
 }
 
@@ -55,24 +73,26 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
                   const RunContext& run) {
   for (int round = 0; round < kRounds && !run.stopped(); ++round) {
-    double best = residuals.score(with) - kPricePerCause;
+    double best = residuals.score(with);
     Members better;
-    const auto try_it = [&](Members instead) {
-      if (const double s = residuals.score(instead); s < best) {
+    const auto try_it = [&](Members instead, double price) {
+      if (const double s = residuals.score(instead) + price; s < best) {
         best = s;
         better = std::move(instead);
       }
     };
     for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k)
       for (const Member& rival : rivals_of(with, k, search, bank, residuals)) {
+        // That bands begin where the program says needs no evidence.
+        const double price = rival.form.law == kBandsOfTheProgram ? 0.0 : kPricePerCause;
         auto instead = with;
         instead[k] = rival;
-        try_it(instead);
+        try_it(instead, price);
         for (std::size_t j = 0; j < with.size(); ++j) {
           if (j == k) continue;
           residuals.about(instead);
           auto fewer = without(instead, j);
-          if (residuals.score_as_is(fewer) < best + kClose) try_it(std::move(fewer));
+          if (residuals.score_as_is(fewer) + price < best + kClose) try_it(std::move(fewer), price);
         }
       }
     if (better.empty()) break;
@@ -218,8 +238,9 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);
     chosen = pruned(std::move(chosen), search, bank, residuals, run);
-    if (auto other = exchanged(chosen, search, bank, residuals, run); !alike(other, chosen))
-      chosen = pruned(std::move(other), search, bank, residuals, run);
+    auto other = exchanged(chosen, search, bank, residuals, run);
+    chosen = alike(other, chosen) ? std::move(other)
+                                  : pruned(std::move(other), search, bank, residuals, run);
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
     members = std::move(chosen);

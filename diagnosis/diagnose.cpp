@@ -151,6 +151,34 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
   return poses;
 }
 
+/// Moments that the choosing blocks do not tell apart (no block of theirs sees the rest of the
+/// pass) are told by those that confirm: a row of points on the wrong side of a step outweighs the
+/// step.
+/// @return how many forms were looked at, for as many tests
+double take_moments_of(detail::Search& search, Bank& bank, detail::Linearised& residuals,
+                       Members& members) {
+  constexpr double kNotTold = 2.0;    // in -2 log likelihood
+  constexpr double kMoments = 200.0;  // 19 and twice 13 neighbours of a few
+  const auto has_a_moment = [](const detail::Member& m) {
+    return !m.form.fixed.empty() && m.form.fixed[0].first.starts_with("moment");
+  };
+  if (std::none_of(members.begin(), members.end(), has_a_moment)) return 1.0;
+  const double chosen = residuals.score(members);
+  const Members both =
+      detail::polished(search, bank, members, residuals.settle(), {kChoose, kConfirm});
+  double looks = 1.0;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    if (!has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;
+    Members instead = members;
+    instead[k] = both[k];
+    if (!(residuals.score(instead) < chosen + kNotTold)) continue;
+    members = std::move(instead);
+    looks = kMoments;
+  }
+  residuals.about(members);
+  return looks;
+}
+
 /// Causes that are chosen and hold on other blocks. Where none of the chosen holds, the choice was
 /// of what took the place of a cause: the next best is looked for without them.
 std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& bank,
@@ -165,11 +193,12 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
   for (int look = 0; look < kLooks && confirmed.empty() && !run.stopped(); ++look) {
     std::vector<Ranked> ranking;
     residuals.about({});
-    const auto members = detail::choose_and_recut(search, bank, residuals, ranking, run);
+    auto members = detail::choose_and_recut(search, bank, residuals, ranking, run);
     if (look == 0) d.ranking = std::move(ranking);
     if (members.empty() || run.stopped()) break;
-    confirmed = detail::confirm(bank, members, look == 0 ? kClaimLevel : kLaterLevel, d.rejected,
-                                residuals.settle_alone());
+    const double looks = take_moments_of(search, bank, residuals, members);
+    confirmed = detail::confirm(bank, members, (look == 0 ? kClaimLevel : kLaterLevel) / looks,
+                                d.rejected, residuals.settle_alone());
     std::erase_if(search.candidates,
                   [&](const detail::Candidate& c) { return detail::has(members, c.effect); });
   }

@@ -9,7 +9,7 @@ namespace detail {
 
 namespace {
 
-constexpr double kStepUp_mm = 0.05, kStepAside_mm = 0.2;
+constexpr double kStepUp_mm = 0.09, kStepAside_mm = 0.2;
 
 /// A step whose moment is refined; `step`: distance to the next such form.
 struct MakeStep {

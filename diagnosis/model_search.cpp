@@ -10,6 +10,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/chi_squared.hpp"
+#include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/ridge.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -149,6 +150,8 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
                              const Settle& settle, const std::vector<int>& sets) {
   const auto levels = [](const Member& m) { return m.form.columns[0].levels.has_value(); };
   for (std::size_t k = 0; k < members.size(); ++k) {
+    // To first order others may do better, a pass beside the border.
+    if (members[k].form.law == kBandsOfTheProgram) continue;
     const auto same = candidate_of(search, members[k].effect);
     if (levels(members[k]) && members.size() > 1) {
       // Beside others the length that a film levels over shows once what it makes of them is known.

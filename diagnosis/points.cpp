@@ -2,6 +2,7 @@
 #include "diagnosis/detail/points.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 
@@ -131,6 +132,23 @@ std::vector<Eigen::MatrixXf> quadrics(const std::vector<Points::Cell>& all,
   return result;
 }
 
+/// Whether set-up `a` of a cell sees the same of it as those before: points a quarter, within what
+/// so few of them scatter by. Where it does not, their means differ by what lies in between.
+bool see_alike(const Level& quarters, const Level& cell, std::size_t a) {
+  constexpr double kAlike = 0.7;
+  std::map<std::uint64_t, std::array<double, 2>> points;
+  for (std::size_t i = 0; i < quarters.size(); ++i)
+    for (std::size_t k = 0; k <= a; ++k)
+      if (quarters.set_up[i] == cell.set_up[k])
+        points[quarters.square[i]][k < a ? 0 : 1] += quarters.weight[i];
+  std::array<double, 2> all{};
+  for (const auto& [quarter, n] : points)
+    for (std::size_t k = 0; k < 2; ++k) all[k] += n[k];
+  double alike = std::sqrt(1.0 / all[0] + 1.0 / all[1]);
+  for (const auto& [quarter, n] : points) alike += std::fmin(n[0] / all[0], n[1] / all[1]);
+  return alike > kAlike;
+}
+
 }  // namespace
 
 void transform(const Points& points, const Points::Cell& cell, RowMatrix& x, FloatRows& out) {
@@ -255,7 +273,9 @@ Points sort_points(const std::vector<Observation>& all, const Layout& layout, in
     p.rows += cell.means;
     double weight = next.weight[0];
     for (std::size_t a = 1; a < next.size(); ++a) {
-      set.top[1].weight.push_back(weight * next.weight[a] / (weight + next.weight[a]));
+      constexpr double kOfOtherPlaces = 1e-3;
+      set.top[1].weight.push_back(weight * next.weight[a] / (weight + next.weight[a]) *
+                                  (see_alike(level, next, a) ? 1.0 : kOfOtherPlaces));
       set.top[1].centre.push_back(centre);
       set.top[1].rise.push_back(rise);
       set.top[1].which.push_back(static_cast<std::uint32_t>(a));

@@ -150,6 +150,8 @@ template <class Displacement>
 [[nodiscard]] inline std::vector<double> sizes_of_drifts(const Scene& scene, double usual_mm) {
   return scene.passes_cross ? std::vector{usual_mm, -usual_mm} : std::vector{0.0};
 }
+/// Law of bands that begin where the program says.
+inline constexpr const char* kBandsOfTheProgram = "bands of the program";
 /// Forms at the moments that the data show, and at 15 even ones.
 [[nodiscard]] std::vector<Form> step_forms(int axis, const Scene& scene);
 

@@ -8,7 +8,7 @@
 
 namespace maquette::diagnosis::detail {
 namespace {
-constexpr double kSize_mm = 0.05;
+constexpr double kSize_mm = 0.09;
 constexpr std::size_t kTimes = 4;  // that one is refined; the data show four borders at most
 constexpr std::size_t kMostSigned = 3;
 
@@ -88,7 +88,7 @@ void add_process_band_step(std::vector<Effect>& all) {
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
     if (!scene.section_starts.empty() && scene.section_starts.size() <= kMostSections)
-      add_bands(scene, "bands of the program", scene.section_starts, 0, forms);
+      add_bands(scene, kBandsOfTheProgram, scene.section_starts, 0, forms);
     // Borders that the data show, the sharpest alone, then with the next.
     const auto& seen = scene.steps[2];
     for (std::size_t n = 2; n <= seen.size(); ++n)

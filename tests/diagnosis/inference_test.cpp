@@ -602,6 +602,35 @@ TEST(Inference, ScansThatDifferBySomethingSmoothAreNotConsistent) {
             d->remainder.kinds.end());
 }
 
+// A difference between the means of two scans over a cell is worth little where they see other
+// pieces of it, as beside holes: a rough coat made scans of a part without any cause differ.
+TEST(Inference, ScansThatSeeOtherPiecesOfACellSayLittleOfEachOther) {
+  const auto worth = [](double seen, double kept) {
+    auto m = part(61, {}, [](const Observation&) { return 0.0; });
+    const auto layout = detail::lay_out(m.scene.box, 1);
+    // The second scan sees so much of a cell's sides, all its points there.
+    const auto put = [&](double at) {
+      const double cell = std::floor(at / layout.cell_mm);
+      return layout.cell_mm * (cell + seen * (at / layout.cell_mm - cell));
+    };
+    std::uint64_t i = 0;
+    std::erase_if(m.observations,
+                  [&](const Observation&) { return random_uniform(62, i++) > kept; });
+    for (Observation& o : m.observations)
+      if (o.set_up == 1) o.place = {put(o.place.x), put(o.place.y), o.place.z};
+    const auto bank = detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout);
+    double sum = 0.0;
+    for (const auto& set : bank.sets)
+      for (const double weight : set.top[1].weight) sum += weight;
+    return sum;
+  };
+  const double all = worth(1.0, 1.0);
+  EXPECT_LT(worth(0.4, 1.0), 0.05 * all);  // but for cells of few points
+  // Few points lie where they lie: a tenth of them, 3 a cell and scan, is worth a tenth and less
+  // by the harmonic means of such numbers.
+  EXPECT_GT(worth(1.0, 0.1), 0.05 * all);
+}
+
 // A block that has crept by the cube of its height: the best scale of z explains most of it.
 TEST(Inference, WhatGrowsByTheCubeOfTheHeightIsNoScale) {
   const auto d = diagnose(part(48, {},

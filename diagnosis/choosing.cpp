@@ -30,10 +30,10 @@ bool alike(const Members& a, const Members& b) {
          std::all_of(a.begin(), a.end(), [&](const Member& x) { return has(b, x.effect); });
 }
 
-/// Bands that begin where the program says, if others have been found so far: what the data show to
-/// first order may be a pass beside a border.
-std::optional<Candidate> bands_of_the_program(const Search& search, const Member& member) {
-  if (member.form.law == kBandsOfTheProgram) return std::nullopt;
+/// For steps elsewhere, bands that begin where the program says: what the data show to first order
+/// may be a pass beside a border.
+std::optional<Candidate> bands_of_the_program(const Search& search, const Member& step) {
+  if (!has_a_moment(step) || step.form.law == kBandsOfTheProgram) return std::nullopt;
   for (const Candidate& c : search.candidates) {
     Candidate bands{c.effect, {}};
     for (const Form& f : c.forms)
@@ -83,8 +83,9 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
     };
     for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k)
       for (const Member& rival : rivals_of(with, k, search, bank, residuals)) {
-        // That bands begin where the program says needs no evidence.
-        const double price = rival.form.law == kBandsOfTheProgram ? 0.0 : kPricePerCause;
+        // That steps are where the program says needs no evidence.
+        const double price =
+            has_a_moment(with[k]) && rival.form.law == kBandsOfTheProgram ? 0.0 : kPricePerCause;
         auto instead = with;
         instead[k] = rival;
         try_it(instead, price);
@@ -210,6 +211,10 @@ Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& r
   }
   residuals.about(now);
   return now;
+}
+
+bool has_a_moment(const Member& member) {
+  return !member.form.fixed.empty() && member.form.fixed[0].first.starts_with("moment");
 }
 
 bool follows_any(const Members& members, bool lag) {

@@ -159,16 +159,13 @@ double take_moments_of(detail::Search& search, Bank& bank, detail::Linearised& r
                        Members& members) {
   constexpr double kNotTold = 2.0;    // in -2 log likelihood
   constexpr double kMoments = 200.0;  // 19 and twice 13 neighbours of a few
-  const auto has_a_moment = [](const detail::Member& m) {
-    return !m.form.fixed.empty() && m.form.fixed[0].first.starts_with("moment");
-  };
-  if (std::none_of(members.begin(), members.end(), has_a_moment)) return 1.0;
+  if (std::none_of(members.begin(), members.end(), detail::has_a_moment)) return 1.0;
   const double chosen = residuals.score(members);
   const Members both =
       detail::polished(search, bank, members, residuals.settle(), {kChoose, kConfirm});
   double looks = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
-    if (!has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;
+    if (!detail::has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;
     Members instead = members;
     instead[k] = both[k];
     if (!(residuals.score(instead) < chosen + kNotTold)) continue;

@@ -20,6 +20,9 @@ namespace maquette::diagnosis::detail {
 [[nodiscard]] Members at_own_size(Members members, const Search& search, Bank& bank,
                                   Linearised& residuals);
 
+/// Is it a step at some moment of the program?
+[[nodiscard]] bool has_a_moment(const Member& member);
+
 /// Is a lag (or lost motion) among them?
 [[nodiscard]] bool follows_any(const Members& members, bool lag);
 

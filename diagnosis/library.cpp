@@ -9,7 +9,7 @@ namespace detail {
 
 namespace {
 
-constexpr double kStepUp_mm = 0.09, kStepAside_mm = 0.2;
+constexpr double kStepAside_mm = 0.2;
 
 /// A step whose moment is refined; `step`: distance to the next such form.
 struct MakeStep {
@@ -36,8 +36,6 @@ struct MakeStep {
 
 std::vector<Form> step_forms(int axis, const Scene& scene) {
   std::vector<Form> forms;
-  // A ball that is 0.1 mm deeper reaches over the border by more than a pass, one that is higher
-  // leaves as much to the other side.
   const auto sizes =
       axis == 2 ? std::vector{kStepUp_mm, -kStepUp_mm} : sizes_of_drifts(scene, kStepAside_mm);
   for (const double size : sizes) {

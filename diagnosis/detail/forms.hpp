@@ -127,6 +127,9 @@ template <class Displacement>
   c.by_program = true;
   return c;
 }
+/// Size of the secants of steps in height, up and down. A ball that is 0.1 mm deeper reaches over
+/// the border by more than a pass, one that is higher leaves as much to the other side.
+inline constexpr double kStepUp_mm = 0.09;
 /// From a moment of the program on, the tip is off by a constant along one axis.
 [[nodiscard]] inline Column step_after(int axis, double share, std::string name, double size_mm,
                                        double radius_mm) {

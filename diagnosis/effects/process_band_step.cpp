@@ -8,7 +8,6 @@
 
 namespace maquette::diagnosis::detail {
 namespace {
-constexpr double kSize_mm = 0.09;
 constexpr std::size_t kTimes = 4;  // that one is refined; the data show four borders at most
 constexpr std::size_t kMostSigned = 3;
 
@@ -37,7 +36,7 @@ struct MakeBands {
                   std::size_t times) const {
     Form f{law, {}};
     for (std::size_t k = 0; k < borders.size(); ++k) {
-      const double size_mm = deeper.empty() ? 0.0 : deeper[k] ? -kSize_mm : kSize_mm;
+      const double size_mm = deeper.empty() ? 0.0 : deeper[k] ? -kStepUp_mm : kStepUp_mm;
       f.columns.push_back(
           step_after(2, borders[k], fmt::format("step_{}_mm", k + 1), size_mm, radius_mm));
       f.fixed.emplace_back(fmt::format("moment_{}_min", k + 1), borders[k] * minutes);

@@ -4,7 +4,7 @@
 // that is the least of dense samples of the balls (support/zigzag_part.hpp).
 //
 //   no noise ................. places beside the border move as predicted within 4 %; to first
-//       order half of what they move is missed
+//       order more than a fifth of what they move is missed
 //   beside a bent guide ...... both are named, the step with its height
 
 #include <algorithm>

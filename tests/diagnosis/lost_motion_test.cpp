@@ -24,7 +24,7 @@ using namespace zigzag_part;
 
 constexpr double kWhite_mm = 0.03;
 
-/// The same with play along x.
+/// Tips that follow with play along x.
 Passes played(Passes passes, double width_mm) {
   double at = passes.front().front().x;
   for (auto& pass : passes)

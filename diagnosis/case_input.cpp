@@ -154,36 +154,62 @@ std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
   return dropped;
 }
 
+/// Two directions along a surface, in the planes of x and of y.
+std::array<Vec3, 2> sides_of(Vec3 normal) {
+  return {normalized(cross(normal, Vec3{0.0, 1.0, 0.0})),
+          normalized(cross(normal, Vec3{-1.0, 0.0, 0.0}))};
+}
+
 /// Have rows with heights been measured along the surface, too? A touched point whose ball has been
 /// taken off lies on the normal through its nominal place; along the surface it says nothing, or
 /// how well that place was approached. One touched from above has its nominal x and y, and what it
-/// is off in z is partly along a slope. A mark scatters there as it does along the normal, beside
-/// what moves all of them alike.
+/// is off in z is partly along a slope. Marks move along the surface as they do along its normal,
+/// all of them together; where nothing shows that, points were touched: taken for marks that stayed
+/// where they were, they forbid that the part is lower.
 bool are_marks(const std::vector<ProbeRow>& rows, const SimulatedSurface& surface) {
   constexpr double kLeast = 0.3, kMost = 20.0;  // of the stated standard deviation
-  std::vector<std::array<double, 6>> found;     // 1, x, y; sideways x and y; sigma
+  constexpr double kMove = 5.0;                 // F of twelve unknowns: 3e-4 by chance from 9 rows
+  constexpr double kAlike = 0.5, kNoise = 4.0;  // of squares along the normal; of noise
+  constexpr Eigen::Index kUnknowns = 12, kDirections = 3;
+  // A shift that changes with place, seen along two directions of the surface and its normal; and
+  // what is found, over its standard deviation.
+  Eigen::MatrixXd all(kDirections * static_cast<Eigen::Index>(rows.size()), kUnknowns + 1);
   std::vector<double> in_plan;
+  Eigen::Index n = 0;
   for (const ProbeRow& row : rows) {
     const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
-    if (!place || !row.z_mm) continue;
-    const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,
-                 *row.z_mm - row.z_nominal_mm.value_or(place->height_mm)};
-    const Vec3 sideways = d - dot(d, place->normal) * place->normal;
-    found.push_back({1.0, row.x_nominal_mm, row.y_nominal_mm, sideways.x, sideways.y,
-                     row.sigma_mm.value_or(kProbeSigma_mm)});
-    in_plan.push_back(std::hypot(d.x, d.y) / found.back()[5]);
+    const auto normal = surface.slope_normal(row.x_nominal_mm, row.y_nominal_mm);
+    if (!place || !normal || !row.z_mm) continue;
+    const double z = row.z_nominal_mm.value_or(place->height_mm);
+    const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm, *row.z_mm - z};
+    const double sigma = row.sigma_mm.value_or(kProbeSigma_mm);
+    in_plan.push_back(std::hypot(d.x, d.y) / sigma);
+    const auto sides = sides_of(*normal);
+    for (const Vec3 v : {sides[0], sides[1], *normal}) {
+      const double at[4] = {1.0, row.x_nominal_mm, row.y_nominal_mm, z}, along[3] = {v.x, v.y, v.z};
+      for (Eigen::Index i = 0; i < kUnknowns; ++i) all(n, i) = along[i / 4] * at[i % 4] / sigma;
+      all(n++, kUnknowns) = dot(v, d) / sigma;
+    }
   }
-  if (found.size() < 4 || !(median(std::move(in_plan)) > kLeast)) return false;
-  Eigen::MatrixXd all(static_cast<Eigen::Index>(found.size()), 6);
-  for (std::size_t i = 0; i < found.size(); ++i)
-    all.row(static_cast<Eigen::Index>(i)) =
-        Eigen::Map<const Eigen::RowVectorXd>(found[i].data(), 6);
-  const Eigen::MatrixXd alike = all.leftCols(3).colPivHouseholderQr().solve(all.middleCols(3, 2));
-  const Eigen::MatrixXd rest = all.middleCols(3, 2) - all.leftCols(3) * alike;
+  const auto points = n / kDirections;
+  if (2 * points <= kUnknowns + 5 || !(median(std::move(in_plan)) > kLeast)) return false;
+  std::vector<Eigen::Index> along, across;
+  for (Eigen::Index i = 0; i < n; ++i) (i % kDirections == 2 ? along : across).push_back(i);
+  const Eigen::VectorXd y = all.col(kUnknowns)(across);
+  const Eigen::VectorXd move =
+      all.leftCols(kUnknowns)(across, Eigen::all).completeOrthogonalDecomposition().solve(y);
+  const Eigen::VectorXd rest =
+      all.col(kUnknowns).head(n) - all.leftCols(kUnknowns).topRows(n) * move;
+  const double noise = rest(across).squaredNorm() / static_cast<double>(2 * points - kUnknowns);
   std::vector<double> spread;
-  for (Eigen::Index i = 0; i < rest.rows(); ++i) spread.push_back(rest.row(i).norm() / all(i, 5));
+  for (Eigen::Index i = 0; i < n; i += kDirections) spread.push_back(rest.segment(i, 2).norm());
   const double middle = median(std::move(spread));
-  return middle > kLeast && middle < kMost;
+  if (!(middle > kLeast && middle < kMost)) return false;
+  const double moved = (y.squaredNorm() - rest(across).squaredNorm()) / kUnknowns,
+               off = all.col(kUnknowns)(along).squaredNorm();
+  return moved > kMove * noise &&
+         rest(along).squaredNorm() <
+             std::fmax(kAlike * off, kNoise * noise * static_cast<double>(points));
 }
 
 /// Nodes of the design that have a stone within reach of a beam that grazes it.
@@ -476,25 +502,32 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
           fmt::format("{}: places are taken as measured along the surface, too: they "
                       "scatter there about as much as sigma_mm says",
                       set_up.name));
+    // Nominal heights are the bare design's, or the coated part's: whichever they are nearer to.
+    std::vector<double> over;
+    for (const ProbeRow& row : rows)
+      if (const auto place = surface.at(row.x_nominal_mm, row.y_nominal_mm);
+          place && row.z_nominal_mm && row.z_mm)
+        over.push_back((*row.z_nominal_mm - place->design_mm) * place->normal.z);
+    const bool bare = !over.empty() && median(std::move(over)) < 0.5 * input.coat_mm;
     for (const ProbeRow& row : rows) {
       auto seen = surface.observe(row.x_nominal_mm, row.y_nominal_mm);
       if (!seen || on_stone(row.x_nominal_mm, row.y_nominal_mm)) continue;
       Observation& o = *seen;
       o.milled_minus_design_mm = 0.0;  // a nominal height is what it is
       o.set_up = index;
-      const double z = row.z_nominal_mm.value_or(o.place.z + input.coat_mm * o.normal.z);
+      const double coat_mm = bare || !row.z_nominal_mm ? input.coat_mm : 0.0;
+      const double z = row.z_nominal_mm.value_or(o.place.z);
       o.sigma_mm = row.sigma_mm.value_or(kProbeSigma_mm);
       const Vec3 d{row.x_mm - row.x_nominal_mm, row.y_mm - row.y_nominal_mm,
                    row.z_mm ? *row.z_mm - z : 0.0};
       if (row.z_mm) {
         o.along = o.normal;
-        o.residual_mm = dot(o.normal, d);
+        o.residual_mm = dot(o.normal, d) - coat_mm;
         if (!(std::abs(o.residual_mm) <= input.reach_mm)) continue;
         m.observations.push_back(o);
         if (!marks) continue;
         o.on_surface = false;
-        for (const Vec3 side : {normalized(cross(o.normal, Vec3{0.0, 1.0, 0.0})),
-                                normalized(cross(o.normal, Vec3{-1.0, 0.0, 0.0}))}) {
+        for (const Vec3 side : sides_of(o.normal)) {
           o.along = side;
           o.residual_mm = dot(side, d);
           m.observations.push_back(o);

@@ -68,6 +68,45 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
   return closest;
 }
 
+/// Steps so large that what passes do beside the border is not of first order are told from their
+/// neighbours cut anew: a ball that goes down by dz reaches over the border by dz R / stepover, and
+/// to first order the step seems that much earlier or later and, for all that contradicts it, half
+/// as large.
+/// @param before  a model whose moments may do better
+Members at_their_moments(Members with, const Members& before, const Search& search, Bank& bank,
+                         Linearised& residuals, const RunContext& run) {
+  constexpr double kLarge_mm = 0.12, kFarthest = 1.0 / 128, kNearest = 1.0 / 4096;
+  constexpr int kMoves = 4;  // at one distance
+  for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k) {
+    if (!with[k].form.at_moment) continue;
+    double best = residuals.score(with);
+    const double size_mm = residuals.fit_of(with).coefficients(
+        place_of(bank, columns_of(bank, with), with[k].form.columns[0]));
+    if (!(std::abs(size_mm) > kLarge_mm)) continue;
+    double share = with[k].form.fixed[0].second / residuals.scene().duration_min;
+    const auto better_at = [&](double at) {
+      if (!(at > 0.0 && at < 1.0) || run.stopped()) return false;
+      Members moved = with;
+      moved[k].form = with[k].form.at_moment(at);
+      add_columns(bank, search.observations, moved[k].form.columns);
+      const double s = residuals.score(moved);
+      if (!(s < best)) return false;
+      best = s;
+      share = at;
+      with = std::move(moved);
+      return true;
+    };
+    for (const Member& m : before)
+      if (m.effect == with[k].effect && m.form.at_moment)
+        better_at(m.form.fixed[0].second / residuals.scene().duration_min);
+    for (double d = kFarthest; d >= kNearest; d *= 0.5)
+      for (const double way : {d, -d})
+        for (int i = 0; i < kMoves && better_at(share + way);) ++i;
+  }
+  residuals.about(with);
+  return with;
+}
+
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -241,6 +280,7 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     if (chosen.empty() && members.empty()) break;
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
+    chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);
     chosen = pruned(std::move(chosen), search, bank, residuals, run);
     auto other = exchanged(chosen, search, bank, residuals, run);

@@ -70,6 +70,8 @@ struct Form {
   std::size_t signed_columns = 1;
   /// Neighbours of this form, closer than the grid's; empty: nothing to refine.
   std::function<std::vector<Form>()> finer{};
+  /// Of a step at one moment: the form at another share of the program's time; empty: others.
+  std::function<Form(double share)> at_moment{};
   /// Where a size hangs on what the law fixes (a growth on its time constant): the form with other
   /// values of that, even in its logarithm; the spread of sizes over them is part of the error.
   std::function<std::vector<Form>()> alternatives{};

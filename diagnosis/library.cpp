@@ -20,6 +20,7 @@ struct MakeStep {
            {step_after(axis, share, "step_mm", size_mm, radius_mm)}};
     f.fixed = {{"moment_min", share * minutes}};
     f.sign = sign_of(size_mm);
+    f.at_moment = [make = *this](double at) { return make(at, 0.0); };
     if (step > 1e-3)
       f.finer = [make = *this, share, step] {
         std::vector<Form> near;

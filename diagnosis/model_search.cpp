@@ -172,6 +172,15 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
       if (f.finer) coarse.forms.push_back(f);
     if (coarse.forms.empty()) continue;
     const auto others = without(members, k);
+    // Of steps, which passes beside the border answer to by more than first order, as cut anew.
+    const bool steps = static_cast<bool>(members[k].form.at_moment);
+    const auto cut_anew = [&](const Form& form) {
+      auto with = members;
+      with[k].form = form;
+      add_columns(bank, search.observations, form.columns);
+      settle(with);
+      return score_of(bank, with, sets, true);
+    };
     settle(others);  // residuals straightened for a form favour it
     const double now = score_of(bank, members, sets, true);
     State s{others, now};
@@ -181,6 +190,7 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
     s.members.back().form = coarse.forms[found.form];
     refine(search, bank, s, sets);
     if (!(s.score < now)) continue;
+    if (steps && !(cut_anew(s.members.back().form) < cut_anew(members[k].form))) continue;
     members[k].form = s.members.back().form;
     add_columns(bank, search.observations, members[k].form.columns);
     offer(search, members[k]);

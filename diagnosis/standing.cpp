@@ -13,8 +13,10 @@
 namespace maquette::diagnosis::detail {
 namespace {
 
-/// What the simulated surface is not believed below, mm rms: ridges between passes, resampling.
-constexpr double kSimulationFloor_mm = 0.0025;
+/// What the simulated surface is not believed below, mm rms: the ridges that a ball of 3 mm leaves
+/// between passes of 0.5 mm have that, and who touches them with a ball or resamples them loses
+/// them.
+constexpr double kSimulationFloor_mm = 0.0031;
 /// Squares that a cause which is not the largest must explain, over those that nothing explains.
 constexpr double kBesideUnknown = 3.0;
 /// A cause this far above what would drop it needs no cutting anew of the others to be sure.

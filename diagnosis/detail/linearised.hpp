@@ -49,6 +49,7 @@ class Linearised {
   /// @param points  how many, or nullptr
   [[nodiscard]] double left_by(const Members& model, double* points = nullptr) const;
 
+  [[nodiscard]] const Scene& scene() const { return scene_; }
   /// Whether slack is behind the drive that lags, where a model has both.
   [[nodiscard]] bool lag_first() const { return lag_and_slack_.lag_first; }
   void take_order(bool lag_first);

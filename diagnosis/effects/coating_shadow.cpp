@@ -15,6 +15,7 @@ void add_coating_shadow(std::vector<Effect>& all) {
   e.acts_on = "coat";
   e.depends_on = "direction of the slope against the spray";
   e.looks_like = {"coating.thickness", "scanner.incidence_bias"};
+  e.never_beside = "coating.thickness";  // the even film beside it
   e.separate_by = "weighed strips on slopes of four directions";
   e.correction = "spray from two sides";
   e.forms = [](const Scene& scene) {

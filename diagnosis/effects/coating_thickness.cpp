@@ -29,6 +29,7 @@ void add_coating_thickness(std::vector<Effect>& all) {
   e.acts_on = "coat";
   e.depends_on = "nothing: a constant along the normal";
   e.looks_like = {"tool.radius_error", "tool.length_offset", "scanner.range_bias"};
+  e.never_beside = "coating.shadow";  // which may have an even film beside it
   e.separate_by = "a pad left uncoated, or a film gauge";
   e.correction = "declare the measured thickness, mill deeper by it";
   e.forms = [](const Scene& scene) {

@@ -10,6 +10,9 @@ namespace maquette::diagnosis::detail {
 namespace {
 constexpr std::size_t kTimes = 4;  // that one is refined; the data show four borders at most
 constexpr std::size_t kMostSigned = 3;
+/// Of the program's time; borders closer than that only patch up what a single one, to first order,
+/// is wrong by in the passes beside it.
+constexpr double kLeastBand = 1.0 / 64.0;
 
 /// Of each border whether the band behind it is deeper: a deeper ball reaches over the border.
 using Deeper = std::vector<bool>;
@@ -43,8 +46,8 @@ struct MakeBands {
     }
     if (times > 0)
       f.finer = [make = *this, law, borders, next, times] {
-        const double before = next > 0 ? borders[next - 1] : 0.0,
-                     after = next + 1 < borders.size() ? borders[next + 1] : 1.0;
+        const double before = next > 0 ? borders[next - 1] + kLeastBand : 0.0,
+                     after = next + 1 < borders.size() ? borders[next + 1] - kLeastBand : 1.0;
         std::vector<Form> near;
         // Passes are some thousandths of the program, and windows up to eight hundredths.
         for (const double off :
@@ -64,6 +67,9 @@ struct MakeBands {
 void add_bands(const Scene& scene, const std::string& law, std::vector<double> borders,
                std::size_t times, std::vector<Form>& forms) {
   std::sort(borders.begin(), borders.end());
+  if (times > 0)
+    for (std::size_t k = 1; k < borders.size(); ++k)
+      if (borders[k] - borders[k - 1] < kLeastBand) return;
   for (Deeper& deeper : each_deeper(borders.size()))
     forms.push_back(MakeBands{scene.ball_radius_mm, scene.duration_min, std::move(deeper)}(
         law, borders, 0, times));

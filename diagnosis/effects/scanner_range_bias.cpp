@@ -15,6 +15,7 @@ void add_scanner_range_bias(std::vector<Effect>& all) {
   e.depends_on = "direction of view";
   e.looks_like = {"coating.thickness", "tool.length_offset", "scanner.registration"};
   e.separate_by = "a second station opposite";
+  e.unknown_shift = std::string("r");  // what registration has taken of it
   e.signature_error = 0.02;
   e.needs = Needs::station;
   e.forms = [](const Scene&) {

@@ -159,7 +159,7 @@ TEST(Choosing, CausesThatSayTheSameExcludeEachOther) {
     EXPECT_TRUE(detail::may_join(members, find_effect("machine.scale_z")));
     ++pairs;
   }
-  EXPECT_EQ(pairs, 2);
+  EXPECT_EQ(pairs, 4);  // each from both sides
 }
 
 // What is cut anew may grow beyond what it was chosen at: the bound holds for every fit.
@@ -653,6 +653,20 @@ TEST(Inference, SeesInThePosesWhatRegistrationTakes) {
     EXPECT_TRUE(d.has_value());
     return d && d->causes.size() == 1 ? d->causes[0] : Cause{};
   };
+  // What blocks show of a range bias is not seen in the poses again, where registration took it.
+  const auto registered = diagnose(
+      part(51, careful,
+           [](const Observation& o) {
+             const Vec3 middle =
+                 Vec3{80, 80, 10} - (o.set_up == 0 ? Vec3{80, -900, 900} : Vec3{980, 80, 900});
+             return 9.0 * dot(o.along, o.beam - normalized(middle));
+           }),
+      1);
+  ASSERT_TRUE(registered.has_value());
+  ASSERT_EQ(registered->causes.size(), 1U) << told(*registered);
+  EXPECT_EQ(registered->causes[0].effect, "scanner.range_bias");
+  EXPECT_NEAR(registered->causes[0].parameters.at(0).value, 9.0,
+              4.0 * registered->causes[0].parameters.at(0).sigma);
   const Cause length = named([](const Observation& o) { return 0.12 * o.along.z; });
   EXPECT_EQ(length.effect, "tool.length_offset");
   ASSERT_FALSE(length.parameters.empty());

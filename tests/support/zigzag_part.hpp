@@ -26,29 +26,33 @@ namespace maquette::diagnosis::zigzag_part {
 
 inline constexpr double kRadius_mm = 3.0, kStepover_mm = 0.5, kSide_mm = 60.0, kSample_mm = 0.05;
 
-inline double ground_mm(double x, double y) {
-  return 10.0 + 1.6 * std::sin(x / 3.1 + 0.3 * std::sin(y / 5.0)) + 0.8 * std::cos(y / 4.3) +
-         0.5 * std::sin(0.7 * x - 0.4 * y);
+/// @param stretch  of waves along all three axes: slopes stay as steep
+inline double ground_mm(double x, double y, double stretch = 1.0) {
+  x /= stretch, y /= stretch;
+  return 10.0 + stretch * (1.6 * std::sin(x / 3.1 + 0.3 * std::sin(y / 5.0)) +
+                           0.8 * std::cos(y / 4.3) + 0.5 * std::sin(0.7 * x - 0.4 * y));
 }
 
-inline Vec3 slope_normal(double x, double y) {
+inline Vec3 slope_normal(double x, double y, double stretch = 1.0) {
   constexpr double h = 1e-4;
-  return normalized(Vec3{-(ground_mm(x + h, y) - ground_mm(x - h, y)) / (2.0 * h),
-                         -(ground_mm(x, y + h) - ground_mm(x, y - h)) / (2.0 * h), 1.0});
+  const auto z = [&](double dx, double dy) { return ground_mm(x + dx, y + dy, stretch); };
+  return normalized(
+      Vec3{-(z(h, 0.0) - z(-h, 0.0)) / (2.0 * h), -(z(0.0, h) - z(0.0, -h)) / (2.0 * h), 1.0});
 }
 
 using Passes = std::vector<std::vector<Vec3>>;  ///< tips
 
 /// Tips along the zigzag, pass by pass.
-inline Passes command() {
+inline Passes command(double stretch = 1.0) {
   Passes passes;
   const int count = static_cast<int>(kSide_mm / kSample_mm);
   for (double y = 0.0; y < kSide_mm + 1e-9; y += kStepover_mm) {
     std::vector<Vec3> pass;
     for (int i = 0; i <= count; ++i) {
       const double x = kSample_mm * (passes.size() % 2 == 0 ? i : count - i);
-      const Vec3 n = slope_normal(x, y);
-      pass.push_back(Vec3{x, y, ground_mm(x, y)} + kRadius_mm * n - Vec3{0.0, 0.0, kRadius_mm});
+      const Vec3 n = slope_normal(x, y, stretch);
+      pass.push_back(Vec3{x, y, ground_mm(x, y, stretch)} + kRadius_mm * n -
+                     Vec3{0.0, 0.0, kRadius_mm});
     }
     passes.push_back(std::move(pass));
   }
@@ -100,12 +104,12 @@ inline double residual_mm(const Observation& o, const Passes& cut) {
 }
 
 inline Measurements part(const CutPath& path, const Passes& cut, const Station_mm& station,
-                         double white_mm, std::uint64_t seed) {
+                         double white_mm, std::uint64_t seed, double stretch = 1.0) {
   Measurements m;
   heightmap::ModelField corners;
   corners.spacing = Millimetres{kSide_mm};
-  corners.z_mm = Grid<float>(2, 2, 7.0F);
-  corners.z_mm(1, 1) = 13.0F;
+  corners.z_mm = Grid<float>(2, 2, static_cast<float>(10.0 - 3.0 * stretch));
+  corners.z_mm(1, 1) = static_cast<float>(10.0 + 3.0 * stretch);
   m.scene = scene_of(corners, &path, kRadius_mm);
   m.scene.has_station = {station.has_value()};
   m.scene.stations = {station.value_or(Vec3{})};
@@ -121,7 +125,7 @@ inline Measurements part(const CutPath& path, const Passes& cut, const Station_m
     static_cast<CutState&>(o) = *contact;
     o.place = {x, y, contact->height_mm};
     o.normal = o.along = contact->normal;
-    o.slope_normal = slope_normal(x, y);
+    o.slope_normal = slope_normal(x, y, stretch);
     o.level_tip = o.place + kRadius_mm * (o.slope_normal - Vec3{0.0, 0.0, 1.0});
     o.rivals = std::make_shared<std::vector<Rival>>(std::move(rivals));
     o.pass = path.pass();

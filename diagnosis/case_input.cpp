@@ -168,7 +168,7 @@ std::array<Vec3, 2> sides_of(Vec3 normal) {
 /// where they were, they forbid that the part is lower.
 bool are_marks(const std::vector<ProbeRow>& rows, const SimulatedSurface& surface) {
   constexpr double kLeast = 0.3, kMost = 20.0;  // of the stated standard deviation
-  constexpr double kMove = 5.0;                 // F of twelve unknowns: 3e-4 by chance from 9 rows
+  constexpr double kMove = 5.0;                 // F: by chance 3 % of 9 rows, 0.02 % of 20
   constexpr double kAlike = 0.5, kNoise = 4.0;  // of squares along the normal; of noise
   constexpr Eigen::Index kUnknowns = 12, kDirections = 3;
   // A shift that changes with place, seen along two directions of the surface and its normal; and
@@ -499,8 +499,8 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     const bool marks = are_marks(rows, surface);
     if (marks)
       m.notes.push_back(
-          fmt::format("{}: places are taken as measured along the surface, too: they "
-                      "scatter there about as much as sigma_mm says",
+          fmt::format("{}: places are taken as measured along the surface, too: they have "
+                      "moved there together, as they have along its normal",
                       set_up.name));
     // Nominal heights are the bare design's, or the coated part's: whichever they are nearer to.
     std::vector<double> over;

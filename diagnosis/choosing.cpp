@@ -77,13 +77,16 @@ Members at_their_moments(Members with, const Members& before, const Search& sear
                          Linearised& residuals, const RunContext& run) {
   constexpr double kLarge_mm = 0.12, kFarthest = 1.0 / 128, kNearest = 1.0 / 4096;
   constexpr int kMoves = 4;  // at one distance
+  const auto share_of = [&](const Member& step) {
+    return step.form.fixed[0].second / residuals.scene().duration_min;
+  };
   for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k) {
     if (!with[k].form.at_moment) continue;
     double best = residuals.score(with);
     const double size_mm = residuals.fit_of(with).coefficients(
         place_of(bank, columns_of(bank, with), with[k].form.columns[0]));
     if (!(std::abs(size_mm) > kLarge_mm)) continue;
-    double share = with[k].form.fixed[0].second / residuals.scene().duration_min;
+    double share = share_of(with[k]);
     const auto better_at = [&](double at) {
       if (!(at > 0.0 && at < 1.0) || run.stopped()) return false;
       Members moved = with;
@@ -97,8 +100,7 @@ Members at_their_moments(Members with, const Members& before, const Search& sear
       return true;
     };
     for (const Member& m : before)
-      if (m.effect == with[k].effect && m.form.at_moment)
-        better_at(m.form.fixed[0].second / residuals.scene().duration_min);
+      if (m.effect == with[k].effect && m.form.at_moment) better_at(share_of(m));
     for (double d = kFarthest; d >= kNearest; d *= 0.5)
       for (const double way : {d, -d})
         for (int i = 0; i < kMoves && better_at(share + way);) ++i;

@@ -190,7 +190,10 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
     s.members.back().form = coarse.forms[found.form];
     refine(search, bank, s, sets);
     if (!(s.score < now)) continue;
-    if (steps && !(cut_anew(s.members.back().form) < cut_anew(members[k].form))) continue;
+    if (steps) {
+      const double moved = cut_anew(s.members.back().form);
+      if (!(moved < cut_anew(members[k].form))) continue;  // residuals are about those as they were
+    }
     members[k].form = s.members.back().form;
     add_columns(bank, search.observations, members[k].form.columns);
     offer(search, members[k]);

@@ -14,8 +14,8 @@
 namespace maquette::diagnosis::detail {
 namespace {
 
-/// And as a share of what the other causes move: by that their own chain may be wrong. What the
-/// sensor does to numbers is simple.
+/// Nor is what moves it by less than this share of what the other causes move: by that their own
+/// chain may be wrong. What the sensor does to numbers is simple.
 constexpr double kFloorShare = 0.12, kFloorShareOfSensor = 0.01;
 /// Penumbras narrower than that are not told from shadows' steps between rays, pixels.
 constexpr double kPenumbra_px = 1.5;

@@ -26,8 +26,6 @@ namespace maquette::diagnosis {
 namespace {
 
 using detail::kAll;
-using detail::kChoose;
-using detail::kConfirm;
 using detail::kReport;
 using detail::PhotoCandidate;
 using detail::PhotoFit;

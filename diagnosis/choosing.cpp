@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/choosing.hpp"
 #include "diagnosis/detail/forms.hpp"
+#include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string>
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -109,6 +111,44 @@ Members at_their_moments(Members with, const Members& before, const Search& sear
   return with;
 }
 
+/// A spot that blurs leaves so much at every slope that no step stands out before it is taken off,
+/// and what was chosen in place of the step hides it. So steps are looked for again in what the
+/// model leaves without each of its members; the sharpest that is new along each axis becomes a
+/// form of all causes that may be steps.
+void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
+                           Linearised& residuals) {
+  constexpr double kSameMoment = 1.0 / 256;  // of the program; closer ones are found by refining
+  std::vector<Column> added;
+  // Of a cause's steps along an axis to one side: a new one unless it has one there.
+  const auto offer = [&](Candidate& c, const std::string& kind, int sign, double share) {
+    const Form* like = nullptr;
+    for (const Form& f : c.forms) {
+      if (!f.at_moment || f.sign != sign || !f.columns[0].key.starts_with(kind)) continue;
+      const double at = f.fixed[0].second / residuals.scene().duration_min;
+      if (f.finer && std::abs(at - share) < kSameMoment) return;
+      like = &f;
+    }
+    if (like == nullptr) return;
+    Form fresh = like->at_moment(share);
+    added.insert(added.end(), fresh.columns.begin(), fresh.columns.end());
+    c.forms.push_back(std::move(fresh));
+  };
+  for (std::size_t k = 0; k < chosen.size(); ++k) {
+    const auto others = without(chosen, k);
+    residuals.about_alone(others);
+    const auto left = residuals_of(search.observations, others, bank, residuals.fit_of(others));
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto found = sharpest_steps(search.observations, left, search.layout, axis);
+      if (found.empty()) continue;
+      for (Candidate& c : search.candidates)
+        for (const int sign : {-1, 0, 1})
+          offer(c, fmt::format("step_{}", kAxisName[axis]), sign, found[0]);
+    }
+  }
+  add_columns(bank, search.observations, added);
+  residuals.about(chosen);
+}
+
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -205,10 +245,12 @@ bool resize(Members& now, const Search& search, Bank& bank, const Linearised& re
   for (Member& k : now) {
     const auto what = k.form.columns[0].follows;
     const double made_of_mm = what ? what->size_mm : k.form.made_of_mm;
-    if (!(made_of_mm > 0.0) || !(k.form.*make)) continue;
+    if (made_of_mm == 0.0 || !(k.form.*make)) continue;
     const auto at = place_of(bank, model, k.form.columns[0]);
     const double size = what ? size_mm({*what, f.coefficients(at)}) : f.coefficients(at);
-    if (!(size > kLeastSize_mm) || std::abs(std::log(size / made_of_mm)) < same) continue;
+    const double ratio = size / made_of_mm;
+    if (!(ratio > 0.0) || !(std::abs(size) > kLeastSize_mm) || std::abs(std::log(ratio)) < same)
+      continue;
     moved = true;
     k.form = (k.form.*make)(size);
     k.form.before = {made_of_mm, f.coefficients(at)};
@@ -240,6 +282,24 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
   residuals.take_order(order);
   residuals.about(best);
   return best;
+}
+
+/// Forms of the sizes that fit, as long as they do better: of two that fit against each other sizes
+/// grow without end.
+Members sized(Members now, const Search& search, Bank& bank, Linearised& residuals) {
+  constexpr int kMost = 3;
+  double best = residuals.score(now);
+  for (int round = 0; round < kMost; ++round) {
+    residuals.about(now);
+    Members next = now;
+    if (!resize(next, search, bank, residuals, &Form::at_size, kSameSize)) break;
+    const double score = residuals.score(next);
+    if (!(score < best)) break;
+    best = score;
+    now = std::move(next);
+  }
+  residuals.about(now);
+  return now;
 }
 
 }  // namespace
@@ -282,7 +342,10 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     if (chosen.empty() && members.empty()) break;
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
+    if (round == 0 && residuals.scene().has_path)
+      look_for_steps_beside(chosen, search, bank, residuals);
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
+    if (!follows_any(chosen, true)) chosen = sized(std::move(chosen), search, bank, residuals);
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);
     chosen = pruned(std::move(chosen), search, bank, residuals, run);
     auto other = exchanged(chosen, search, bank, residuals, run);

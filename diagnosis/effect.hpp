@@ -25,6 +25,7 @@ struct Parameter {
   std::string name;         ///< with its unit: "width_mm"
   double per_column = 1.0;  ///< value of the parameter for a coefficient of 1
   double plausible = 1.0;   ///< largest absolute value a workshop would believe
+  double least = -1e300;    ///< smallest value that there can be
 };
 
 /// Causes that answer to the whole motion do not add up: a drive that lags rounds off where lost

@@ -45,9 +45,10 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
       if (best == nullptr || distance(f, k) < distance(*best, k)) best = &f;
     }
     if (best == nullptr) return std::nullopt;
-    // Causes that follow the motion are made of any size.
+    // Causes whose signature hangs on their size are made of any.
     for (const auto& [name, size_mm] : k.fixed)
-      if (best->of_size && !best->fixed.empty() && name == best->fixed[0].first && size_mm > 0.0)
+      if (best->of_size && !best->fixed.empty() && name == best->fixed[0].first &&
+          size_mm * (best->sign < 0 ? -1.0 : 1.0) > 0.0)
         return best->of_size(size_mm);
     if (!best->finer || k.fixed.empty()) return *best;
     forms = best->finer();

@@ -10,6 +10,8 @@ namespace detail {
 namespace {
 
 constexpr double kStepAside_mm = 0.2;
+constexpr double kNearby =
+    1.0 / 64;  // of the program: as far as a moment that the data show is off
 
 /// A step whose moment is refined; `step`: distance to the next such form.
 struct MakeStep {
@@ -20,7 +22,7 @@ struct MakeStep {
            {step_after(axis, share, "step_mm", size_mm, radius_mm)}};
     f.fixed = {{"moment_min", share * minutes}};
     f.sign = sign_of(size_mm);
-    f.at_moment = [make = *this](double at) { return make(at, 0.0); };
+    f.at_moment = [make = *this](double at) { return make(at, kNearby); };
     if (step > 1e-3)
       f.finer = [make = *this, share, step] {
         std::vector<Form> near;
@@ -42,7 +44,7 @@ std::vector<Form> step_forms(int axis, const Scene& scene) {
   for (const double size : sizes) {
     const MakeStep make{axis, size, scene.ball_radius_mm, scene.duration_min};
     for (const double share : scene.steps[static_cast<std::size_t>(axis)])
-      forms.push_back(make(share, 1.0 / 64.0));
+      forms.push_back(make(share, kNearby));
     for (int k = 1; k < 16; ++k) forms.push_back(make(k / 16.0, 1.0 / 16.0));
   }
   return forms;

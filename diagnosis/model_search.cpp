@@ -120,6 +120,9 @@ bool believable(const Bank& bank, const std::vector<int>& model, const Member& m
         sigmas > 0.0 ? sigmas * std::sqrt(std::fmax(0.0, f.covariance(at, at))) : 0.0;
     if ((std::abs(value) - unsure) * std::abs(c.parameter.per_column) > c.parameter.plausible)
       return false;
+    if (value * c.parameter.per_column + unsure * std::abs(c.parameter.per_column) <
+        c.parameter.least)
+      return false;
   }
   return true;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -66,11 +67,25 @@ bool is_part_of(const Form& part, const Form& whole) {
   });
 }
 
+/// Of a member's columns those that may as well be none: a block bent along x, and along y by
+/// nothing known, may be a guide of the x axis that is bent, beside what y has.
+std::optional<Member> what_may_be_none(const Member& member, const std::vector<Estimate>& sizes) {
+  Member may{member.effect, {member.form.law, {}}};
+  for (std::size_t c = 0; c < sizes.size(); ++c)
+    if (std::abs(sizes[c].value) < kSure * sizes[c].sigma)
+      may.form.columns.push_back(member.form.columns[c]);
+  if (may.form.columns.empty() || may.form.columns.size() == sizes.size()) return std::nullopt;
+  return may;
+}
+
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
-Equivalents equivalents_of(const Model& model, std::size_t k, const Search& search,
-                           const Bank& bank, Linearised& residuals,
+/// @param sizes  of the k-th
+Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<Estimate>& sizes,
+                           const Search& search, const Bank& bank, Linearised& residuals,
                            std::vector<Rejected>& ruled_out) {
   const auto others = without(model.members, k);
+  auto beside_it = others;
+  if (const auto may = what_may_be_none(model.members[k], sizes)) beside_it.push_back(*may);
   residuals.about(others);
   const double missed = residuals.fit_of(others).objective;
   // Rivals are compared with the member as it is without its own second order, and where they come
@@ -78,32 +93,46 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const Search& sear
   const Scored linear = scored(residuals, model.members);
   const double far = std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
   const double far_squares = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
-  const Screen beside = screen(bank, others, kAll);
+  struct Worse {
+    double objective, squares;
+  };
+  const auto worse_by = [&](const Members& with, const Member& other) {
+    auto instead = with;
+    instead.push_back(other);
+    const Scored first = scored(residuals, instead);
+    Worse worse{first.objective - linear.objective, first.squares - linear.squares};
+    if (worse.objective < kCloseGain * far || worse.squares < kCloseSquares * far_squares ||
+        is_part_of(other.form, model.members[k].form)) {
+      residuals.about_alone(instead);
+      const Scored anew = scored(residuals, instead);
+      worse = {anew.objective - model.fit.objective, anew.squares - model.left.squares};
+      residuals.about(others);
+    }
+    return worse;
+  };
+  const auto does_as_well = [&](const Worse& w) {
+    return w.objective < far || w.squares < far_squares;
+  };
+  const Screen beside = screen(bank, others, kAll), beside_all = screen(bank, beside_it, kAll);
   Equivalents equivalent;
   for (const Candidate& other : search.candidates) {
     if (has(model.members, other.effect) || !may_join(others, other.effect)) continue;
     const auto found = best_form(bank, others, other, kAll, false, beside);
     if (!std::isfinite(found.objective)) continue;
-    auto instead = others;
-    instead.push_back({other.effect, other.forms[found.form]});
-    const Scored first = scored(residuals, instead);
-    double worse = first.objective - linear.objective, apart = first.squares - linear.squares;
-    if (worse < kCloseGain * far || apart < kCloseSquares * far_squares ||
-        is_part_of(instead.back().form, model.members[k].form)) {
-      residuals.about_alone(instead);
-      const Scored anew = scored(residuals, instead);
-      worse = anew.objective - model.fit.objective;
-      apart = anew.squares - model.left.squares;
-      residuals.about(others);
+    Worse worse = worse_by(others, {other.effect, other.forms[found.form]});
+    if (!does_as_well(worse) && beside_it.size() > others.size()) {
+      const auto with = best_form(bank, beside_it, other, kAll, false, beside_all);
+      if (std::isfinite(with.objective))
+        worse = worse_by(beside_it, {other.effect, other.forms[with.form]});
     }
-    if (worse < far || apart < far_squares) {
+    if (does_as_well(worse)) {
       equivalent.names.push_back(other.effect->name);
-      equivalent.shapes += std::abs(worse) >= kSameShape;
+      equivalent.shapes += std::abs(worse.objective) >= kSameShape;
     } else if (missed - found.objective > kWorthALine) {
       ruled_out.push_back(
           {other.effect->name,
            fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
-                       model.members[k].effect->name, worse / 4.605)});
+                       model.members[k].effect->name, worse.objective / 4.605)});
     }
   }
   return equivalent;
@@ -123,9 +152,9 @@ std::vector<double> shares_of(const Model& model, Linearised& residuals) {
 }
 
 /// @param shapes  of its equivalents, how many are other than its own
-Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& search,
-               const Bank& bank, Linearised& residuals, std::vector<Rejected>& ruled_out,
-               std::size_t& shapes) {
+Cause cause_of(const Model& model, std::size_t k, std::vector<Estimate> sizes, double p_value,
+               const Search& search, const Bank& bank, Linearised& residuals,
+               std::vector<Rejected>& ruled_out, std::size_t& shapes) {
   const Member& member = model.members[k];
   Cause c;
   c.effect = member.effect->name;
@@ -136,7 +165,8 @@ Cause cause_of(const Model& model, std::size_t k, double p_value, const Search& 
     c.fixed.emplace_back(kSlackBehindLag, residuals.lag_first() ? 1.0 : 0.0);
   c.separate_by = member.effect->separate_by;
   c.p_value = std::fmax(p_value, 1e-300);
-  auto equivalent = equivalents_of(model, k, search, bank, residuals, ruled_out);
+  auto equivalent = equivalents_of(model, k, sizes, search, bank, residuals, ruled_out);
+  c.parameters = std::move(sizes);
   c.equivalent = std::move(equivalent.names);
   shapes = equivalent.shapes;
   return c;
@@ -270,6 +300,8 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
                  std::vector<Confirmed>& confirmed, Members doubtful, Diagnosis& d) {
   std::size_t stood = confirmed.size();
   double vague = 0.0;
+  // What is there under no name: others' rivals are not those that would be this.
+  Members unnamed;
   while (true) {
     const Members members = members_of(confirmed);
     residuals.about(members);
@@ -280,6 +312,13 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
     model.tell_apart_mm =
         std::max({kTellApart_mm, d.remainder.found ? d.remainder.structured_rms : 0.0,
                   std::sqrt(wrong_share(members, shares, members.size())) * model.left.moved_mm});
+    Members all = members;
+    for (const Member& m : unnamed)
+      if (may_join(all, m.effect)) all.push_back(m);
+    residuals.about(all);
+    const Model whole{all, residuals.fit_of(all), columns_of(bank, all),
+                      left_of(residuals, all, null_squares, d.remainder), model.tell_apart_mm};
+    residuals.about(members);
     std::vector<Cause> causes;
     std::vector<std::size_t> shapes(members.size());
     std::vector<Rejected> ruled_out;
@@ -287,10 +326,9 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
     for (std::size_t k = 0; k < members.size(); ++k)
       sizes.push_back(sizes_of(search, bank, members, model.fit, k));
     for (std::size_t k = 0; k < members.size(); ++k) {
-      causes.push_back(
-          cause_of(model, k, confirmed[k].p_value, search, bank, residuals, ruled_out, shapes[k]));
+      causes.push_back(cause_of(whole, k, std::move(sizes[k]), confirmed[k].p_value, search, bank,
+                                residuals, ruled_out, shapes[k]));
       causes.back().share = shares[k];
-      causes.back().parameters = std::move(sizes[k]);
       // With the form of the size that is reported the extended model needs no share of it.
       if (const auto& what = members[k].form.columns[0].follows; what && what->lag)
         for (auto& [name, value] : causes.back().fixed)
@@ -336,6 +374,7 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
       if (none < members.size()) {
         why = "what looks like it changes over the part or with height, as it does not";
         vague += causes[none].share;
+        unnamed.push_back(members[none]);
       }
     }
     if (none < members.size()) {
@@ -369,7 +408,10 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
     const Cause& c = causes[drop];
     doubtful.push_back(members[drop]);
     const bool several = shapes[drop] >= kVagueRivals;
-    if (several) vague += c.share;
+    if (several) {
+      vague += c.share;
+      unnamed.push_back(members[drop]);
+    }
     d.rejected.push_back(
         {c.effect,
          several ? fmt::format("small beside the others ({:.1f} % of the excess), and other causes "

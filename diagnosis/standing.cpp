@@ -17,6 +17,8 @@ namespace {
 /// between passes of 0.5 mm have that, and who touches them with a ball or resamples them loses
 /// them.
 constexpr double kSimulationFloor_mm = 0.0031;
+/// Of what is levelled over 0.5 mm the share that a grid of half a millimetre takes.
+constexpr double kRidges = 0.5;
 /// Squares that a cause which is not the largest must explain, over those that nothing explains.
 constexpr double kBesideUnknown = 3.0;
 /// A cause this far above what would drop it needs no cutting anew of the others to be sure.
@@ -35,7 +37,20 @@ double floor_mm(double wrong_share, const Left& left) {
   return std::fmax(kSimulationFloor_mm, std::sqrt(wrong_share) * left.moved_mm);
 }
 
-/// What it is not believed below beside the others, of each member.
+/// Of what is levelled over the shortest length: the ridges that this program leaves, mm rms.
+double ridges_mm(const std::vector<Observation>& all) {
+  double squares = 0.0;
+  std::size_t count = 0;
+  for (const Observation& o : all) {
+    if (!o.on_surface) continue;
+    squares += std::pow(o.normal.z * static_cast<double>(o.levelled[0]), 2);
+    ++count;
+  }
+  return std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, count)));
+}
+
+/// What it is not believed below beside the others, of each member. What levels also takes the
+/// ridges, which whoever touches or resamples them loses: it has to explain more than them.
 std::vector<double> floors_mm(const Members& members, const std::vector<double>& explained,
                               const Left& left, const Search& search, Bank& bank,
                               Linearised& residuals) {
@@ -48,6 +63,8 @@ std::vector<double> floors_mm(const Members& members, const std::vector<double>&
     if (!above(k, floor) && above(k, kSimulationFloor_mm))
       floor =
           floor_mm(wrong_share_like(k, members, explained, search, bank, residuals, kAll), left);
+    if (members[k].form.columns[0].levels)
+      floor = std::fmax(floor, kRidges * ridges_mm(search.observations));
     floors.push_back(floor);
   }
   return floors;

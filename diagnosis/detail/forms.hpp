@@ -29,6 +29,11 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
 [[nodiscard]] inline double film(const Observation& o) {
   return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;
 }
+/// The same for a column. No film is thinner than none, by more than what a part may have lost that
+/// was simulated too large (0.2 mm, as much as a heavy coat).
+[[nodiscard]] inline Column even_film(const Scene& scene, std::string name) {
+  return column("film", {std::move(name), 1.0, 0.6, -(scene.coat_mm + 0.2)}, film);
+}
 /// A column of tips that drift by d(state), small and alike for neighbouring passes.
 template <class DriftOf>
 [[nodiscard]] Column drift_column(std::string key, Parameter parameter, DriftOf d) {
@@ -86,6 +91,41 @@ inline constexpr double kBallSizes_mm[] = {0.02, -0.02, 0.06, -0.06, 0.15, -0.15
 [[nodiscard]] constexpr int sign_of(double size_mm) {
   return size_mm > 0.0 ? 1 : size_mm < 0.0 ? -1 : 0;
 }
+/// Balls larger or smaller: sizes for themselves, for at hollows and ridges another pass comes to
+/// make the surface.
+struct BallForm {
+  std::string before, after;  ///< the size in the law
+  std::string key;
+  Parameter parameter;
+  double radius_mm;
+  CutChange per_mm;
+
+  Form operator()(double size_mm) const {
+    return form(size_mm, cut_column(name(size_mm), parameter, size_mm, radius_mm, Change{per_mm}));
+  }
+
+ private:
+  struct Change {
+    CutChange per_mm;
+    CutChange operator()(const Observation&, const CutState&, Vec3) const { return per_mm; }
+  };
+  [[nodiscard]] std::string name(double size_mm) const {
+    return fmt::format("{}{:.6f}", key, size_mm);
+  }
+  [[nodiscard]] Form form(double size_mm, Column column) const {
+    Form f{fmt::format("{}about {:.3g} mm{}", before, size_mm, after),
+           {std::move(column)},
+           {{"signature_at_mm", size_mm}}};
+    f.sign = sign_of(size_mm);
+    f.made_of_mm = size_mm;
+    f.of_size = *this;
+    f.at_size = [make = *this](double size) {
+      return make.form(size, tangent_column(make.name(size) + " tangent", make.parameter, size,
+                                            make.radius_mm, Change{make.per_mm}));
+    };
+    return f;
+  }
+};
 /// Form::finer of make(value, step), a form of one positive parameter whose grid has the ratio
 /// `step`: three neighbours on either side at the `parts`-th root of it; none from `least` on.
 template <class Make>

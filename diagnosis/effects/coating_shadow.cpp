@@ -41,7 +41,7 @@ void add_coating_shadow(std::vector<Effect>& all) {
         f.sign = 1;
         forms.push_back(f);
         f.law += ", beside an even film";
-        f.columns.push_back(column("film", {"film_even_mm", 1.0, 1.0}, film));
+        f.columns.push_back(even_film(scene, "film_even_mm"));
         forms.push_back(std::move(f));
       }
     return forms;

@@ -7,16 +7,15 @@
 namespace maquette::diagnosis::detail {
 namespace {
 
-/// A film of one thickness in hollows, too, about `size_mm` of it: the surface that a ball smaller
-/// by that would have left, its centre where it was.
-Form film_on_balls(const Scene& scene, double size_mm) {
-  Form f{fmt::format("even film, in hollows too, about {} mm", size_mm),
-         {cut_column(fmt::format("film_on_balls{}", size_mm), {"excess_mm", 1.0, 1.0}, size_mm,
-                     scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {
-                       return CutChange{{0.0, 0.0, 1.0}, -1.0};
-                     })}};
-  f.sign = sign_of(size_mm);
-  return f;
+/// A film of one thickness in hollows, too: the surface that a ball smaller by that would have
+/// left, its centre where it was.
+BallForm film_on_balls(const Scene& scene) {
+  return {"even film, in hollows too, ",
+          "",
+          "film_on_balls",
+          {"excess_mm", 1.0, 0.6},
+          scene.ball_radius_mm,
+          {{0.0, 0.0, 1.0}, -1.0}};
 }
 
 }  // namespace
@@ -33,9 +32,9 @@ void add_coating_thickness(std::vector<Effect>& all) {
   e.separate_by = "a pad left uncoated, or a film gauge";
   e.correction = "declare the measured thickness, mill deeper by it";
   e.forms = [](const Scene& scene) {
-    std::vector<Form> forms{{"even film", {column("film", {"excess_mm", 1.0, 1.0}, film)}}};
+    std::vector<Form> forms{{"even film", {even_film(scene, "excess_mm")}}};
     if (scene.has_path)
-      for (const double size : kBallSizes_mm) forms.push_back(film_on_balls(scene, size));
+      for (const double size : kBallSizes_mm) forms.push_back(film_on_balls(scene)(size));
     return forms;
   };
   all.push_back(std::move(e));

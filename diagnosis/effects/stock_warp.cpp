@@ -21,12 +21,13 @@ void add_stock_warp(std::vector<Effect>& all) {
     const Vec3 c = scene.centre();
     const double half = scene.half_mm();
     const auto part = [=](const char* name, int kind) {
-      return column(std::string("warp_") + name,
-                    {fmt::format("{}_per_m", name), 1000.0 / (half * half), 1000.0},
-                    [=](const Observation& o) {
-                      const double x = (o.place.x - c.x) / half, y = (o.place.y - c.y) / half;
-                      return o.along.z * (kind == 0 ? x * x : kind == 1 ? y * y : x * y);
-                    });
+      return moving_column(std::string("warp_") + name,
+                           {fmt::format("{}_per_m", name), 1000.0 / (half * half), 1000.0},
+                           [=](const Observation& o) {
+                             const double x = (o.place.x - c.x) / half,
+                                          y = (o.place.y - c.y) / half;
+                             return Vec3{0.0, 0.0, kind == 0 ? x * x : kind == 1 ? y * y : x * y};
+                           });
     };
     const auto xx = part("xx", 0), yy = part("yy", 1), xy = part("xy", 2);
     return std::vector<Form>{{"bent along x", {xx}},

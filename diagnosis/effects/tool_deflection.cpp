@@ -20,13 +20,15 @@ void add_tool_deflection(std::vector<Effect>& all) {
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
-    for (const double size : {0.03, 0.1, 0.3})
-      forms.push_back(
-          {fmt::format("away from the wall, about {} mm", size),
-           {cut_column(fmt::format("deflect_side{}", size), {"sideways_mm", 1.0, 1.0}, size,
-                       scene.ball_radius_mm, [](const Observation& o, const CutState&, Vec3) {
-                         return CutChange{{o.slope_normal.x, o.slope_normal.y, 0.0}, 0.0};
-                       })}});
+    for (const double size : {0.03, 0.1, 0.3}) {
+      Form f{fmt::format("away from the wall, about {} mm", size),
+             {cut_column(fmt::format("deflect_side{}", size), {"sideways_mm", 1.0, 1.0}, size,
+                         scene.ball_radius_mm, [](const Observation& o, const CutState&, Vec3) {
+                           return CutChange{{o.slope_normal.x, o.slope_normal.y, 0.0}, 0.0};
+                         })}};
+      f.sign = 1;
+      forms.push_back(std::move(f));
+    }
     const auto ramp = column("deflect_ramp", {"ramp_mm", 1.0, 1.0}, [](const Observation& o) {
       return o.on_surface ? dot(o.along, o.normal) * o.feed.z : 0.0;
     });

@@ -19,17 +19,10 @@ void add_tool_radius_error(std::vector<Effect>& all) {
   e.signature_error = 0.04;
   e.correction = "program with the measured radius";
   e.forms = [](const Scene& scene) {
-    // Sizes for themselves: at hollows and ridges another pass comes to make the surface.
+    const BallForm make{
+        "", ", tip held", "radius", {"error_mm", 1.0, 1.0}, scene.ball_radius_mm, {{}, 1.0}};
     std::vector<Form> forms;
-    for (const double size : kBallSizes_mm) {
-      Form f{fmt::format("about {} mm, tip held", size),
-             {cut_column(fmt::format("radius{}", size), {"error_mm", 1.0, 1.0}, size,
-                         scene.ball_radius_mm, [](const Observation&, const CutState&, Vec3) {
-                           return CutChange{{}, 1.0};
-                         })}};
-      f.sign = sign_of(size);
-      forms.push_back(std::move(f));
-    }
+    for (const double size : kBallSizes_mm) forms.push_back(make(size));
     return forms;
   };
   all.push_back(std::move(e));

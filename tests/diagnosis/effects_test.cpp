@@ -198,6 +198,38 @@ TEST(Library, MovesMaterialAsItsPhysicsSays) {
   EXPECT_EQ(value("machine.backlash_x", 0, flat), 0.0);
 }
 
+// A block that bends takes its ridges along, as one that is moved does.
+TEST(Library, AWarpMovesRidgesWithThePart) {
+  const Observation o = place();
+  for (const Form& f : find_effect("stock.warp")->forms(scene()))
+    for (const Column& c : f.columns) {
+      ASSERT_TRUE(c.moves) << c.key;
+      EXPECT_NEAR(c.value(o), dot(level_along(o), c.moves(o)), 1e-12) << c.key;
+      EXPECT_NE(c.moves(o).z, 0.0) << c.key;
+    }
+}
+
+// Wear by any power of the length between a half and two is reached to a percent or two: a worn
+// ball whose loss went with 1.2 was even, beside a bend that was not there.
+TEST(Library, WearGoesByAnyPowerOfTheLength) {
+  const auto power = [](const Form& f) { return f.fixed.at(0).second; };
+  for (const double wanted : {0.62, 0.87, 1.2, 1.65}) {
+    auto forms = find_effect("tool.wear")->forms(scene());
+    for (int depth = 0; depth < 4 && !forms.empty(); ++depth) {
+      const auto best =
+          *std::min_element(forms.begin(), forms.end(), [&](const Form& a, const Form& b) {
+            return std::abs(power(a) - wanted) < std::abs(power(b) - wanted);
+          });
+      forms = best.finer ? best.finer() : std::vector<Form>();
+      if (!forms.empty()) continue;
+      // Half of a step of a sixteenth of an octave.
+      EXPECT_NEAR(std::log2(power(best) / wanted), 0.0, 0.5 / 16.0 + 1e-9) << wanted;
+      EXPECT_NEAR(best.columns[0].cut(place(), place(), {}).radius_mm,
+                  -std::pow(place().cut_share, power(best)), 1e-12);
+    }
+  }
+}
+
 TEST(Library, CoatAndRadiusDifferByAShiftOnly) {
   // The look-alikes that need a pad without coat: their sum is n_z, a registration.
   const Observation o = place();

@@ -9,6 +9,7 @@
 //   a bow beside a wave ............................. both
 //   a step beside chatter that shows far better ... .. both; chatter that grows is one cause
 //   a radius, and wear too small for a name ......... an error that holds the true size
+//   a film thinner than none ........................ not believed
 //   a bow beside a guide that waves ................. both, where each alone gains nothing
 //   a film that levels over ridges .................. no cause
 //   a step of one raster over another ............... named, with its size
@@ -181,6 +182,26 @@ TEST(Choosing, BelievesNoSizeThatAWorkshopWouldNot) {
   EXPECT_FALSE(believed(0.0205, 3.0));
   EXPECT_TRUE(believed(0.0205, 1000.0));
   EXPECT_FALSE(believed(-0.0205, 3.0));
+}
+
+// No film is thinner than none by more than 0.2 mm, and none is half a millimetre thick.
+TEST(Choosing, BelievesNoFilmThatIsNotThere) {
+  const Effect* film = find_effect("coating.thickness");
+  const auto believed = [&](double excess_mm, double declared_mm) {
+    auto m = part(36, {}, [&](const Observation& o) { return excess_mm * dot(o.along, o.normal); });
+    m.scene.coat_mm = declared_mm;
+    const detail::Member member{film, film->forms(m.scene)[0]};
+    const auto bank = detail::sum_up(m.observations, detail::nuisances_of(m), member.form.columns,
+                                     detail::lay_out(m.scene.box, 1));
+    const auto model = detail::columns_of(bank, {member});
+    return detail::believable(bank, model, member, detail::fit(bank, model, detail::kAll));
+  };
+  // Of 40 000 points of 0.05 mm on slopes of 0.4 a film is known to 0.005 mm.
+  EXPECT_TRUE(believed(-0.15, 0.0));
+  EXPECT_FALSE(believed(-0.3, 0.0));
+  EXPECT_TRUE(believed(-0.3, 0.15));
+  EXPECT_TRUE(believed(0.5, 0.0));
+  EXPECT_FALSE(believed(0.7, 0.0));
 }
 
 TEST_P(InferenceSeeded, NamesOneCauseWithItsSize) {

@@ -209,6 +209,32 @@ TEST(Library, AWarpMovesRidgesWithThePart) {
     }
 }
 
+// A cutter whose force grows going up and with the wall on its left: of a displacement
+// k (1 + f_z / 2 + (f x n)_z / 3) n_h each part is one column; feeds and walls worked out by hand.
+TEST(Library, ACutterBendsByRampAndSide) {
+  const auto forms = find_effect("tool.deflection")->forms(scene());
+  const auto form =
+      std::find_if(forms.begin(), forms.end(), [](const Form& f) { return f.columns.size() == 3; });
+  ASSERT_TRUE(form != forms.end());
+  struct Row {
+    Vec3 feed, wall, bend;  // per mm: even, up, left
+  };
+  for (const Row& row : {Row{{1, 0, 0}, {0, -0.6, 0.8}, {-0.6, 0.0, 0.36}},
+                         Row{{-1, 0, 0}, {0, -0.6, 0.8}, {-0.6, 0.0, -0.36}},
+                         Row{{0, 0.8, 0.6}, {0, -0.6, 0.8}, {-0.6, -0.36, 0.0}},
+                         Row{{0, -0.8, -0.6}, {0, -0.6, 0.8}, {-0.6, 0.36, 0.0}}}) {
+    Observation o = place();
+    o.slope_normal = row.wall;
+    CutState s = o;
+    s.feed = row.feed;
+    const auto bend = [&](std::size_t k) { return form->columns[k].cut(o, s, row.wall).tip_mm; };
+    EXPECT_NEAR(bend(0).y, row.bend.x, 1e-12);
+    EXPECT_NEAR(bend(1).y, row.bend.y, 1e-12);
+    EXPECT_NEAR(bend(2).y, row.bend.z, 1e-12);
+    EXPECT_EQ(bend(0).z, 0.0);
+  }
+}
+
 // Wear by any power of the length between a half and two is reached to a percent or two: a worn
 // ball whose loss went with 1.2 was even, beside a bend that was not there.
 TEST(Library, WearGoesByAnyPowerOfTheLength) {

@@ -32,6 +32,12 @@ bool alike(const Members& a, const Members& b) {
          std::all_of(a.begin(), a.end(), [&](const Member& x) { return has(b, x.effect); });
 }
 
+/// The moment of a step, as a share of the program.
+/// @pre it has one: Form::at_moment
+double share_of(const Form& step, const Scene& scene) {
+  return step.fixed[0].second / scene.duration_min;
+}
+
 /// For steps elsewhere, bands that begin where the program says: what the data show to first order
 /// may be a pass beside a border.
 std::optional<Candidate> bands_of_the_program(const Search& search, const Member& step) {
@@ -79,16 +85,13 @@ Members at_their_moments(Members with, const Members& before, const Search& sear
                          Linearised& residuals, const RunContext& run) {
   constexpr double kLarge_mm = 0.12, kFarthest = 1.0 / 128, kNearest = 1.0 / 4096;
   constexpr int kMoves = 4;  // at one distance
-  const auto share_of = [&](const Member& step) {
-    return step.form.fixed[0].second / residuals.scene().duration_min;
-  };
   for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k) {
     if (!with[k].form.at_moment) continue;
     double best = residuals.score(with);
     const double size_mm = residuals.fit_of(with).coefficients(
         place_of(bank, columns_of(bank, with), with[k].form.columns[0]));
     if (!(std::abs(size_mm) > kLarge_mm)) continue;
-    double share = share_of(with[k]);
+    double share = share_of(with[k].form, residuals.scene());
     const auto better_at = [&](double at) {
       if (!(at > 0.0 && at < 1.0) || run.stopped()) return false;
       Members moved = with;
@@ -102,7 +105,8 @@ Members at_their_moments(Members with, const Members& before, const Search& sear
       return true;
     };
     for (const Member& m : before)
-      if (m.effect == with[k].effect && m.form.at_moment) better_at(share_of(m));
+      if (m.effect == with[k].effect && m.form.at_moment)
+        better_at(share_of(m.form, residuals.scene()));
     for (double d = kFarthest; d >= kNearest; d *= 0.5)
       for (const double way : {d, -d})
         for (int i = 0; i < kMoves && better_at(share + way);) ++i;
@@ -124,7 +128,7 @@ void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
     const Form* like = nullptr;
     for (const Form& f : c.forms) {
       if (!f.at_moment || f.sign != sign || !f.columns[0].key.starts_with(kind)) continue;
-      const double at = f.fixed[0].second / residuals.scene().duration_min;
+      const double at = share_of(f, residuals.scene());
       if (f.finer && std::abs(at - share) < kSameMoment) return;
       like = &f;
     }

@@ -184,7 +184,7 @@ TEST(Choosing, BelievesNoSizeThatAWorkshopWouldNot) {
   EXPECT_FALSE(believed(-0.0205, 3.0));
 }
 
-// No film is thinner than none by more than 0.2 mm, and none is half a millimetre thick.
+// No film is thinner than none by more than 0.2 mm, and none 0.6 mm thicker than declared.
 TEST(Choosing, BelievesNoFilmThatIsNotThere) {
   const Effect* film = find_effect("coating.thickness");
   const auto believed = [&](double excess_mm, double declared_mm) {

@@ -118,7 +118,12 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
         // Waves are candidates where the data show them; here the file does.
         scene.waves_x.push_back(2.0 * scene.half_mm() / v);
         scene.waves_y.push_back(2.0 * scene.half_mm() / v);
-        scene.waves_path.push_back(scene.cut_mm / v);
+        PathWave wave{scene.cut_mm / v};
+        for (const auto& [other, number] : k.fixed) {
+          if (other == "rapid_share") wave.rapid_share = number;
+          if (other == "waves_a_lift") wave.at_lifts = number;
+        }
+        scene.waves_path.push_back(wave);
         scene.slow_waves_x.push_back(2.0 * scene.half_mm() / v);
         scene.slow_waves_y.push_back(2.0 * scene.half_mm() / v);
       }

@@ -49,6 +49,8 @@ struct CutState {
   double path_mm = NAN;     ///< cutting length so far
   std::uint32_t move = 0;   ///< of the program: what a Trail goes by
   float move_share = 0.0F;  ///< of that move's length
+  std::uint32_t lifts = 0;  ///< so far
+  float rapid_mm = 0.0F;    ///< way of the rapids so far
 };
 
 /// A pass that runs by a place, a little above the one that made it: if passes are displaced
@@ -324,6 +326,13 @@ struct Drift {
 /// What follows the command all along the program: where it stands at a state.
 using Trail = std::function<Drift(const CutState&)>;
 
+/// Waves along the path. What is steady in time goes on while the cutter is lifted.
+struct PathWave {
+  double waves = 0.0;        ///< over the cutting length
+  double rapid_share = 0.0;  ///< what a mm of rapid way counts for, in mm of cutting length
+  double at_lifts = 0.0;     ///< waves that each lift adds
+};
+
 /// What all observations of a case have in common.
 struct Scene {
   Box3 box;  ///< of the part's surface
@@ -335,8 +344,9 @@ struct Scene {
   double coat_mm = 0.0;  ///< as declared
   std::vector<double>
       section_starts;  ///< shares of time at which sections begin, the first left out
-  /// Candidates of chatter: waves over the longer side along x and y, over the cutting length.
-  std::vector<double> waves_x, waves_y, waves_path;
+  /// Candidates of chatter: waves over the longer side along x and y, along the path.
+  std::vector<double> waves_x, waves_y;
+  std::vector<PathWave> waves_path;
   /// Candidates of guides that wave: over the longer side.
   std::vector<double> slow_waves_x, slow_waves_y;
   double cut_mm = 0.0;  ///< cutting length of the program

@@ -30,6 +30,8 @@ struct Move {
   double start_min, end_min;
   double start_mm, end_mm;  // cutting length
   std::uint32_t end;        // its end in the command; its start is one before
+  std::uint32_t lifts;      // before it
+  float rapid_mm;
 };
 
 /// A move as its underside needs it: a line in plan, upright moves without length.
@@ -81,7 +83,10 @@ class Sections {
         if (off_mm(from) > apart_mm_) jumps_.push_back(minutes);
       }
     }
-    if (lifted_) stretch_ = {};
+    if (lifted_) {
+      stretch_ = {};
+      ++lifts_so_far_;
+    }
     lifted_ = false;
     tool_ = tool;
     program_ = program;
@@ -89,6 +94,7 @@ class Sections {
     stretch_.add(to);
   }
 
+  [[nodiscard]] std::uint32_t lifts() const { return lifts_so_far_; }
   /// In order. A program that lifts after each pass begins no band by that: there only where it
   /// goes elsewhere; and where all of that is often, at tools and programs alone.
   [[nodiscard]] std::vector<double> starts_min() const {
@@ -115,6 +121,7 @@ class Sections {
   bool lifted_ = false;
   int tool_ = -1;
   std::size_t program_ = 0;
+  std::uint32_t lifts_so_far_ = 0;
   Box3 stretch_;  // cut since the last lift
   std::vector<double> begun_, lifts_, jumps_;
 };
@@ -336,6 +343,7 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
   Moves& m = *made;
   m.radius = ball_radius_mm;
   Sections sections(2.0 * ball_radius_mm);
+  double rapid_mm = 0.0;
   for (std::size_t program = 0; program < programs.size(); ++program) {
     const auto take = [&](std::span<const cnc::Motion> motions) -> Result<void> {
       for (const cnc::Motion& motion : motions) {
@@ -349,11 +357,13 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
               length / (rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min);
           if (rapid) {
             sections.rapid();
+            rapid_mm += length;
           } else {
             sections.cut(a, b, motion.tool, program, m.total_min);
             m.moves.push_back({a, b, m.total_min, m.total_min + minutes, m.total_mm,
                                m.total_mm + length,
-                               static_cast<std::uint32_t>(m.command.size() - 1)});
+                               static_cast<std::uint32_t>(m.command.size() - 1), sections.lifts(),
+                               static_cast<float>(rapid_mm)});
             m.total_mm += length;
           }
           m.total_min += minutes;
@@ -464,6 +474,8 @@ CutState CutPath::Moves::state(std::uint32_t index, double share) const {
   s.cut_share = total_mm > 0.0 ? s.path_mm / total_mm : 0.0;
   s.move = index;
   s.move_share = static_cast<float>(share);
+  s.lifts = move.lifts;
+  s.rapid_mm = move.rapid_mm;
   return s;
 }
 

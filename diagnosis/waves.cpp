@@ -5,10 +5,13 @@
 #include <array>
 #include <cmath>
 #include <complex>
+#include <map>
 #include <numbers>
 
 #include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
+
+#include "core/median.hpp"
 
 namespace maquette::diagnosis::detail {
 
@@ -94,9 +97,9 @@ void transform(std::vector<std::complex<double>>& v) {
 
 /// The same along the cutting length (mm), for waves that are steady in time: waves over the whole
 /// length, which is many, so that their number is known to a half. Wavelengths of 0.8 mm to 40 mm.
-std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
-                                         const std::vector<double>& residual, const Layout& layout,
-                                         double cut) {
+std::vector<PathWave> strongest_path_waves(const std::vector<Observation>& all,
+                                           const std::vector<double>& residual,
+                                           const Layout& layout, double cut) {
   if (!(cut > 100.0)) return {};
   std::size_t bins = 1024;
   while (bins < (1U << 22) && cut / static_cast<double>(bins) > 0.3) bins *= 2;
@@ -126,11 +129,219 @@ std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
   }
   // Passes that follow each other at even distances repeat a line on both sides: the strongest.
   std::sort(found.rbegin(), found.rend());
-  std::vector<double> waves;
+  std::vector<PathWave> waves;
   for (const auto& [power, w] : found)
-    if (waves.size() < 4) waves.push_back(w);
+    if (waves.size() < 4) waves.push_back({w});
   return waves;
 }
+
+/// What lies between two lifts: sums of residuals by their place along the path.
+struct Stretch {
+  double lifts = 0.0, rapid_mm = 0.0;
+  std::vector<std::pair<double, double>> at;  // mm, sum; in order
+  /// Sum of the residuals against a wave of k radians a mm.
+  [[nodiscard]] std::complex<double> amplitude(double k) const {
+    std::complex<double> sum = 0.0;
+    for (const auto& [mm, value] : at) sum += value * std::polar(1.0, -k * mm);
+    return sum;
+  }
+};
+
+/// Waves that are steady in time where the program lifts after each pass: rapids take time, too,
+/// and how much nobody knows. Their wavelength is that of the powers of all passes together; then
+/// what of the rapids' way counts, and what each lift does, by which the passes' phases fall in
+/// line.
+class LiftedWaves {
+ public:
+  LiftedWaves(const std::vector<Observation>& all, const std::vector<double>& residual,
+              const Layout& layout) {
+    std::map<std::uint32_t, std::map<std::int64_t, double>> bins;
+    std::map<std::uint32_t, double> rapids;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const Observation& o = all[i];
+      if (!(o.path_mm >= 0.0) || layout.set_of(o.place.x, o.place.y) != kChoose) continue;
+      bins[o.lifts][static_cast<std::int64_t>(o.path_mm / kBin_mm)] += residual[i];
+      rapids[o.lifts] = static_cast<double>(o.rapid_mm);
+    }
+    for (const auto& [lifts, sums] : bins) {
+      Stretch s{static_cast<double>(lifts), rapids[lifts], {}};
+      for (const auto& [bin, sum] : sums)
+        s.at.emplace_back((static_cast<double>(bin) + 0.5) * kBin_mm, sum);
+      longest_mm_ = std::fmax(longest_mm_, s.at.back().first - s.at.front().first);
+      stretches_.push_back(std::move(s));
+    }
+  }
+
+  /// The strongest, in radians a mm; at most one.
+  [[nodiscard]] std::vector<PathWave> find(double cut_mm) const {
+    constexpr std::size_t kLeastStretches = 30;
+    if (stretches_.size() < kLeastStretches || !(longest_mm_ > 20.0 * kBin_mm)) return {};
+    std::vector<PathWave> found;
+    double best = 0.0;
+    for (const double k : wave_numbers()) {
+      const InLine in_line = lined_up(k);
+      if (!(in_line.excess > best)) continue;
+      best = in_line.excess;
+      found = {refined(in_line, cut_mm)};
+    }
+    return found;
+  }
+
+ private:
+  static constexpr double kBin_mm = 0.3, kTurn = 2.0 * std::numbers::pi;
+  struct InLine {
+    double k = 0.0, rapid_share = 0.0, at_lifts = 0.0;
+    double excess = 0.0;  // of the power, beyond what noise reaches
+  };
+
+  /// Wave numbers at which the passes' powers together stand out, the most 3.
+  [[nodiscard]] std::vector<double> wave_numbers() const {
+    std::size_t length = 64;
+    while (static_cast<double>(length) * kBin_mm < 2.0 * longest_mm_) length *= 2;
+    std::vector<double> power(length / 2, 0.0);
+    std::vector<std::complex<double>> v;
+    for (const Stretch& s : stretches_) {
+      v.assign(length, 0.0);
+      for (const auto& [mm, value] : s.at)
+        v[static_cast<std::size_t>((mm - s.at.front().first) / kBin_mm + 0.5)] += value;
+      transform(v);
+      for (std::size_t i = 0; i < power.size(); ++i) power[i] += std::norm(v[i]);
+    }
+    // Waves of 0.8 to 15 mm (longer ones, with a phase for each lift, are bows across the passes)
+    // against their surroundings; powers of noise scatter by one over the root of the passes.
+    constexpr std::size_t kAround = 30, kBeside = 5, kMost = 3;
+    const double span = static_cast<double>(length) * kBin_mm;
+    const double least = 1.0 + 4.0 / std::sqrt(static_cast<double>(stretches_.size()));
+    const auto end = std::min(power.size() - 1, static_cast<std::size_t>(span / 0.8));
+    std::vector<std::pair<double, double>> peaks;
+    for (auto i = std::max<std::size_t>(1, static_cast<std::size_t>(span / 15.0)); i < end; ++i) {
+      if (power[i] < power[i - 1] || power[i] < power[i + 1]) continue;
+      std::vector<double> near;
+      for (std::size_t j = i > kAround ? i - kAround : 1; j < std::min(end, i + kAround); ++j)
+        if (j + kBeside < i || j > i + kBeside) near.push_back(power[j]);
+      if (near.empty()) continue;
+      const double ratio = power[i] / median(std::move(near));
+      if (ratio > least) peaks.emplace_back(ratio, kTurn * static_cast<double>(i) / span);
+    }
+    std::sort(peaks.rbegin(), peaks.rend());
+    std::vector<double> strongest;
+    for (std::size_t i = 0; i < std::min(kMost, peaks.size()); ++i) {
+      // Between lines of the transform, by all passes' powers.
+      const double half = 0.5 * kTurn / span;
+      double best = 0.0, at = peaks[i].second;
+      for (int step = -8; step <= 8; ++step) {
+        const double k = peaks[i].second + step / 8.0 * half;
+        double sum = 0.0;
+        for (const Stretch& s : stretches_) sum += std::norm(s.amplitude(k));
+        if (sum <= best) continue;
+        best = sum;
+        at = k;
+      }
+      strongest.push_back(at);
+    }
+    return strongest;
+  }
+
+  /// Rapids of one length do what lifts do; so far as they differ they say how much they count.
+  [[nodiscard]] double uneven_rapids_mm() const {
+    const Stretch &a = stretches_.front(), &b = stretches_.back();
+    const double mean = (b.rapid_mm - a.rapid_mm) / (b.lifts - a.lifts);
+    double most = 0.0;
+    for (const Stretch& s : stretches_)
+      most = std::fmax(most, std::abs(s.rapid_mm - a.rapid_mm - mean * (s.lifts - a.lifts)));
+    return most;
+  }
+
+  /// The share of the rapids' way and the phase of a lift that bring the passes' waves in line.
+  [[nodiscard]] InLine lined_up(double k) const {
+    const auto first = static_cast<std::size_t>(stretches_.front().lifts);
+    const auto lifts = static_cast<std::size_t>(stretches_.back().lifts) - first + 1;
+    std::size_t length = 64;
+    while (length < 2 * lifts) length *= 2;
+    std::vector<std::complex<double>> of_stretch;
+    double squares = 0.0;
+    for (const Stretch& s : stretches_) {
+      of_stretch.push_back(s.amplitude(k));
+      squares += std::norm(of_stretch.back());
+    }
+    constexpr double kMostShare = 1.25, kPhase = 0.5;
+    constexpr int kMostShares = 4000;
+    const int shares = static_cast<int>(
+        std::fmin(kMostShares, std::floor(kMostShare * k * uneven_rapids_mm() / kPhase)));
+    std::vector<InLine> best(static_cast<std::size_t>(shares) + 1);
+    oneapi::tbb::parallel_for(0, shares + 1, [&](int i) {
+      const double share = shares == 0 ? 0.0 : kMostShare * i / shares;
+      std::vector<std::complex<double>> v(length, 0.0);
+      for (std::size_t n = 0; n < stretches_.size(); ++n)
+        v[static_cast<std::size_t>(stretches_[n].lifts) - first] +=
+            of_stretch[n] * std::polar(1.0, -k * share * stretches_[n].rapid_mm);
+      transform(v);
+      const auto peak = std::max_element(v.begin(), v.end(), [](const auto& a, const auto& b) {
+        return std::norm(a) < std::norm(b);
+      });
+      best[static_cast<std::size_t>(i)] = {
+          k, share, static_cast<double>(peak - v.begin()) / static_cast<double>(length),
+          std::norm(*peak) / squares};
+    });
+    InLine most = *std::max_element(best.begin(), best.end(), [](const InLine& a, const InLine& b) {
+      return a.excess < b.excess;
+    });
+    // Noise gives e^-x for a sum x times that of the squares; so many are looked at.
+    most.excess -= std::log(static_cast<double>(length) * (shares + 1.0)) + 7.0;
+    return most;
+  }
+
+  /// Where the sum of all waves in line is largest. Wave number and share are changed about the
+  /// middle of the program, with the phase of a lift: all three would turn the passes alike.
+  [[nodiscard]] PathWave refined(InLine w, double cut_mm) const {
+    const Stretch &a = stretches_.front(), &b = stretches_.back();
+    const double lifts = b.lifts - a.lifts,
+                 advance_mm = (b.at.front().first - a.at.front().first) / lifts,
+                 rapid_mm = (b.rapid_mm - a.rapid_mm) / lifts;
+    const auto power = [&](const InLine& x) {
+      std::complex<double> sum = 0.0;
+      for (const Stretch& s : stretches_)
+        sum += s.amplitude(x.k) *
+               std::polar(1.0, -x.k * x.rapid_share * s.rapid_mm - kTurn * x.at_lifts * s.lifts);
+      return std::norm(sum);
+    };
+    double best = power(w);
+    // A quarter of a radian each; rapids all alike leave nothing to find.
+    const double uneven_mm = uneven_rapids_mm();
+    std::array<double, 3> step{
+        0.5 / longest_mm_, w.k * uneven_mm > 0.5 ? 0.25 / (w.k * uneven_mm) : 0.0, 0.25 / lifts};
+    constexpr int kHalvings = 7;
+    for (int halving = 0; halving < kHalvings; ++halving) {
+      for (bool moved = true; moved;) {
+        moved = false;
+        for (std::size_t j = 0; j < 3; ++j)
+          for (const double way : {step[j], -step[j]}) {
+            if (way == 0.0) continue;
+            InLine x = w;
+            if (j == 0) {
+              x.k += way;
+              x.at_lifts -= way * (advance_mm + x.rapid_share * rapid_mm) / kTurn;
+            } else if (j == 1) {
+              x.rapid_share += way;
+              x.at_lifts -= way * x.k * rapid_mm / kTurn;
+            } else {
+              x.at_lifts += way;
+            }
+            const double now = power(x);
+            if (!(now > best)) continue;
+            best = now;
+            w = x;
+            moved = true;
+          }
+      }
+      for (double& s : step) s *= 0.5;
+    }
+    return {w.k * cut_mm / kTurn, w.rapid_share, w.at_lifts - std::round(w.at_lifts)};
+  }
+
+  std::vector<Stretch> stretches_;
+  double longest_mm_ = 0.0;
+};
 
 /// Least squares of a quadric of plan.
 class Quadric {
@@ -229,12 +440,20 @@ std::vector<double> slow_waves(const std::vector<Observation>& all,
   return waves;
 }
 
+double number_of(double waves) {
+  return waves;
+}
+double number_of(const PathWave& wave) {
+  return wave.waves;
+}
 /// Those of `more` that none of `waves` stands for.
-void append(std::vector<double>& waves, const std::vector<double>& more) {
+template <class Wave>
+void append(std::vector<Wave>& waves, const std::vector<Wave>& more) {
   constexpr double kApart = 0.75;  // of a wave over the span
-  for (const double w : more)
-    if (std::none_of(waves.begin(), waves.end(),
-                     [w](double other) { return std::abs(w - other) < kApart; }))
+  for (const Wave& w : more)
+    if (std::none_of(waves.begin(), waves.end(), [&](const Wave& other) {
+          return std::abs(number_of(w) - number_of(other)) < kApart;
+        }))
       waves.push_back(w);
 }
 
@@ -252,6 +471,8 @@ void find_waves(const std::vector<Observation>& all, const std::vector<double>& 
     append(scene.waves_y, strongest_waves(all, *r, layout, 1, span));
     append(scene.waves_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
   }
+  for (const PathWave& wave : LiftedWaves(all, flat, layout).find(scene.cut_mm))
+    scene.waves_path.push_back(wave);
 }
 
 }  // namespace maquette::diagnosis::detail

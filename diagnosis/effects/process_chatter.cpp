@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // The cutter or the work swings at a steady frequency: a wave along the path of wavelength feed
-// over frequency, upright. Two phases: counted along the path (steady in time) or along the axis of
-// the passes (locked to the machine's travel, as of a screw or a rack). 1 to 20 um.
+// over frequency, upright. Two phases: counted along the path (steady in time, also while the
+// cutter is lifted) or along the axis of the passes (locked to the machine's travel, as of a screw
+// or a rack). 1 to 20 um.
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -22,17 +23,23 @@ void add_process_chatter(std::vector<Effect>& all) {
     struct Make {
       int along;  // 0: x, 1: y, 2: path
       double span;
-      Form operator()(double waves, double step) const {
-        const double k = 2.0 * 3.14159265358979323846 * waves / span;
-        const auto phase = [along = along, k](const CutState& s) {
-          return k * (along == 0 ? s.tip.x : along == 1 ? s.tip.y : s.path_mm);
+      Form operator()(PathWave wave, double step) const {
+        constexpr double kTurn = 2.0 * 3.14159265358979323846;
+        const double k = kTurn * wave.waves / span;
+        const auto phase = [along = along, k, wave](const CutState& s) {
+          if (along < 2) return k * (along == 0 ? s.tip.x : s.tip.y);
+          const double way = s.path_mm + wave.rapid_share * static_cast<double>(s.rapid_mm);
+          return k * way + kTurn * wave.at_lifts * s.lifts;
         };
         const auto per_mm = [along = along, k](const CutState& s) {
           return k * (along == 0 ? s.feed.x : along == 1 ? s.feed.y : 1.0);
         };
-        const auto key = fmt::format("chatter{}{:.4f}", along, waves);
+        const bool lifted = wave.rapid_share != 0.0 || wave.at_lifts != 0.0;
+        std::string key = fmt::format("chatter{}{:.4f}", along, wave.waves);
+        if (lifted) key += fmt::format("r{:.6f}l{:.6f}", wave.rapid_share, wave.at_lifts);
         const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
-        Form f{fmt::format("wavelength {:.4f} mm along {}", span / waves, where),
+        Form f{fmt::format("wavelength {:.4f} mm along {}{}", span / wave.waves, where,
+                           lifted ? ", on while lifted" : ""),
                {drift_column(key + "s", {"sine_mm", 1.0, 1.0},
                              [=](const CutState& s) {
                                const double p = phase(s);
@@ -42,22 +49,27 @@ void add_process_chatter(std::vector<Effect>& all) {
                   const double p = phase(s);
                   return Drift{{0, 0, std::cos(p)}, {0, 0, -per_mm(s) * std::sin(p)}};
                 })}};
-        f.fixed = {{"wavelength_mm", span / waves}};
-        if (step > 0.02)
-          f.finer = [make = *this, waves, step] {
+        f.fixed = {{"wavelength_mm", span / wave.waves}};
+        if (lifted) {
+          f.fixed.emplace_back("rapid_share", wave.rapid_share);
+          f.fixed.emplace_back("waves_a_lift", wave.at_lifts);
+        } else if (step > 0.02) {
+          f.finer = [make = *this, wave, step] {
             std::vector<Form> near;
-            for (int i = -3; i <= 3; ++i) near.push_back(make(waves + i * step / 4.0, step / 4.0));
+            for (int i = -3; i <= 3; ++i)
+              near.push_back(make({wave.waves + i * step / 4.0}, step / 4.0));
             return near;
           };
+        }
         return f;
       }
     };
     std::vector<Form> forms;
     for (const double waves : scene.waves_x)
-      forms.push_back(Make{0, 2.0 * scene.half_mm()}(waves, 0.5));
+      forms.push_back(Make{0, 2.0 * scene.half_mm()}({waves}, 0.5));
     for (const double waves : scene.waves_y)
-      forms.push_back(Make{1, 2.0 * scene.half_mm()}(waves, 0.5));
-    for (const double waves : scene.waves_path) forms.push_back(Make{2, scene.cut_mm}(waves, 0.5));
+      forms.push_back(Make{1, 2.0 * scene.half_mm()}({waves}, 0.5));
+    for (const PathWave& wave : scene.waves_path) forms.push_back(Make{2, scene.cut_mm}(wave, 0.5));
     return forms;
   };
   all.push_back(std::move(e));

@@ -80,6 +80,30 @@ bool share_a_turn(const Eigen::VectorXd& pose, const Eigen::MatrixXd& known) {
   return false;
 }
 
+/// A pattern in the poses of some set-ups.
+struct Found {
+  std::size_t pattern = 0;
+  Size size;
+  double p = 1.0, shift_error_mm = 0.0;
+  Eigen::MatrixXd weight;
+};
+
+/// Components of the poses that are looked at together, and what of them is known.
+struct Part {
+  std::vector<Eigen::Index> kept;
+  std::size_t set_ups = 0;
+  Eigen::VectorXd pose, is_turn;
+  Eigen::MatrixXd known, free;
+  std::vector<Pattern> patterns;
+
+  [[nodiscard]] Eigen::MatrixXd with_errors(double shift_mm, double turn_mm) const {
+    Eigen::MatrixXd c = known;
+    c.diagonal() +=
+        (is_turn * turn_mm * turn_mm + (1.0 - is_turn.array()).matrix() * shift_mm * shift_mm);
+    return c;
+  }
+};
+
 /// The error, mm, that makes misfit(error) what is expected.
 template <class Misfit>
 double least_error(double expected, const Misfit& misfit) {
@@ -89,6 +113,58 @@ double least_error(double expected, const Misfit& misfit) {
     (misfit(middle) > expected ? low : high) = middle;
   }
   return high;
+}
+
+/// Of set-ups whose height is known, for both patterns are mostly that. Others (marks probed in
+/// plan) say nothing of them, and were put where they are in another way.
+/// @param wanted  the set-ups to look at
+template <class Wanted>
+Part part_of(const Eigen::VectorXd& pose, const Eigen::MatrixXd& known, const Eigen::MatrixXd& free,
+             std::vector<Pattern> patterns, const Wanted& wanted) {
+  Part part;
+  for (Eigen::Index s = 0; s < pose.size(); s += 6) {
+    if (!wanted(static_cast<std::size_t>(s / 6)) || !is_known(known, s + 2)) continue;
+    ++part.set_ups;
+    for (Eigen::Index i = s; i < s + 6; ++i)
+      if (is_known(known, i)) part.kept.push_back(i);
+  }
+  part.pose = pose(part.kept);
+  part.known = known(part.kept, part.kept);
+  part.free = free(part.kept, Eigen::all);
+  part.is_turn.resize(part.pose.size());
+  for (std::size_t i = 0; i < part.kept.size(); ++i)
+    part.is_turn(static_cast<Eigen::Index>(i)) = part.kept[i] % 6 < 3 ? 0.0 : 1.0;
+  for (Pattern& p : patterns) p.along = Eigen::VectorXd(p.along(part.kept));
+  part.patterns = std::move(patterns);
+  return part;
+}
+
+/// The poses' own error is what makes the rest as large as it is: that of turns what the turns are,
+/// for no pattern turns a scan, that of shifts what they are beside the pattern. Surest first.
+std::vector<Found> patterns_in(const Part& part) {
+  const double turns = part.is_turn.sum(), freedom = static_cast<double>(part.pose.size()) - turns -
+                                                     1.0 - static_cast<double>(part.free.cols());
+  const auto misfit_of_turns = [&](double error) {
+    // Of turns alone: the inverse of a block is that of all where nothing else is known.
+    const Eigen::MatrixXd w = part.with_errors(kNoPose_mm, error).inverse();
+    return part.pose.cwiseProduct(part.is_turn).dot(w * part.pose.cwiseProduct(part.is_turn));
+  };
+  const double turn_error = turns > 0.0 ? least_error(turns, misfit_of_turns) : kLeastPose_mm;
+  std::vector<Found> found;
+  for (std::size_t k = 0; k < part.patterns.size() && freedom > 0.0; ++k) {
+    const auto at = [&](double error) {
+      return Eigen::MatrixXd(part.with_errors(error, turn_error).inverse());
+    };
+    const double error = least_error(freedom + turns, [&](double e) {
+      return size_of(part.pose, at(e), part.free, part.patterns[k].along).misfit;
+    });
+    const Eigen::MatrixXd weight = at(error);
+    const Size s = size_of(part.pose, weight, part.free, part.patterns[k].along);
+    if (std::isfinite(s.sigma))
+      found.push_back({k, s, student_tail(std::abs(s.value) / s.sigma, freedom), error, weight});
+  }
+  std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.p < b.p; });
+  return found;
 }
 
 }  // namespace
@@ -151,62 +227,24 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
   } else if (stations) {
     patterns.push_back({"scanner.range_bias", "bias_mm", along_beams()});
   }
-  // The poses' own error is what makes the rest as large as it is: that of turns what the turns
-  // are, for no pattern turns a scan, that of shifts what they are beside the pattern.
-  struct Found {
-    std::size_t pattern;
-    Size size;
-    double p, shift_error_mm;
-    Eigen::MatrixXd weight;
-  };
-  std::vector<Found> found;
   const Eigen::MatrixXd all_known = fit.covariance.topLeftCorner(size, size);
-  // Set-ups whose height is known: both patterns are mostly that. Others (marks probed in plan) say
-  // nothing of them, and were put where they are in another way.
-  std::vector<Eigen::Index> kept;
-  std::size_t kept_set_ups = 0;
-  for (Eigen::Index s = 0; s < size; s += 6) {
-    if (!is_known(all_known, s + 2)) continue;
-    ++kept_set_ups;
-    for (Eigen::Index i = s; i < s + 6; ++i)
-      if (is_known(all_known, i)) kept.push_back(i);
+  // All together; and points that were probed by themselves, which are put in place in another way
+  // than scans are, and better.
+  Part part = part_of(pose, all_known, free, patterns, [](std::size_t) { return true; });
+  auto found = patterns_in(part);
+  const auto scans =
+      std::count_if(m.set_ups.begin(), m.set_ups.end(), [](const SetUp& s) { return s.scan; });
+  if (scans > 0 && scans < static_cast<std::ptrdiff_t>(n)) {
+    const auto probed = [&](std::size_t s) { return !m.set_ups[s].scan; };
+    Part alone = part_of(pose, all_known, free, patterns, probed);
+    auto in_it = patterns_in(alone);
+    if (!in_it.empty() &&
+        (found.empty() || in_it[0].p < std::fmax(found[0].p, 0.5 * kClaimLevel))) {
+      part = std::move(alone);
+      found = std::move(in_it);
+    }
+    for (Found& f : found) f.p *= 2.0;
   }
-  const Eigen::VectorXd whole_pose = pose;
-  const auto count = static_cast<Eigen::Index>(kept.size());
-  pose = Eigen::VectorXd(whole_pose(kept));
-  free = Eigen::MatrixXd(free(kept, Eigen::all));
-  for (Pattern& pattern : patterns) pattern.along = Eigen::VectorXd(pattern.along(kept));
-  const Eigen::MatrixXd known = all_known(kept, kept);
-  Eigen::VectorXd is_turn(count);
-  for (Eigen::Index i = 0; i < count; ++i)
-    is_turn(i) = kept[static_cast<std::size_t>(i)] % 6 < 3 ? 0.0 : 1.0;
-  const double turns = is_turn.sum(), freedom = static_cast<double>(count) - turns - 1.0 -
-                                                static_cast<double>(free.cols());
-  const auto with_errors = [&](double shift_mm, double turn_mm) {
-    Eigen::MatrixXd c = known;
-    c.diagonal() +=
-        (is_turn * turn_mm * turn_mm + (1.0 - is_turn.array()).matrix() * shift_mm * shift_mm);
-    return c;
-  };
-  const auto misfit_of_turns = [&](double error) {
-    // Of turns alone: the inverse of a block is that of all where nothing else is known.
-    const Eigen::MatrixXd w = with_errors(kNoPose_mm, error).inverse();
-    return pose.cwiseProduct(is_turn).dot(w * pose.cwiseProduct(is_turn));
-  };
-  const double turn_error = turns > 0.0 ? least_error(turns, misfit_of_turns) : kLeastPose_mm;
-  for (std::size_t k = 0; k < patterns.size() && freedom > 0.0; ++k) {
-    const auto at = [&](double error) {
-      return Eigen::MatrixXd(with_errors(error, turn_error).inverse());
-    };
-    const double error = least_error(freedom + turns, [&](double e) {
-      return size_of(pose, at(e), free, patterns[k].along).misfit;
-    });
-    const Eigen::MatrixXd weight = at(error);
-    const Size s = size_of(pose, weight, free, patterns[k].along);
-    if (std::isfinite(s.sigma))
-      found.push_back({k, s, student_tail(std::abs(s.value) / s.sigma, freedom), error, weight});
-  }
-  std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.p < b.p; });
   const auto named = [&](const std::string& effect) {
     const Effect* e = find_effect(effect);
     Cause c;
@@ -219,16 +257,16 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       found[0].p < kClaimLevel) {
     Found& best = found[0];
     // What makes the part lean has to make the pattern, too: turns are no longer thought wrong.
-    const bool leans = share_a_turn(whole_pose, all_known);
+    const bool leans = share_a_turn(pose, all_known);
     if (leans) {
-      best.weight = with_errors(best.shift_error_mm, kLeastPose_mm).inverse();
-      best.size = size_of(pose, best.weight, free, patterns[best.pattern].along);
+      best.weight = part.with_errors(best.shift_error_mm, kLeastPose_mm).inverse();
+      best.size = size_of(part.pose, best.weight, part.free, part.patterns[best.pattern].along);
     }
     Cause c = named(patterns[best.pattern].effect);
     c.parameters = {{patterns[best.pattern].parameter, best.size.value, best.size.sigma}};
     c.p_value = best.p;
     for (std::size_t k = 1; k < found.size(); ++k)
-      if (size_of(pose, best.weight, free, patterns[found[k].pattern].along).misfit <
+      if (size_of(part.pose, best.weight, part.free, part.patterns[found[k].pattern].along).misfit <
           best.size.misfit + kEquivalent)
         c.equivalent.push_back(patterns[found[k].pattern].effect);
     // What registration takes of causes, and what the residuals say of them: poses and residuals
@@ -240,12 +278,12 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
         if (form.columns.size() != 1) continue;
         const Beside b = beside(bank, model, fit, bank.index.at(form.columns[0].key));
         // Both together: (pose - c absorbed)' W (pose - c absorbed) + information (c - estimate)^2.
-        const Eigen::VectorXd along = b.absorbed(kept);
+        const Eigen::VectorXd along = b.absorbed(part.kept);
         const double curvature = along.dot(best.weight * along) + b.information;
         const double value =
-            (along.dot(best.weight * pose) + b.information * b.estimate) / curvature;
+            (along.dot(best.weight * part.pose) + b.information * b.estimate) / curvature;
         if (form.sign != 0 && value * form.sign < 0.0) continue;
-        const Eigen::VectorXd rest = pose - value * along;
+        const Eigen::VectorXd rest = part.pose - value * along;
         const double here =
             rest.dot(best.weight * rest) +
             b.information * ((value - b.estimate) * (value - b.estimate) - b.estimate * b.estimate);
@@ -283,7 +321,7 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
       c.separate_by = other.separate_by;
       if (own - least < 4.0 * kEquivalent) c.equivalent.push_back(patterns[best.pattern].effect);
     }
-    if (kept_set_ups == 1) c.equivalent.push_back("scanner.registration");
+    if (part.set_ups == 1) c.equivalent.push_back("scanner.registration");
     if (leans && instead.empty()) {  // a height says nothing of why the part leans
       d.notes.push_back(
           fmt::format("all measurements stand off alike by {:.3f} mm ({}) and lean the same way: "
@@ -294,20 +332,21 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
     d.causes.push_back(std::move(c));
     return;
   }
-  // One pose that stands apart from all others: F of mean squares, of shifts, of turns, and of both
-  // (Fisher 1932: twice the logarithms add up to chi-squared), for the worst of n.
+  // One pose that stands apart from all others of its kind: F of mean squares, of shifts, of turns,
+  // and of both (Fisher 1932: twice the logarithms add up to chi-squared), for the worst of n.
   if (n < 2) return;
   std::size_t worst = 0;
   double p_value = 1.0, size_mm = 0.0;
   for (std::size_t s = 0; s < n; ++s) {
     double largest_mm = 0.0, logarithms = 0.0, least = 1.0;
-    for (const Eigen::Index part : {0, 3}) {
+    for (const Eigen::Index first : {0, 3}) {
       double own = 0.0, others = 0.0;
       int of_own = 0, of_others = 0;
       for (Eigen::Index i = 0; i < size; ++i) {
-        if (i % 6 / 3 != part / 3 || !is_known(all_known, i)) continue;
+        if (i % 6 / 3 != first / 3 || !is_known(all_known, i)) continue;
+        if (m.set_ups[static_cast<std::size_t>(i / 6)].scan != m.set_ups[s].scan) continue;
         const bool its = i / 6 == static_cast<Eigen::Index>(s);
-        (its ? own : others) += whole_pose(i) * whole_pose(i);
+        (its ? own : others) += pose(i) * pose(i);
         ++(its ? of_own : of_others);
       }
       if (of_own == 0 || of_others == 0) continue;

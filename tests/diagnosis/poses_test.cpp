@@ -8,6 +8,8 @@
 //   one scan that was moved ................. found, and which
 //   a scan beside marks probed in plan ...... claimed no more often than the level says: of marks
 //                                             neither height nor lean is known
+//   scans beside probes that are far better . a length is found by the probes; without one no more
+//                                             claims than the level says
 
 #include <cmath>
 
@@ -135,6 +137,49 @@ TEST(Poses, MarksInPlanSayNothingOfHeights) {
   }
   RecordProperty("claims", claims);
   EXPECT_LE(claims, 12);  // as above
+}
+
+/// Two scans and points probed from the machine's own datum, all of them up by so much.
+Diagnosis beside_probes(std::uint64_t draw, double up_mm) {
+  Measurements m = two_scans();
+  m.set_ups.push_back(m.set_ups[0]);
+  m.set_ups[2].scan = false;
+  m.scene.has_station.push_back(false);
+  detail::Fit fit;
+  fit.covariance = 1e-6 * Eigen::MatrixXd::Identity(18, 18);
+  Diagnosis d;
+  for (std::uint64_t s = 0; s < 3; ++s) {
+    const auto three = [&](std::uint64_t k, double size) {
+      return size * Vec3{random_normal(draw, 6 * s + k), random_normal(draw, 6 * s + k + 1),
+                         random_normal(draw, 6 * s + k + 2)};
+    };
+    const double error_mm = s < 2 ? 0.2 : 0.002;
+    PoseEstimate p;
+    p.shift_mm = three(0, error_mm) + Vec3{0.0, 0.0, up_mm};
+    p.turn_urad = three(3, 1e6 * error_mm / kHalf_mm);
+    d.poses.push_back(p);
+  }
+  detail::add_pose_causes(m, detail::Bank{}, {}, {}, fit, d);
+  return d;
+}
+
+// One error for all three was that of the scans: what the probes said of the length drowned in it,
+// and scans a hundred times worse than probes were one that stood apart.
+TEST(Poses, ProbesKnowTheirOwnHeight) {
+  int found = 0, claims = 0;
+  constexpr int kDraws = 1'000;
+  for (std::uint64_t k = 0; k < kDraws; ++k) {
+    claims += beside_probes(80'000 + k, 0.0).causes.empty() ? 0 : 1;
+    const auto causes = beside_probes(80'000 + k, 0.3).causes;
+    if (causes.size() == 1 && causes[0].effect == "tool.length_offset" &&
+        std::abs(causes[0].parameters.at(0).value - 0.3) < 0.012)  // six sigma
+      ++found;
+  }
+  RecordProperty("claims", claims);
+  EXPECT_LE(claims, 9);  // three looks at kClaimLevel: 1.5; six sigma
+  // t of two freedoms has to pass 45 (half the level, two-sided): of shifts that scatter by 0.002 a
+  // height of 0.3 does where their rms is below 0.0047.
+  EXPECT_GE(found, kDraws * 9 / 10);
 }
 
 }  // namespace

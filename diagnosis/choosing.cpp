@@ -20,7 +20,7 @@ constexpr double kClose = 500.0;
 constexpr std::size_t kRivals = 3;
 /// Of a lag and lost motion, or lost motion alone, made one after the other of the sizes that were
 /// fitted last, until they change by no more than a fiftieth; sizes below the last are none.
-constexpr int kSizeRounds = 6;
+constexpr int kSizeRounds = 6, kSizeRoundsToChoose = 3;
 /// Ratios of sizes that are taken for one: while causes are still chosen, and for what is reported.
 constexpr double kSameSize = 0.02, kSameAtLast = 0.005, kLeastSize_mm = 0.01;
 /// Of choosing, cutting anew and pruning.
@@ -288,18 +288,18 @@ Members in_one_machine(const Members& start, const Search& search, Bank& bank,
   return best;
 }
 
-/// Forms of the sizes that fit, as long as they do better: of two that fit against each other sizes
-/// grow without end.
-Members sized(Members now, const Search& search, Bank& bank, Linearised& residuals) {
-  constexpr int kMost = 3;
-  double best = residuals.score(now);
-  for (int round = 0; round < kMost; ++round) {
-    residuals.about(now);
+/// Forms of the sizes that fit, as long as these are believable: of two that fit against each other
+/// sizes grow without end.
+/// @param rounds  at most
+/// @param same  as resize()
+Members sized(Members now, const Search& search, Bank& bank, Linearised& residuals, int rounds,
+              double same) {
+  residuals.about(now);
+  for (int round = 0; round < rounds; ++round) {
     Members next = now;
-    if (!resize(next, search, bank, residuals, &Form::at_size, kSameSize)) break;
-    const double score = residuals.score(next);
-    if (!(score < best)) break;
-    best = score;
+    if (!resize(next, search, bank, residuals, &Form::at_size, same)) break;
+    if (!std::isfinite(residuals.score(next))) break;
+    residuals.about(next);
     now = std::move(next);
   }
   residuals.about(now);
@@ -309,13 +309,9 @@ Members sized(Members now, const Search& search, Bank& bank, Linearised& residua
 }  // namespace
 
 Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
-  if (follows_any(now, true) && follows_any(now, false)) return now;  // in_one_machine() has them
-  for (int round = 0; round < kSizeRounds; ++round) {
-    residuals.about(now);
-    if (!resize(now, search, bank, residuals, &Form::at_size, kSameAtLast)) break;
-  }
-  residuals.about(now);
-  return now;
+  return follows_any(now, true) && follows_any(now, false)
+             ? now  // in_one_machine() has them
+             : sized(std::move(now), search, bank, residuals, kSizeRounds, kSameAtLast);
 }
 
 bool has_a_moment(const Member& member) {
@@ -349,7 +345,8 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     if (round == 0 && residuals.scene().has_path)
       look_for_steps_beside(chosen, search, bank, residuals);
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
-    if (!follows_any(chosen, true)) chosen = sized(std::move(chosen), search, bank, residuals);
+    if (!follows_any(chosen, true))
+      chosen = sized(std::move(chosen), search, bank, residuals, kSizeRoundsToChoose, kSameSize);
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);
     chosen = pruned(std::move(chosen), search, bank, residuals, run);
     auto other = exchanged(chosen, search, bank, residuals, run);

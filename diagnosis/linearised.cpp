@@ -24,6 +24,18 @@ bool at_rest(const Eigen::VectorXd& last, const Fit& f, Eigen::Index nuisances) 
   return true;
 }
 
+/// Sizes of two that fit against each other grow without end where they are cut anew.
+bool runs_away(const Bank& bank, const Members& model, const Fit& f) {
+  constexpr double kFar = 3.0;  // of what a workshop would believe
+  const auto columns = columns_of(bank, model);
+  for (const Member& m : model)
+    for (const Column& c : m.form.columns) {
+      const double size = f.coefficients(place_of(bank, columns, c)) * c.parameter.per_column;
+      if (!(std::abs(size) < kFar * c.parameter.plausible)) return true;
+    }
+  return false;
+}
+
 }  // namespace
 
 Linearised::Linearised(const Scene& scene, std::vector<Observation>& observations, Bank& bank)
@@ -82,6 +94,7 @@ void Linearised::come_to_rest(const Members& model) {
       f = fit_of(model);
     }
     if (round > 0 && at_rest(last, f, bank_.nuisances)) break;
+    if (round > 0 && runs_away(bank_, model, f)) break;
     last = f.coefficients;
     recut(model, last);
   }

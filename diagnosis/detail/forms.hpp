@@ -29,10 +29,14 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
 [[nodiscard]] inline double film(const Observation& o) {
   return o.on_surface ? dot(o.along, o.normal) * o.normal.z / o.slope_normal.z : 0.0;
 }
-/// The same for a column. No film is thinner than none, by more than what a part may have lost that
-/// was simulated too large (0.2 mm, as much as a heavy coat).
+/// No film is thinner than none, by more than what a part may have lost that was simulated too
+/// large (0.2 mm, as much as a heavy coat).
+[[nodiscard]] inline Parameter film_parameter(const Scene& scene, std::string name) {
+  return {std::move(name), 1.0, 0.6, -(scene.coat_mm + 0.2)};
+}
+/// film() for a column.
 [[nodiscard]] inline Column even_film(const Scene& scene, std::string name) {
-  return column("film", {std::move(name), 1.0, 0.6, -(scene.coat_mm + 0.2)}, film);
+  return column("film", film_parameter(scene, std::move(name)), film);
 }
 /// A column of tips that drift by d(state), small and alike for neighbouring passes.
 template <class DriftOf>

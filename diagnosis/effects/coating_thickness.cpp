@@ -13,7 +13,7 @@ BallForm film_on_balls(const Scene& scene) {
   return {"even film, in hollows too, ",
           "",
           "film_on_balls",
-          {"excess_mm", 1.0, 0.6},
+          film_parameter(scene, "excess_mm"),
           scene.ball_radius_mm,
           {{0.0, 0.0, 1.0}, -1.0}};
 }

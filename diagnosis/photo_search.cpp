@@ -133,7 +133,7 @@ bool PhotoSearch::too_small(const PhotoLinear& linear, PhotoMembers members,
   members.push_back(std::move(added));
   const std::size_t k = members.size() - 1;
   return moved_by(linear, members[k]) * own_share(linear, members, k) <
-         0.5 * std::fmax(kPhotoFloor * light_, others_wrong(linear, members, k));
+         0.5 * std::fmax(kPhotoFloor * light_, others_wrong(fit_, linear, members, k));
 }
 
 PhotoMembers PhotoSearch::best_of(const std::vector<Trial>& all, const PhotoLinear& linear,

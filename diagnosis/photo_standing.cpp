@@ -17,6 +17,10 @@ namespace {
 /// Nor is what moves it by less than this share of what the other causes move: by that their own
 /// chain may be wrong. What the sensor does to numbers is simple.
 constexpr double kFloorShare = 0.12, kFloorShareOfSensor = 0.01;
+/// What leaves places where they are and is wrong by that looks little like places that have moved:
+/// a displacement shows at edges, a law of reflection on slopes. A corner 5 pixels off beside a
+/// matt surface taken for Lambert's was a twelfth of what that moved.
+constexpr double kFloorShareElsewhere = 0.03;
 /// Penumbras narrower than that are not told from shadows' steps between rays, pixels.
 constexpr double kPenumbra_px = 1.5;
 /// A size is named from that many of its standard errors on.
@@ -155,6 +159,11 @@ std::vector<double> sigmas_of(const PhotoLinear& linear, const PhotoFit& fit,
   return sigmas;
 }
 
+/// Whether it shows places at other pixels.
+bool moves_places(const PhotoFit& fit, const PhotoMember& member) {
+  return !same_places(fit.state_of({member}), fit.state_of({}));
+}
+
 /// A size of its own that its standard error does not tell from none: what few pixels (edges of
 /// shadows) err by together gains much, and says little.
 bool is_unsure(const PhotoLinear& linear, const PhotoFit& fit, const PhotoMembers& members,
@@ -209,13 +218,16 @@ double own_share(const PhotoLinear& linear, const PhotoMembers& members, std::si
   return std::sqrt(std::clamp(own / all, 0.0, 1.0));
 }
 
-double others_wrong(const PhotoLinear& linear, const PhotoMembers& members, std::size_t but) {
+double others_wrong(const PhotoFit& fit, const PhotoLinear& linear, const PhotoMembers& members,
+                    std::size_t but) {
+  const bool displaces = moves_places(fit, members[but]);
+  const auto share = [&](const PhotoMember& m) {
+    if (m.effect->acts_on == "sensor") return kFloorShareOfSensor;
+    return displaces && !moves_places(fit, m) ? kFloorShareElsewhere : kFloorShare;
+  };
   double sum = 0.0;
   for (std::size_t k = 0; k < members.size(); ++k)
-    if (k != but)
-      sum = std::hypot(
-          sum, (members[k].effect->acts_on == "sensor" ? kFloorShareOfSensor : kFloorShare) *
-                   moved_by(linear, members[k]));
+    if (k != but) sum = std::hypot(sum, share(members[k]) * moved_by(linear, members[k]));
   return sum;
 }
 
@@ -266,7 +278,7 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
       double p = chi_squared_tail(gain, static_cast<int>(members[k].form.parameters.size()));
       if (!(predicted > 0.5 * gain)) p = std::fmax(p, 0.5);
       p_values.push_back(std::fmax(p, 1e-300));
-      const double floor = std::fmax(kPhotoFloor * light, others_wrong(linear, members, k));
+      const double floor = std::fmax(kPhotoFloor * light, others_wrong(fit, linear, members, k));
       const double own = moved_by(linear, members[k]) * own_share(linear, members, k);
       const PhotoForm& form = members[k].form;
       const bool small = !(own > floor) ||

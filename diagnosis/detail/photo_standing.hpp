@@ -27,9 +27,9 @@ inline constexpr double kPhotoFloor = 1e-3;
 /// Share of what a member moves (its rms) that the others could not move in its place.
 [[nodiscard]] double own_share(const PhotoLinear& linear, const PhotoMembers& members,
                                std::size_t k);
-/// By how much what the others move, rms, may be wrong.
-[[nodiscard]] double others_wrong(const PhotoLinear& linear, const PhotoMembers& members,
-                                  std::size_t but);
+/// By how much what the others move, rms, may be wrong in a way that could be taken for a member.
+[[nodiscard]] double others_wrong(const PhotoFit& fit, const PhotoLinear& linear,
+                                  const PhotoMembers& members, std::size_t but);
 /// What the k-th earns where `g` was summed, with all others refitted there.
 /// @param held  its values, of elsewhere; null: the best there
 [[nodiscard]] double worth_of(const PhotoFit& fit, const Eigen::MatrixXd& g,

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <optional>
 #include <string>
+#include <utility>
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -332,7 +333,7 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     bank.weight = effective_weights(bank, columns_of(bank, with), residuals.fit_of(with));
   };
   weigh({});
-  Members members;
+  Members members, before;  // of the last round, and of the one before that
   for (int round = 0; round < kRounds; ++round) {
     std::vector<Ranked> alone;
     bank.tried = plain_thetas(search.layout.cell_mm).size();
@@ -354,7 +355,12 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
                                   : pruned(std::move(other), search, bank, residuals, run);
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
-    members = std::move(chosen);
+    if (!settled && round > 1 && alike(chosen, before)) {
+      // To and fro: with what was straightened for the one the other is chosen.
+      if (residuals.score(chosen) < residuals.score(members)) members = std::move(chosen);
+      break;
+    }
+    before = std::exchange(members, std::move(chosen));
     if (settled || run.stopped()) break;
   }
   members = in_one_machine(members, search, bank, residuals, run);

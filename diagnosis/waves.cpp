@@ -7,6 +7,7 @@
 #include <complex>
 #include <map>
 #include <numbers>
+#include <optional>
 
 #include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
@@ -172,17 +173,17 @@ class LiftedWaves {
     }
   }
 
-  /// The strongest, in radians a mm; at most one.
-  [[nodiscard]] std::vector<PathWave> find(double cut_mm) const {
+  /// The strongest. @param cut_mm  cutting length of the program
+  [[nodiscard]] std::optional<PathWave> find(double cut_mm) const {
     constexpr std::size_t kLeastStretches = 30;
     if (stretches_.size() < kLeastStretches || !(longest_mm_ > 20.0 * kBin_mm)) return {};
-    std::vector<PathWave> found;
+    std::optional<PathWave> found;
     double best = 0.0;
     for (const double k : wave_numbers()) {
       const InLine in_line = lined_up(k);
       if (!(in_line.excess > best)) continue;
       best = in_line.excess;
-      found = {refined(in_line, cut_mm)};
+      found = refined(in_line, cut_mm);
     }
     return found;
   }
@@ -194,7 +195,7 @@ class LiftedWaves {
     double excess = 0.0;  // of the power, beyond what noise reaches
   };
 
-  /// Wave numbers at which the passes' powers together stand out, the most 3.
+  /// Wave numbers at which the passes' powers together stand out, radians a mm; at most 3.
   [[nodiscard]] std::vector<double> wave_numbers() const {
     std::size_t length = 64;
     while (static_cast<double>(length) * kBin_mm < 2.0 * longest_mm_) length *= 2;
@@ -471,8 +472,8 @@ void find_waves(const std::vector<Observation>& all, const std::vector<double>& 
     append(scene.waves_y, strongest_waves(all, *r, layout, 1, span));
     append(scene.waves_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
   }
-  for (const PathWave& wave : LiftedWaves(all, flat, layout).find(scene.cut_mm))
-    scene.waves_path.push_back(wave);
+  if (const auto wave = LiftedWaves(all, flat, layout).find(scene.cut_mm))
+    scene.waves_path.push_back(*wave);
 }
 
 }  // namespace maquette::diagnosis::detail

@@ -29,9 +29,9 @@ constexpr double kEdge = 7.5;
 constexpr double kLongEdge = 5.6;
 constexpr double kLine = 22.0;  // over the mean of its ring; exponential: e^-22 each
 constexpr double kRing = 7.0;   // standard deviations of a ring's mean
-/// rms of a wave over all of the part. Where a scanner's columns beat with the passes' ridges, of
-/// 0.0031 mm, or with the places that a measured surface was resampled at, lines of up to 0.001
-/// were 67 times their ring's level.
+/// rms of a wave, or of rings, over all of the part. Where a scanner's columns beat with the
+/// passes' ridges, of 0.0031 mm, or with the places that a measured surface was resampled at, lines
+/// of up to 0.001 were 67 times their ring's level, and a ring of them held 0.0008.
 constexpr double kLeastWave_mm = 0.002;
 
 struct Means {
@@ -227,16 +227,19 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
       level[i] = median(rings[i]) / 0.693;
       for (const double p : rings[i]) mean[i] += p / static_cast<double>(rings[i].size());
     }
+    // rms over all of the part of what has so much power beyond its surroundings.
+    const auto rms_mm = [&](double more) {
+      return std::sqrt(std::fmax(0.0, more)) / static_cast<double>(value.size());
+    };
     // Short waves of few points a ring are compared with both neighbours' level as well.
     for (std::size_t i = 4; i + 2 < rings.size(); ++i) {
       const double about = std::max({level[i], 0.5 * (level[i - 1] + level[i - 2]), 1e-300});
-      for (const double p : rings[i]) {
-        const double rms_mm = std::sqrt(2.0 * p) / static_cast<double>(value.size());  // of a sine
-        if (p > kLine * about && rms_mm > kLeastWave_mm) note("a wave");
-      }
+      for (const double p : rings[i])
+        if (p > kLine * about && rms_mm(2.0 * p) > kLeastWave_mm) note("a wave");
       const double sides = std::fmax(mean[i - 2], mean[i + 2]);
       const double n_ring = 0.5 * static_cast<double>(rings[i].size());  // half are mirror images
-      if (mean[i] > 1.5 * sides && (mean[i] / sides - 1.0) * std::sqrt(n_ring) > kRing * 1.4)
+      if (mean[i] > 1.5 * sides && (mean[i] / sides - 1.0) * std::sqrt(n_ring) > kRing * 1.4 &&
+          rms_mm(2.0 * n_ring * (mean[i] - sides)) > kLeastWave_mm)
         note("rings");
     }
   }

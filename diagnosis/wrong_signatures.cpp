@@ -62,6 +62,23 @@ std::vector<Column> off_in_ways(int count, const Member& member, const Bank& ban
   return columns;
 }
 
+/// Columns by which the signatures of all but the k-th may be off, those that may be wrong by more
+/// than `error`. They are answered.
+std::vector<int> others_off(std::size_t k, double error, const Members& members,
+                            const Search& search, Bank& bank, const Fit& f) {
+  const auto model = columns_of(bank, members);
+  const Box3 box = box_of(search.observations);
+  std::vector<int> off;
+  for (std::size_t j = 0; j < members.size(); ++j) {
+    if (j == k || !(members[j].effect->signature_error > error)) continue;
+    const auto columns = off_in_ways(kWays, members[j], bank, model, f, search.observations, box);
+    add_columns(bank, search.observations, columns);
+    for (const Column& c : columns) off.push_back(bank.index.at(c.key));
+  }
+  answer(bank, off);
+  return off;
+}
+
 }  // namespace
 
 double wrong_share(const Members& members, const std::vector<double>& explained, std::size_t but) {
@@ -79,16 +96,7 @@ double wrong_share_like(std::size_t k, const Members& members, const std::vector
                         const std::vector<int>& sets) {
   residuals.about(members);
   const auto model = columns_of(bank, members);
-  const Fit f = residuals.fit_of(members);
-  const Box3 box = box_of(search.observations);
-  std::vector<int> off;
-  for (std::size_t j = 0; j < members.size(); ++j) {
-    if (j == k) continue;
-    const auto columns = off_in_ways(kWays, members[j], bank, model, f, search.observations, box);
-    add_columns(bank, search.observations, columns);
-    for (const Column& c : columns) off.push_back(bank.index.at(c.key));
-  }
-  answer(bank, off);
+  const auto off = others_off(k, 0.0, members, search, bank, residuals.fit_of(members));
   const auto gain = [&](const std::vector<int>& beside) {
     auto with = model, less = columns_of(bank, without(members, k));
     with.insert(with.end(), beside.begin(), beside.end());
@@ -110,13 +118,17 @@ bool breaks_its_law(std::size_t k, const Members& members, double explained, con
   const auto off = off_in_ways(kWaysAndHeights, members[k], bank, model, f, search.observations,
                                box_of(search.observations));
   add_columns(bank, search.observations, off);
-  auto with = model;
+  // Beside what the others' signatures may be wrong by, which is no fault of this one.
+  auto beside = model;
+  const auto others = others_off(k, kExact, members, search, bank, f);
+  beside.insert(beside.end(), others.begin(), others.end());
+  auto with = beside;
   for (const Column& c : off) with.push_back(bank.index.at(c.key));
   answer(bank, with);
-  const Fit free = fit(bank, with, kAll);
-  const double gain = (f.objective - free.objective) / overstated(bank, with, model, free);
+  const Fit held = others.empty() ? f : fit(bank, beside, kAll), free = fit(bank, with, kAll);
+  const double gain = (held.objective - free.objective) / overstated(bank, with, beside, free);
   return chi_squared_tail(std::fmax(0.0, gain), kWaysAndHeights) < kChance &&
-         squares(bank, model, f.coefficients, kAll, nullptr) -
+         squares(bank, beside, held.coefficients, kAll, nullptr) -
                  squares(bank, with, free.coefficients, kAll, nullptr) >
              kShare * explained;
 }

@@ -31,8 +31,9 @@ constexpr double kLine = 22.0;  // over the mean of its ring; exponential: e^-22
 constexpr double kRing = 7.0;   // standard deviations of a ring's mean
 /// rms of a wave, or of rings, over all of the part. Where a scanner's columns beat with the
 /// passes' ridges, of 0.0031 mm, or with the places that a measured surface was resampled at, lines
-/// of up to 0.001 were 67 times their ring's level, and a ring of them held 0.0008.
-constexpr double kLeastWave_mm = 0.002;
+/// of up to 0.001 were 67 times their ring's level, and a ring of them held 0.0008. On steep ground
+/// ridges are higher, and one line held a sixth of them.
+constexpr double kLeastWave_mm = 0.002, kLineOfRidges = 0.2;
 
 struct Means {
   double side;
@@ -127,6 +128,15 @@ double clearest_edge(const Means& m, double enough) {
     }
   }
   return clearest;
+}
+
+/// Ridges between passes as most places have them, mm rms: what is levelled over the shortest
+/// length.
+double usual_ridges_mm(const std::vector<Observation>& all) {
+  std::vector<double> heights;
+  for (const Observation& o : all)
+    if (o.on_surface) heights.push_back(std::abs(o.normal.z * static_cast<double>(o.levelled[0])));
+  return kMadToSigma * median(std::move(heights), 0.0);
 }
 
 }  // namespace
@@ -227,6 +237,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
       level[i] = median(rings[i]) / 0.693;
       for (const double p : rings[i]) mean[i] += p / static_cast<double>(rings[i].size());
     }
+    const double least_mm = std::fmax(kLeastWave_mm, kLineOfRidges * usual_ridges_mm(all));
     // rms over all of the part of what has so much power beyond its surroundings.
     const auto rms_mm = [&](double more) {
       return std::sqrt(std::fmax(0.0, more)) / static_cast<double>(value.size());
@@ -235,11 +246,11 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
     for (std::size_t i = 4; i + 2 < rings.size(); ++i) {
       const double about = std::max({level[i], 0.5 * (level[i - 1] + level[i - 2]), 1e-300});
       for (const double p : rings[i])
-        if (p > kLine * about && rms_mm(2.0 * p) > kLeastWave_mm) note("a wave");
+        if (p > kLine * about && rms_mm(2.0 * p) > least_mm) note("a wave");
       const double sides = std::fmax(mean[i - 2], mean[i + 2]);
       const double n_ring = 0.5 * static_cast<double>(rings[i].size());  // half are mirror images
       if (mean[i] > 1.5 * sides && (mean[i] / sides - 1.0) * std::sqrt(n_ring) > kRing * 1.4 &&
-          rms_mm(2.0 * n_ring * (mean[i] - sides)) > kLeastWave_mm)
+          rms_mm(2.0 * n_ring * (mean[i] - sides)) > least_mm)
         note("rings");
     }
   }

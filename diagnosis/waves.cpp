@@ -98,9 +98,9 @@ void transform(std::vector<std::complex<double>>& v) {
 
 /// The same along the cutting length (mm), for waves that are steady in time: waves over the whole
 /// length, which is many, so that their number is known to a half. Wavelengths of 0.8 mm to 40 mm.
-std::vector<PathWave> strongest_path_waves(const std::vector<Observation>& all,
-                                           const std::vector<double>& residual,
-                                           const Layout& layout, double cut) {
+std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
+                                         const std::vector<double>& residual, const Layout& layout,
+                                         double cut) {
   if (!(cut > 100.0)) return {};
   std::size_t bins = 1024;
   while (bins < (1U << 22) && cut / static_cast<double>(bins) > 0.3) bins *= 2;
@@ -130,9 +130,9 @@ std::vector<PathWave> strongest_path_waves(const std::vector<Observation>& all,
   }
   // Passes that follow each other at even distances repeat a line on both sides: the strongest.
   std::sort(found.rbegin(), found.rend());
-  std::vector<PathWave> waves;
+  std::vector<double> waves;
   for (const auto& [power, w] : found)
-    if (waves.size() < 4) waves.push_back({w});
+    if (waves.size() < 4) waves.push_back(w);
   return waves;
 }
 
@@ -441,20 +441,12 @@ std::vector<double> slow_waves(const std::vector<Observation>& all,
   return waves;
 }
 
-double number_of(double waves) {
-  return waves;
-}
-double number_of(const PathWave& wave) {
-  return wave.waves;
-}
 /// Those of `more` that none of `waves` stands for.
-template <class Wave>
-void append(std::vector<Wave>& waves, const std::vector<Wave>& more) {
+void append(std::vector<double>& waves, const std::vector<double>& more) {
   constexpr double kApart = 0.75;  // of a wave over the span
-  for (const Wave& w : more)
-    if (std::none_of(waves.begin(), waves.end(), [&](const Wave& other) {
-          return std::abs(number_of(w) - number_of(other)) < kApart;
-        }))
+  for (const double w : more)
+    if (std::none_of(waves.begin(), waves.end(),
+                     [w](double other) { return std::abs(w - other) < kApart; }))
       waves.push_back(w);
 }
 
@@ -467,11 +459,13 @@ void find_waves(const std::vector<Observation>& all, const std::vector<double>& 
   const std::vector<double> level = without_a_bow(all, residual, layout, span);
   scene.slow_waves_x = slow_waves(all, level, layout, 0, span);
   scene.slow_waves_y = slow_waves(all, level, layout, 1, span);
+  std::vector<double> along_path;
   for (const auto* r : {&residual, &flat}) {
     append(scene.waves_x, strongest_waves(all, *r, layout, 0, span));
     append(scene.waves_y, strongest_waves(all, *r, layout, 1, span));
-    append(scene.waves_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
+    append(along_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
   }
+  for (const double waves : along_path) scene.waves_path.push_back({waves});
   if (const auto wave = LiftedWaves(all, flat, layout).find(scene.cut_mm))
     scene.waves_path.push_back(*wave);
 }

@@ -30,8 +30,8 @@ struct Squares {
 /// what a stationary Gaussian process gives less than once in ten thousand cases:
 ///   lonely places  largest value over the robust spread
 ///   edges          largest steps between neighbours over their robust spread
-///   a wave         largest line of the periodogram over its ring
-///   rings          a ring of the periodogram above its neighbours
+///   a wave         largest line of the periodogram over its ring, of more than ridges leave
+///   rings          a ring of the periodogram above its neighbours, the same
 /// and two at the process itself:
 ///   more unevenness than blocks have
 ///   scans that differ by something smooth

@@ -609,8 +609,6 @@ TEST(Inference, GivesNoNameToRings) {
   EXPECT_EQ(d->verdict, "unexplained");
 }
 
-// A range that is off in turn, by how far it is: each scan has rings about its own station, which a
-// smooth process of the part's and one of what the scans differ by took for noise.
 // A scanner's columns beat with the passes' ridges: under a smooth coat a line of 0.001 mm rms
 // stood 67 times out of its ring on a part without any cause.
 TEST(Inference, ABeatOfColumnsAndRidgesIsNoWave) {
@@ -627,6 +625,8 @@ TEST(Inference, ABeatOfColumnsAndRidgesIsNoWave) {
   }
 }
 
+// A range that is off in turn, by how far it is: each scan has rings about its own station, which a
+// smooth process of the part's and one of what the scans differ by took for noise.
 TEST(Inference, ScansThatDifferBySomethingSmoothAreNotConsistent) {
   const auto d = diagnose(part(49, {},
                                [](const Observation& o) {

@@ -341,10 +341,14 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     bank.tried = bank.theta.size();
     ranking = std::move(alone);
     if (chosen.empty() && members.empty()) break;
+    residuals.look_at({kChoose});
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
-    if (round == 0 && residuals.scene().has_path)
+    if (round == 0 && residuals.scene().has_path) {
+      residuals.look_at(kAll);
       look_for_steps_beside(chosen, search, bank, residuals);
+      residuals.look_at({kChoose});
+    }
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
     if (!follows_any(chosen, true))
       chosen = sized(std::move(chosen), search, bank, residuals, kSizeRoundsToChoose, kSameSize);
@@ -353,6 +357,8 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     auto other = exchanged(chosen, search, bank, residuals, run);
     chosen = alike(other, chosen) ? std::move(other)
                                   : pruned(std::move(other), search, bank, residuals, run);
+    residuals.look_at(kAll);
+    residuals.about(chosen);
     weigh(chosen);
     const bool settled = round > 0 && alike(chosen, members);
     if (!settled && round > 1 && alike(chosen, before)) {

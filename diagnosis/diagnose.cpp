@@ -216,22 +216,28 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
   Members sharp = detail::members_of(confirmed);
   sharp = of_a_size ? detail::at_own_size(std::move(sharp), search, bank, residuals)
                     : detail::polished(search, bank, std::move(sharp), residuals.settle(), kAll);
-  for (std::size_t k = 0; k < sharp.size(); ++k) confirmed[k].member = sharp[k];
+  // A border more was neither chosen nor confirmed.
+  for (std::size_t k = 0; k < sharp.size(); ++k)
+    if (sharp[k].form.columns.size() <= confirmed[k].member.form.columns.size())
+      confirmed[k].member = sharp[k];
 }
 
-/// A step in height where a tool, a program or a band begins is the band's: drives lose steps
-/// anywhere.
+/// A single step in height where a tool, a program or a band begins is the band's; drives lose
+/// steps anywhere.
 void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confirmed>& confirmed) {
   constexpr double kNear = 0.01;  // of the program's time
+  const Effect *const lost = find_effect("machine.step_loss_z"), *const bands = find_effect(
+                                                                     "process.band_step");
   for (detail::Confirmed& c : confirmed) {
-    if (c.member.effect->name != "machine.step_loss_z") continue;
-    for (const auto& [name, minutes] : c.member.form.fixed)
-      if (name == "moment_min" &&
-          std::any_of(scene.section_starts.begin(), scene.section_starts.end(),
-                      [&, at = minutes](double start) {
-                        return std::abs(at / scene.duration_min - start) < kNear;
-                      }))
-        c.member.effect = find_effect("process.band_step");
+    const auto& fixed = c.member.form.fixed;
+    if ((c.member.effect != lost && c.member.effect != bands) || fixed.empty() ||
+        fixed[0].first != "moment_min")
+      continue;
+    const double at = fixed[0].second / scene.duration_min;
+    c.member.effect = std::any_of(scene.section_starts.begin(), scene.section_starts.end(),
+                                  [at](double start) { return std::abs(at - start) < kNear; })
+                          ? bands
+                          : lost;
   }
 }
 

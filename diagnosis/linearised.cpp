@@ -39,17 +39,38 @@ bool runs_away(const Bank& bank, const Members& model, const Fit& f) {
 }  // namespace
 
 Linearised::Linearised(const Scene& scene, std::vector<Observation>& observations, Bank& bank)
-    : scene_(scene), observations_(observations), bank_(bank), lag_and_slack_(scene) {
+    : scene_(scene),
+      observations_(observations),
+      bank_(bank),
+      choosing_(those_in(bank, kChoose, observations.size())),
+      lag_and_slack_(scene) {
   for (const Observation& o : observations) given_.push_back(o.residual_mm);
 }
 
 void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients) {
   auto beyond = beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm,
-                              signatures_, lag_and_slack_);
+                              signatures_, lag_and_slack_, all() ? nullptr : &choosing_);
   for (std::size_t i = 0; i < given_.size(); ++i)
-    observations_[i].residual_mm = beyond[i] = given_[i] - beyond[i];
+    observations_[i].residual_mm = beyond[i] =
+        all() || choosing_[i] != 0 ? given_[i] - beyond[i] : NAN;
   const auto own = columns_of(bank_, model);
-  exchange_residuals(bank_, beyond, &own);
+  exchange_residuals(bank_, beyond, &own, sets_);
+}
+
+void Linearised::look_at(const std::vector<int>& sets) {
+  if (sets == sets_) return;
+  sets_ = sets;
+  about_.clear();
+  now_.clear();
+  recut({}, {});
+}
+
+/// Coefficients with which the present model came to rest, on other blocks if need be.
+const Eigen::VectorXd* Linearised::rested_before() const {
+  for (const std::size_t which : {all(), 1 - all()})
+    if (const auto before = rested_[which].find(now_); before != rested_[which].end())
+      return &before->second;
+  return nullptr;
 }
 
 void Linearised::about(const Members& model) {
@@ -74,8 +95,8 @@ void Linearised::about_alone(const Members& model) {
   if (cut != about_) {
     about_ = std::move(cut);
     now_ = std::move(keys);
-    const auto known = states_.find(now_);
-    if (known != states_.end() && known->second.weight == bank_.weight)
+    const auto known = states_[all()].find(now_);
+    if (known != states_[all()].end() && known->second.weight == bank_.weight)
       restore(known->second);
     else
       come_to_rest(model);
@@ -87,8 +108,8 @@ void Linearised::come_to_rest(const Members& model) {
   Eigen::VectorXd last;
   for (int round = 0; round < (about_.empty() ? 1 : kRounds); ++round) {
     Fit f;
-    if (const auto before = rested_.find(now_); round == 0 && before != rested_.end()) {
-      f.coefficients = before->second;
+    if (const auto* before = rested_before(); round == 0 && before != nullptr) {
+      f.coefficients = *before;
     } else {
       answer(bank_, columns_of(bank_, model));
       f = fit_of(model);
@@ -98,13 +119,14 @@ void Linearised::come_to_rest(const Members& model) {
     last = f.coefficients;
     recut(model, last);
   }
-  rested_[now_] = last;
+  rested_[all()][now_] = last;
   keep();
 }
 
 void Linearised::keep() {
-  if (states_.size() >= kMostStates) states_.clear();
-  State& state = states_[now_];
+  auto& states = states_[all()];
+  if (states.size() >= kMostStates) states.clear();
+  State& state = states[now_];
   state = {{}, answers_of(bank_), bank_.weight};
   state.residual.reserve(observations_.size());
   for (const Observation& o : observations_)
@@ -118,7 +140,7 @@ void Linearised::restore(const State& state) {
 }
 
 Fit Linearised::fit_of(const Members& model) const {
-  return fit(bank_, columns_of(bank_, model), kAll);
+  return fit(bank_, columns_of(bank_, model), sets_);
 }
 
 double Linearised::score_as_is(const Members& model) const {
@@ -132,14 +154,14 @@ double Linearised::score(const Members& model) {
 }
 
 double Linearised::left_by(const Members& model, double* points) const {
-  return squares(bank_, columns_of(bank_, model), fit_of(model).coefficients, kAll, points);
+  return squares(bank_, columns_of(bank_, model), fit_of(model).coefficients, sets_, points);
 }
 
 void Linearised::take_order(bool lag_first) {
   lag_and_slack_.lag_first = lag_first;
   about_.clear();
-  rested_.clear();
-  states_.clear();
+  rested_ = {};
+  states_ = {};
 }
 
 }  // namespace maquette::diagnosis::detail

@@ -201,21 +201,29 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
     if (form.columns.size() < 2) continue;
     residuals.about(members);
     const auto sizes = sizes_of(search, bank, members, residuals.fit_of(members), k);
-    const auto is_none = [&](std::size_t c) {
-      return std::abs(sizes[c].value) < kSure * sizes[c].sigma;
+    std::vector<std::size_t> sure;
+    for (std::size_t c = 0; c < sizes.size(); ++c)
+      if (!(std::abs(sizes[c].value) < kSure * sizes[c].sigma)) sure.push_back(c);
+    const auto is_plainer = [&](const Form& f) {
+      return f.columns.size() < form.columns.size() && is_part_of(f, form) &&
+             std::all_of(sure.begin(), sure.end(), [&](std::size_t c) {
+               return std::any_of(f.columns.begin(), f.columns.end(),
+                                  [&](const Column& of) { return of.key == form.columns[c].key; });
+             });
     };
     for (const Candidate& other : search.candidates) {
       if (has(members, other.effect)) continue;
-      const auto plain = std::find_if(other.forms.begin(), other.forms.end(), [&](const Form& f) {
-        if (f.columns.size() >= form.columns.size() || !is_part_of(f, form)) return false;
-        for (std::size_t c = 0; c < form.columns.size(); ++c)
-          if (!is_none(c) &&
-              std::none_of(f.columns.begin(), f.columns.end(),
-                           [&](const Column& of) { return of.key == form.columns[c].key; }))
-            return false;
-        return true;
-      });
-      if (plain == other.forms.end()) continue;
+      std::optional<Form> plain;
+      for (const Form& f : other.forms) {
+        if (plain) break;
+        if (is_plainer(f)) plain = f;
+        // A border that was refined beside another is a step that nobody has looked at alone.
+        if (!plain && sure.size() == 1 && f.at_moment && has_a_moment(members[k]))
+          if (Form step = f.at_moment(form.fixed[sure[0]].second / residuals.scene().duration_min);
+              is_plainer(step))
+            plain = std::move(step);
+      }
+      if (!plain) continue;
       confirmed[k].member = {other.effect, *plain};
       // The others' forms were found beside what is none.
       for (std::size_t j = 0; j < confirmed.size(); ++j) {

@@ -194,9 +194,10 @@ void transform(const Points& points, const Points::Cell& cell, RowMatrix& x, Flo
   out.row(cell.mean) = mean.cast<float>();
 }
 
-void lift(const Points& p, FloatRows& details) {
+void lift(const Points& p, FloatRows& details, const OfSets& sets) {
   oneapi::tbb::parallel_for(std::size_t{0}, p.smooth.size(), [&](std::size_t b) {
     const Points::Block& block = p.smooth[b];
+    if (!sets[static_cast<std::size_t>(p.cells[block.cells[0]].set)]) return;
     FloatRows means(static_cast<Index>(block.cells.size()), details.cols());
     for (std::size_t i = 0; i < block.cells.size(); ++i)
       means.row(static_cast<Index>(i)) = details.row(p.cells[block.cells[i]].mean);

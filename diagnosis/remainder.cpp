@@ -32,8 +32,10 @@ constexpr double kRing = 7.0;   // standard deviations of a ring's mean
 /// rms of a wave, or of rings, over all of the part. Where a scanner's columns beat with the
 /// passes' ridges, of 0.0031 mm, or with the places that a measured surface was resampled at, lines
 /// of up to 0.001 were 67 times their ring's level, and a ring of them held 0.0008. On steep ground
-/// ridges are higher, and one line held a sixth of them.
-constexpr double kLeastWave_mm = 0.002, kLineOfRidges = 0.2;
+/// ridges are higher, and one line held a sixth of them. And a share of the variance of all that
+/// neighbouring cells have in common: where a coat was the sum of 260 plane waves, two of them side
+/// by side held 1.5 %.
+constexpr double kLeastWave_mm = 0.002, kLineOfRidges = 0.2, kLeastShare = 0.05;
 
 struct Means {
   double side;
@@ -235,9 +237,12 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
     for (std::size_t i = 0; i < rings.size(); ++i) {
       if (rings[i].empty()) continue;
       level[i] = median(rings[i]) / 0.693;
-      for (const double p : rings[i]) mean[i] += p / static_cast<double>(rings[i].size());
+      // What stands out of its ring is a wave, and no ring.
+      for (const double p : rings[i])
+        mean[i] += std::fmin(p, kLine * level[i]) / static_cast<double>(rings[i].size());
     }
-    const double least_mm = std::fmax(kLeastWave_mm, kLineOfRidges * usual_ridges_mm(all));
+    const double least_mm = std::max({kLeastWave_mm, kLineOfRidges * usual_ridges_mm(all),
+                                      std::sqrt(kLeastShare * std::fmax(0.0, structured))});
     // rms over all of the part of what has so much power beyond its surroundings.
     const auto rms_mm = [&](double more) {
       return std::sqrt(std::fmax(0.0, more)) / static_cast<double>(value.size());

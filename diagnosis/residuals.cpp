@@ -29,7 +29,8 @@ const Pass* pass_of(const std::vector<Observation>& all) {
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
                                   const Eigen::VectorXd& coefficients, double ball_radius_mm,
-                                  Signatures& known, LagAndSlack& both) {
+                                  Signatures& known, LagAndSlack& both,
+                                  const std::vector<char>* wanted) {
   struct Term {
     const Column& column;
     double coefficient;
@@ -44,6 +45,10 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   };
   bool levels = false;
   for (std::size_t k = 0; k < model.size(); ++k) levels |= column(k).levels.has_value();
+  // What is levelled is the mean of places around.
+  const auto is_wanted = [&](std::size_t i) {
+    return wanted == nullptr || levels || (*wanted)[i] != 0;
+  };
   const bool cuts = std::any_of(members.begin(), members.end(), [](const Member& m) {
     return std::any_of(m.form.columns.begin(), m.form.columns.end(),
                        [](const Column& c) { return static_cast<bool>(c.cut); });
@@ -56,12 +61,11 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     const bool nuisance = static_cast<int>(k) < bank.nuisances, moves = cuts && c.moves;
     if (!moves && (nuisance || !(c.cut || levels))) continue;
     std::vector<float>& signature = known[c.key];
-    if (signature.empty()) {
-      signature.resize(all.size());
-      oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+    signature.resize(all.size(), NAN);
+    oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+      if (is_wanted(i) && std::isnan(signature[i]))
         signature[i] = static_cast<float>(c.value(all[i]));
-      });
-    }
+    });
     const Term term{c, coefficients(static_cast<Eigen::Index>(k)), &signature};
     if (moves) moving.push_back(term);
     if (!nuisance) (c.cut ? cut : c.levels ? levelling : others).push_back(term);
@@ -88,6 +92,7 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   });
   if (!cut.empty())
     oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+      if (!is_wanted(i)) return;
       const Observation& o = all[i];
       double& d = beyond[i];
       CutChange moved;  // all passes alike

@@ -36,6 +36,12 @@ std::vector<Theta> thetas(double cell) {
   return all;
 }
 
+OfSets which_of(const std::vector<int>& sets) {
+  OfSets of{};
+  for (const int set : sets) of[static_cast<std::size_t>(set)] = true;
+  return of;
+}
+
 double TopSums::points() const {
   return std::accumulate(weight.begin(), weight.end(), 0.0);
 }
@@ -207,6 +213,11 @@ void add_products(const Points& p, const Points::Cell& cell, std::size_t group,
   }
 }
 
+/// @param set  kSets: all of them
+bool is_told(const Points& p, std::size_t set) {
+  return set < kSets ? p.told[set] : p.told == kEverySet;
+}
+
 /// Answers of the columns that are wanted.
 void give_answers(Bank& bank, const std::vector<char>& wanted) {
   const Points& p = *bank.points;
@@ -219,16 +230,18 @@ void give_answers(Bank& bank, const std::vector<char>& wanted) {
   const std::vector<Index> read = few ? which : std::vector<Index>();
   Sums sums = zeros(k, 1);
   each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {
+    if (!p.told[static_cast<std::size_t>(cell.set)]) return;
     for (std::size_t g = 0; g < kGroups; ++g)
       add_products(p, cell, g, read, sums[stripe][static_cast<std::size_t>(cell.set)][g].data());
   });
   for (std::size_t set = 0; set < kSets; ++set)
-    for (std::size_t g = 0; g < kGroups; ++g) {
+    for (std::size_t g = 0; p.told[set] && g < kGroups; ++g) {
       const MatrixXd all = total(sums, set, g);
       MatrixXd& gram = bank.sets[set].gram[g];
       for (const Index j : which) gram(j, k) = gram(k, j) = all(j, 0);
     }
-  each_top(bank, [&](TopSums& sum, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
+  each_top(bank, [&](TopSums& sum, std::vector<Points::Top>& parts, std::size_t set, std::size_t) {
+    if (!is_told(p, set)) return;
     oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
       MatrixXd& gram = sum.gram[t];
       for (const Index j : which)
@@ -251,12 +264,15 @@ void each_gram(Bank& bank, const Take& take) {
 }  // namespace
 
 void exchange_residuals(Bank& bank, const std::vector<double>& residual,
-                        const std::vector<int>* columns) {
+                        const std::vector<int>* columns, const std::vector<int>& of_sets) {
   Points& p = *bank.points;
-  p.residual = details_of(p, 1, [&](std::uint32_t o, Index) { return residual[o]; });
+  p.told = which_of(of_sets);
+  p.residual = details_of(
+      p, 1, [&](std::uint32_t o, Index) { return residual[o]; }, p.told);
   const Index k = bank.y();
   Sums sums = zeros(1, 1);
   each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {
+    if (!p.told[static_cast<std::size_t>(cell.set)]) return;
     for (std::size_t g = 0; g < kGroups; ++g)
       sums[stripe][static_cast<std::size_t>(cell.set)][g](0, 0) +=
           p.residual.col(0).segment(cell.row[g], cell.rows[g]).cast<double>().squaredNorm();
@@ -267,12 +283,16 @@ void exchange_residuals(Bank& bank, const std::vector<double>& residual,
     gram.row(k).head(k + 1).setConstant(NAN);
   });
   for (std::size_t set = 0; set < kSets; ++set)
-    for (std::size_t g = 0; g < kGroups; ++g)
+    for (std::size_t g = 0; p.told[set] && g < kGroups; ++g)
       bank.sets[set].gram[g](k, k) = total(sums, set, g)(0, 0);
   each_top(bank,
            [&](TopSums& sum, std::vector<Points::Top>& parts, std::size_t set, std::size_t u) {
              const VectorXd means = means_of(p, p.residual, set, u, sum.weight.size());
              oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
+               if (!is_told(p, set)) {
+                 parts[t].white_y = means;
+                 return;
+               }
                Points::Top& top = parts[t];
                top.white_y = top.factor.triangularView<Eigen::Lower>().solve(means);
                sum.gram[t](k, k) = top.white_y.squaredNorm();
@@ -283,6 +303,14 @@ void exchange_residuals(Bank& bank, const std::vector<double>& residual,
     answer_all(bank);
   else
     answer(bank, *columns);
+}
+
+std::vector<char> those_in(const Bank& bank, Set set, std::size_t count) {
+  std::vector<char> in(count, 0);
+  for (const Points::Cell& cell : bank.points->cells)
+    for (std::size_t i = cell.begin; cell.set == set && i < cell.end; ++i)
+      in[bank.points->order[i].second] = 1;
+  return in;
 }
 
 void answer(Bank& bank, const std::vector<int>& columns) {
@@ -303,7 +331,7 @@ bool answer_all(Bank& bank) {
 Answers answers_of(Bank& bank) {
   const Points& p = *bank.points;
   const Index k = bank.y();
-  Answers a{p.residual, p.answered, {}, {}};
+  Answers a{p.told, p.residual, p.answered, {}, {}};
   each_gram(bank, [&](MatrixXd& gram) { a.products.emplace_back(gram.col(k).head(k + 1)); });
   each_top(bank, [&](TopSums&, std::vector<Points::Top>& parts, std::size_t, std::size_t) {
     for (const Points::Top& top : parts) a.white.push_back(top.white_y);
@@ -314,6 +342,7 @@ Answers answers_of(Bank& bank) {
 void restore_answers(Bank& bank, const Answers& a) {
   Points& p = *bank.points;
   const Index k = bank.y(), then = static_cast<Index>(a.answered.size());
+  p.told = a.told;
   p.residual = a.residual;
   p.answered = a.answered;
   p.answered.resize(static_cast<std::size_t>(k), 0);

@@ -8,6 +8,7 @@
 // straight lines: Gauss and Newton with a fixed Jacobian. So residuals belong to a model, and are
 // those of the model asked for last.
 
+#include <array>
 #include <map>
 #include <string>
 #include <vector>
@@ -38,14 +39,19 @@ class Linearised {
     return [this](const Members& model) { about_alone(model); };
   }
 
-  /// Fit of a model on all blocks, with residuals as they are.
+  /// From here on residuals are cut anew, models fitted and squares summed on the choosing blocks
+  /// alone, a third of the work, or on all blocks again; elsewhere residuals are NaN.
+  void look_at(const std::vector<int>& sets);
+
+  /// Fit of a model on the blocks that are looked at, with residuals as they are.
   [[nodiscard]] Fit fit_of(const Members& model) const;
   /// -2 log likelihood on the choosing blocks with the price of a model, residuals as they are;
   /// less is better. Infinite where a size is not one to believe.
   [[nodiscard]] double score_as_is(const Members& model) const;
   /// The same with residuals about the model.
   [[nodiscard]] double score(const Members& model);
-  /// Squares that a model leaves, all points alike, residuals as they are.
+  /// Squares that a model leaves on the blocks that are looked at, all points alike, residuals as
+  /// they are.
   /// @param points  how many, or nullptr
   [[nodiscard]] double left_by(const Members& model, double* points = nullptr) const;
 
@@ -56,11 +62,16 @@ class Linearised {
 
  private:
   using Keys = std::vector<std::string>;
+  /// Of the choosing blocks alone, and of all.
+  template <class T>
+  using Known = std::array<std::map<Keys, T>, 2>;
   struct State {
     std::vector<float> residual;
     Answers answers;
     Weights weight;  // with which it came to rest
   };
+  [[nodiscard]] std::size_t all() const { return sets_.size() == kSets ? 1 : 0; }
+  [[nodiscard]] const Eigen::VectorXd* rested_before() const;
   void recut(const Members& model, const Eigen::VectorXd& coefficients);
   void come_to_rest(const Members& model);
   void keep();
@@ -72,8 +83,10 @@ class Linearised {
   std::vector<double> given_;  // residuals as measured
   Keys about_;                 // columns that second order hangs on
   Keys now_;                   // all columns of the model whose residuals these are
-  std::map<Keys, Eigen::VectorXd> rested_;
-  std::map<Keys, State> states_;
+  std::vector<int> sets_ = kAll;
+  std::vector<char> choosing_;  // whether an observation is in those blocks
+  Known<Eigen::VectorXd> rested_;
+  Known<State> states_;
   Signatures signatures_;
   LagAndSlack lag_and_slack_;
 };

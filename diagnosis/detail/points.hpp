@@ -54,7 +54,8 @@ struct Points {
   Eigen::Index rows = 0;
   FloatRows shape;                // details of heights of a quadric's terms
   std::vector<FloatRows> blocks;  // columns, in the bank's order
-  FloatRows residual;
+  FloatRows residual;             // NaN in sets that it is not told of
+  OfSets told{};
   std::vector<char> answered;  // by column: its products with the residual are in the sums
   struct Top {
     Eigen::MatrixXd factor, white;  // Cholesky's, of the means' covariance; columns' means over it
@@ -81,13 +82,19 @@ void each_cell(const Points& points, const Work& work) {
 /// Details of one cell's values (rows: its points in their order), from points up to its means.
 void transform(const Points& points, const Points::Cell& cell, RowMatrix& values, FloatRows& out);
 /// Subtracts what the means lead to expect.
-void lift(const Points& points, FloatRows& details);
+void lift(const Points& points, FloatRows& details, const OfSets& sets);
 
-/// Details of columns. @param value  of (observation's number, column)
+inline constexpr OfSets kEverySet{true, true, true};
+/// Details of columns. @param value  of (observation's number, column) @param sets  NaN in others
 template <class Value>
-[[nodiscard]] FloatRows details_of(const Points& points, Eigen::Index columns, const Value& value) {
+[[nodiscard]] FloatRows details_of(const Points& points, Eigen::Index columns, const Value& value,
+                                   const OfSets& sets = kEverySet) {
   FloatRows out(points.rows, columns);
   each_cell(points, [&](std::size_t, const Points::Cell& cell) {
+    if (!sets[static_cast<std::size_t>(cell.set)]) {
+      out.middleRows(cell.row[0], cell.mean + cell.means - cell.row[0]).setConstant(NAN);
+      return;
+    }
     RowMatrix x(static_cast<Eigen::Index>(cell.end - cell.begin), columns);
     for (Eigen::Index i = 0; i < x.rows(); ++i) {
       const std::uint32_t o = points.order[cell.begin + static_cast<std::size_t>(i)].second;
@@ -95,7 +102,7 @@ template <class Value>
     }
     transform(points, cell, x, out);
   });
-  lift(points, out);
+  lift(points, out, sets);
   return out;
 }
 

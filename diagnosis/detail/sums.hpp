@@ -46,6 +46,9 @@ inline constexpr std::size_t kPointGroup = 2 * kScales;
 inline constexpr std::size_t kTops = 2;
 enum Set : int { kChoose = 0, kConfirm = 1, kReport = 2, kSets = 3 };
 inline const std::vector<int> kAll{kChoose, kConfirm, kReport};
+/// Which sets something holds for.
+using OfSets = std::array<bool, kSets>;
+[[nodiscard]] OfSets which_of(const std::vector<int>& sets);
 
 /// Smooth noise of the cell means, relative to the white part.
 struct Theta {
@@ -141,8 +144,13 @@ void add_columns(Bank& bank, const std::vector<Observation>& observations,
 /// Other residuals in the same places, one for each observation.
 /// @param columns  indices of those that are to be fitted to them (nullptr: all): to multiply all
 ///   with the residual costs as much as to cut anew. The others' sums are NaN until `answer`.
+/// @param sets  whose residuals are exchanged; all sums of others with the residual are NaN then
 void exchange_residuals(Bank& bank, const std::vector<double>& residual_mm,
-                        const std::vector<int>* columns = nullptr);
+                        const std::vector<int>* columns = nullptr,
+                        const std::vector<int>& sets = kAll);
+/// Which of the observations that a bank was made of are in one of its sets.
+/// @param count  of all observations
+[[nodiscard]] std::vector<char> those_in(const Bank& bank, Set set, std::size_t count);
 /// Of columns that have none.
 void answer(Bank& bank, const std::vector<int>& columns);
 /// @return whether any had none
@@ -150,6 +158,7 @@ bool answer_all(Bank& bank);
 
 /// What of a bank hangs on its residuals, to come back to them. Columns added since have no answer.
 struct Answers {
+  OfSets told{};
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> residual;
   std::vector<char> answered;
   std::vector<Eigen::VectorXd> products, white;

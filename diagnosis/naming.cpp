@@ -251,7 +251,7 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
                            const std::function<double(const Fit&)>& shift_mm,
                            std::vector<Confirmed>& confirmed) {
   constexpr double kShift_mm = 0.03;  // registration is rarely better
-  constexpr double kLess = 1.0 / 3.0;
+  constexpr double kLess = 1.0 / 3.0, kLessToFirstOrder = 2.0 / 3.0;
   // What a shift costs in -2 log likelihood: Student's t of that scale, three degrees of freedom,
   // for a scan may have been moved for once.
   const auto unlikely = [](double mm) {
@@ -275,6 +275,7 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
     const auto try_it = [&](const Member& other) {
       auto instead = others;
       instead.insert(instead.begin() + static_cast<std::ptrdiff_t>(k), other);
+      if (!(shift_mm(residuals.fit_of(instead)) < kLessToFirstOrder * moved)) return;
       residuals.about_alone(instead);
       const double its_shift = shift_mm(residuals.fit_of(instead));
       if (const double its = objective(instead) + unlikely(its_shift);

@@ -19,13 +19,17 @@
 //   a bow and a drift, near-collinear ............... told apart, or named together
 //   dents, bulges, rings, patches ................... unexplained, no name
 //   a wave, and one that scan columns make of ridges  unexplained, consistent
+//   a coat that is the sum of plane waves ........... consistent
+//   a model on the choosing blocks alone ............ at rest as on all
 //   errors of signatures ............................ by hand; full where they look like the cause
 //   a step where a band begins, and elsewhere ....... the band's, the drive's
 //   chi-squared tail ................................ tabulated values
 
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
@@ -472,6 +476,51 @@ TEST(Inference, SizesAreLessCertainByWhatMayBeBesideThem) {
   EXPECT_TRUE(d.notes[0].starts_with("tool.wear, too small")) << d.notes[0];
 }
 
+// On the choosing blocks alone a model comes to rest as it would on all, and nothing else is known.
+TEST(Linearised, LooksAtTheChoosingBlocksAlone) {
+  auto m = part(63, {}, [](const Observation& o) { return 0.1 * (o.normal.z - 1.0); });
+  const Effect* e = find_effect("tool.radius_error");
+  const detail::Members model{{e, e->forms(m.scene)[0]}};
+  const auto nuisances = detail::nuisances_of(m);
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  auto bank = detail::sum_up(m.observations, nuisances, model[0].form.columns, layout);
+  detail::Linearised residuals(m.scene, m.observations, bank);
+  const auto size_of = [&] {
+    const detail::Fit f = residuals.fit_of(model);
+    return std::pair{f.coefficients(bank.nuisances),
+                     std::sqrt(f.covariance(bank.nuisances, bank.nuisances))};
+  };
+  const auto known = [&](detail::Set set) {
+    const auto& gram = bank.sets[static_cast<std::size_t>(set)].gram[detail::kPointGroup];
+    return std::isfinite(gram(bank.nuisances, bank.y()));
+  };
+  residuals.about(model);
+  const auto [of_all, sure_to] = size_of();
+  const double score = residuals.score(model);
+  double points = 0.0, chosen = 0.0;
+  const double left = residuals.left_by(model, &points);
+
+  residuals.look_at({detail::kChoose});
+  residuals.about(model);
+  EXPECT_TRUE(known(detail::kChoose));
+  EXPECT_FALSE(known(detail::kConfirm));
+  EXPECT_FALSE(known(detail::kReport));
+  const auto [of_some, less_sure] = size_of();
+  EXPECT_NEAR(of_some, of_all, 4.0 * less_sure);
+  EXPECT_GT(less_sure, 1.3 * sure_to) << "a third of the blocks";
+  // The same blocks: scores differ by what a size off by its error does to second order alone.
+  EXPECT_NEAR(residuals.score(model), score, 1.0);
+  const double left_there = residuals.left_by(model, &chosen);
+  EXPECT_NEAR(chosen, points / 3.0, 0.05 * points);
+  // Of 13 000 squares: 1.2 % each, and those of all blocks better.
+  EXPECT_NEAR(left_there / chosen, left / points, 0.05 * left / points);
+
+  residuals.look_at(detail::kAll);
+  residuals.about(model);
+  EXPECT_TRUE(known(detail::kReport));
+  EXPECT_NEAR(size_of().first, of_all, 0.2 * sure_to + 0.02 * std::abs(of_all)) << "at rest";
+}
+
 TEST(WrongSignatures, CountByWhatTheyExplain) {
   const detail::Members members{{find_effect("machine.scale_x"), {}},
                                 {find_effect("process.chatter"), {}}};
@@ -623,6 +672,29 @@ TEST(Inference, ABeatOfColumnsAndRidgesIsNoWave) {
     EXPECT_TRUE(d->causes.empty()) << told(*d);
     EXPECT_EQ(d->verdict, rms_mm < 0.002 ? "consistent" : "unexplained") << rms_mm << " mm";
   }
+}
+
+// Whoever makes a coat of a few hundred plane waves has lines in its spectrum that stand out of
+// their rings, and rings of the spectrum that such lines fill. They are the coat.
+TEST(Inference, ACoatMadeOfPlaneWavesHasNoWave) {
+  constexpr int kWaves = 260;
+  constexpr double kRough_mm = 0.0275, kLength_mm = 3.0;
+  std::vector<std::array<double, 3>> waves;
+  for (std::uint64_t i = 0; i < kWaves; ++i)
+    waves.push_back({std::sqrt(2.0) / kLength_mm * random_normal(62, 3 * i),
+                     std::sqrt(2.0) / kLength_mm * random_normal(62, 3 * i + 1),
+                     6.283 * random_uniform(62, 7000 + i)});
+  const auto d = diagnose(part(62, {0.006, 0.0, 20.0, 0.002},
+                               [&](const Observation& o) {
+                                 double coat = 0.0;
+                                 for (const auto& [kx, ky, phase] : waves)
+                                   coat += std::cos(kx * o.place.x + ky * o.place.y + phase);
+                                 return std::sqrt(2.0 / kWaves) * kRough_mm * coat;
+                               }),
+                          1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty()) << told(*d);
+  EXPECT_EQ(d->verdict, "consistent") << fmt::format("{}", fmt::join(d->remainder.kinds, ", "));
 }
 
 // A range that is off in turn, by how far it is: each scan has rings about its own station, which a

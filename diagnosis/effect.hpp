@@ -43,6 +43,11 @@ struct Levels {
   bool by_the_spot = false;  ///< the scanner's, of ranges and after the film; else of heights
 };
 
+/// Two coefficients between which passes are cut anew with a ball of that radius.
+struct Secant {
+  double from = 0.0, to = 1.0, ball_radius_mm = 3.0;
+};
+
 /// mm of residual for one unit of a coefficient.
 struct Column {
   std::string key;  ///< columns of one key are the same column
@@ -54,6 +59,8 @@ struct Column {
   /// `cut` goes by the state alone, and may change along a pass. Others are the same within
   /// kBendReach_mm.
   bool by_program = false;
+  /// `value` is the slope of that secant of `cut`.
+  std::optional<Secant> secant{};
   /// Of poses and scanners, which move all passes alike: where to, for one unit of the coefficient.
   /// Beside causes that are cut anew the ridges between passes go along.
   std::function<Vec3(const Observation&)> moves{};

@@ -2,12 +2,13 @@
 #include "diagnosis/detail/residuals.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <ranges>
 
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/levelled_changes.hpp"
+#include "diagnosis/detail/many_places.hpp"
 #include "diagnosis/detail/squares.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -16,13 +17,6 @@ namespace {
 /// A part that is moved sideways by more has other passes there than those that are known
 /// (kRivalHeight_mm): it is moved without its ridges.
 constexpr double kFar_mm = 0.5;
-
-/// Of the one program that observations come from; nullptr without.
-const Pass* pass_of(const std::vector<Observation>& all) {
-  const auto o = std::find_if(all.begin(), all.end(),
-                              [](const Observation& each) { return each.pass != nullptr; });
-  return o == all.end() ? nullptr : o->pass.get();
-}
 
 }  // namespace
 
@@ -62,10 +56,16 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     if (!moves && (nuisance || !(c.cut || levels))) continue;
     std::vector<float>& signature = known[c.key];
     signature.resize(all.size(), NAN);
-    oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
-      if (is_wanted(i) && std::isnan(signature[i]))
-        signature[i] = static_cast<float>(c.value(all[i]));
-    });
+    const auto is_asked_for = [&](std::size_t i) {
+      return is_wanted(i) && std::isnan(signature[i]);
+    };
+    if (const auto numbers = std::views::iota(std::size_t{0}, all.size());
+        std::ranges::any_of(numbers, is_asked_for)) {
+      const auto value = at_many_places(c, all);
+      oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+        if (is_asked_for(i)) signature[i] = static_cast<float>(value(all[i]));
+      });
+    }
     const Term term{c, coefficients(static_cast<Eigen::Index>(k)), &signature};
     if (moves) moving.push_back(term);
     if (!nuisance) (c.cut ? cut : c.levels ? levelling : others).push_back(term);
@@ -85,11 +85,10 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   };
   // What follows the program bends passes; the same states are met from many places.
   const Pass* const pass = followed.empty() ? nullptr : pass_of(all);
-  std::vector<std::array<float, 3>> off(pass == nullptr ? 0 : pass->states());
-  oneapi::tbb::parallel_for(std::size_t{0}, off.size(), [&](std::size_t i) {
-    const Vec3 d = sum_of(true, all.front(), pass->state(i), {}).tip_mm;
-    off[i] = {static_cast<float>(d.x), static_cast<float>(d.y), static_cast<float>(d.z)};
-  });
+  Displacements off;
+  if (pass != nullptr)
+    off = displacements(*pass,
+                        [&](const CutState& s) { return sum_of(true, all.front(), s, {}).tip_mm; });
   if (!cut.empty())
     oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
       if (!is_wanted(i)) return;
@@ -134,12 +133,12 @@ std::vector<double> residuals_of(const std::vector<Observation>& all,
   const auto model = columns_of(bank, members);
   const Eigen::VectorXd b = levelled(bank, model, f.coefficients, kAll);
   std::vector<double> r(all.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    double v = all[i].residual_mm;
-    for (std::size_t k = 0; k < model.size(); ++k)
-      v -= b(static_cast<Eigen::Index>(k)) *
-           bank.columns[static_cast<std::size_t>(model[k])].value(all[i]);
-    r[i] = v;
+  for (std::size_t i = 0; i < all.size(); ++i) r[i] = all[i].residual_mm;
+  for (std::size_t k = 0; k < model.size(); ++k) {
+    const auto value = at_many_places(bank.columns[static_cast<std::size_t>(model[k])], all);
+    oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+      r[i] -= b(static_cast<Eigen::Index>(k)) * value(all[i]);
+    });
   }
   return r;
 }

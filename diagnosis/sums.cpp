@@ -5,6 +5,7 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
+#include "diagnosis/detail/many_places.hpp"
 #include "diagnosis/detail/points.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -399,9 +400,13 @@ void add_columns(Bank& bank, const std::vector<Observation>& all,
   if (fresh.empty()) return;
   Points& p = *bank.points;
   const auto m = static_cast<Index>(fresh.size());
-  FloatRows block = details_of(p, m, [&](std::uint32_t o, Index j) {
-    return fresh[static_cast<std::size_t>(j)].value(all[o]);
-  });
+  FloatRows block;
+  {
+    std::vector<std::function<double(const Observation&)>> value;
+    for (const Column& c : fresh) value.push_back(at_many_places(c, all));
+    block = details_of(
+        p, m, [&](std::uint32_t o, Index j) { return value[static_cast<std::size_t>(j)](all[o]); });
+  }
   // Products of the new with all: columns before, themselves, the residual.
   Sums sums = zeros(before + m + 1, m);
   each_cell(p, [&](std::size_t stripe, const Points::Cell& cell) {

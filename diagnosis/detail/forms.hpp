@@ -71,6 +71,7 @@ template <class Change>
                     size;
            }};
   c.cut = change;
+  c.secant = {0.0, size, radius_mm};
   return c;
 }
 /// The same, the tangent there: what one unit more moves once there are `size`. A ridge that is no
@@ -87,6 +88,7 @@ template <class Change>
              return (at((1.0 + kShare) * size) - at((1.0 - kShare) * size)) / (2.0 * kShare * size);
            }};
   c.cut = change;
+  c.secant = {(1.0 - kShare) * size, (1.0 + kShare) * size, radius_mm};
   return c;
 }
 /// By how much balls are larger or smaller in forms that are made of a size.
@@ -183,6 +185,7 @@ inline constexpr double kStepUp_mm = 0.09;
       radius_mm,
       [axis, is_after](const CutState& s) { return along_axis(axis, is_after(s) ? 1.0 : 0.0); });
   if (axis != 2 || size_mm == 0.0) return c;
+  c.secant.reset();
   // Lowered alike, passes stay who they are.
   c.value = [is_after, beside = std::move(c.value)](const Observation& o) {
     const bool after = is_after(o);

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
+#include <mutex>
 #include <numeric>
 
 #include "cnc/gcode_reader.hpp"
@@ -23,6 +25,34 @@ struct Small {
   operator Vec3() const {
     return {static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
   }
+};
+
+/// The same in a quarter, each component as one of 65535 steps between -most and most.
+class Packed {
+ public:
+  Packed(const std::vector<Small>& all, double most) : unit_(most > 0.0 ? most / kSteps : 1.0) {
+    const auto step = [this](float v) {
+      return static_cast<std::int16_t>(
+          std::lround(std::clamp(static_cast<double>(v) / unit_, -kSteps, kSteps)));
+    };
+    steps_.reserve(all.size());
+    for (const Small& v : all) steps_.push_back({step(v.x), step(v.y), step(v.z)});
+  }
+  explicit Packed(const std::vector<Small>& all) : Packed(all, most_of(all)) {}
+  Vec3 operator[](std::size_t i) const {
+    return unit_ * Vec3{static_cast<double>(steps_[i][0]), static_cast<double>(steps_[i][1]),
+                        static_cast<double>(steps_[i][2])};
+  }
+
+ private:
+  static constexpr double kSteps = 32767.0;
+  static double most_of(const std::vector<Small>& all) {
+    float most = 0.0F;
+    for (const Small& v : all) most = std::max({most, std::abs(v.x), std::abs(v.y), std::abs(v.z)});
+    return static_cast<double>(most);
+  }
+  double unit_;
+  std::vector<std::array<std::int16_t, 3>> steps_;
 };
 
 struct Move {
@@ -128,8 +158,19 @@ class Sections {
 
 }  // namespace
 
+/// What trails look up. They are copied with every form and column that has one; their tables, a
+/// third of a gigabyte for a path of 8 km in arcs, are not.
+struct CutPath::SlackTable {
+  Packed side;  ///< -1 .. 1, at the places of the command
+  std::vector<std::array<bool, 3>> bends;
+  Vec3 mean;
+};
+
 struct CutPath::Moves {
   double radius = 3.0;
+  /// All axes are in one, and each asks for its own: those that are still in use, by width.
+  mutable std::mutex tables_in_use;
+  mutable std::map<double, std::weak_ptr<const SlackTable>> slack_tables;
   std::vector<Move> moves;
   std::vector<Swath> swaths;              // of the moves
   std::vector<Vec3> command;              // every place of it, rapids too
@@ -146,6 +187,7 @@ struct CutPath::Moves {
   [[nodiscard]] std::vector<std::array<bool, 3>> bends(const std::vector<Small>& side) const;
   [[nodiscard]] CutState state(std::uint32_t index, double share) const;
   [[nodiscard]] Vec3 normal(const CutState& s, double x, double y, double height) const;
+  [[nodiscard]] std::shared_ptr<const SlackTable> slack(double width) const;
 };
 
 CutPath::CutPath(std::shared_ptr<const Moves> moves) : moves_(std::move(moves)) {}
@@ -175,29 +217,35 @@ std::vector<std::array<bool, 3>> CutPath::Moves::bends(const std::vector<Small>&
   return near;
 }
 
-Trail CutPath::slack(double width) const {
-  const Moves& m = *moves_;
-  std::vector<Small> at(m.command.size());
+std::shared_ptr<const CutPath::SlackTable> CutPath::Moves::slack(double width) const {
+  const std::lock_guard lock(tables_in_use);
+  if (auto known = slack_tables[width].lock()) return known;
+  std::vector<Small> at(command.size());
   Vec3 now;
-  for (std::size_t i = 1; i < m.command.size(); ++i)
-    at[i] = now = taken(now, m.command[i] - m.command[i - 1], width);
+  for (std::size_t i = 1; i < command.size(); ++i)
+    at[i] = now = taken(now, command[i] - command[i - 1], width);
   // What is the same for all of the cut is a shift, which belongs to registration.
   Vec3 mean;
-  for (const Move& move : m.moves)
-    mean += ((move.end_mm - move.start_mm) / std::fmax(1e-9, m.total_mm)) * Vec3(at[move.end]);
-  auto bends = m.bends(at);
-  return [=, at = std::move(at), bends = std::move(bends), moves = moves_](const CutState& s) {
+  for (const Move& move : moves)
+    mean += ((move.end_mm - move.start_mm) / std::fmax(1e-9, total_mm)) * Vec3(at[move.end]);
+  auto table = std::make_shared<const SlackTable>(SlackTable{Packed(at, 1.0), bends(at), mean});
+  slack_tables[width] = table;
+  return table;
+}
+
+Trail CutPath::slack(double width) const {
+  return [width, table = moves_->slack(width), moves = moves_](const CutState& s) {
     const Move& move = moves->moves[s.move];
-    const Vec3 way = move.to - move.from, before = at[move.end - 1];
+    const Vec3 way = move.to - move.from, before = table->side[move.end - 1];
     // Slack is taken up at once, not evenly along the move.
     const Vec3 here = taken(before, static_cast<double>(s.move_share) * way, width);
     const double per_mm = 2.0 / (width * norm(way));
     const auto going = [&](double side, double step) {
       return std::abs(side) < 1.0 ? per_mm * step : 0.0;
     };
-    return Drift{here - mean,
+    return Drift{here - table->mean,
                  {going(here.x, way.x), going(here.y, way.y), going(here.z, way.z)},
-                 bends[move.end]};
+                 table->bends[move.end]};
   };
 }
 
@@ -238,12 +286,13 @@ Trail CutPath::lag(double e) const {
     off[i] = off_at(s[i], all[i]);
     if (i > 0) bulge[i] = middle - between(off[i - 1], off[i], 0.5);
   }
-  return [off = std::move(off), bulge = std::move(bulge), moves = moves_](const CutState& at) {
+  return [off = std::make_shared<const Packed>(off), bulge = std::make_shared<const Packed>(bulge),
+          moves = moves_](const CutState& at) {
     const Move& move = moves->moves[at.move];
     const auto share = static_cast<double>(at.move_share);
     // Not told how it changes along the way: the command has corners there, the tip has none.
-    return Drift{between(off[move.end - 1], off[move.end], share) +
-                     4.0 * share * (1.0 - share) * Vec3(bulge[move.end]),
+    return Drift{between((*off)[move.end - 1], (*off)[move.end], share) +
+                     4.0 * share * (1.0 - share) * (*bulge)[move.end],
                  {}};
   };
 }
@@ -285,13 +334,15 @@ Trail CutPath::slack_with_lag(int axis, double width, double e, bool lag_first) 
     alone[i] = static_cast<float>(side);
   }
   for (; next < n; ++next) both[next] = static_cast<float>(now);
-  return [=, alone = std::move(alone), both = std::move(both), moves = moves_](const CutState& s) {
+  using Sides = const std::vector<float>;
+  return [=, alone = std::make_shared<Sides>(std::move(alone)),
+          both = std::make_shared<Sides>(std::move(both)), moves = moves_](const CutState& s) {
     const Move& move = moves->moves[s.move];
     const double share = static_cast<double>(s.move_share), way = of(move.to) - of(move.from),
                  length = norm(move.to - move.from);
-    const double b0 = static_cast<double>(both[move.end - 1]),
-                 b1 = static_cast<double>(both[move.end]);
-    const double here = taken(static_cast<double>(alone[move.end - 1]), share * way, width);
+    const double b0 = static_cast<double>((*both)[move.end - 1]),
+                 b1 = static_cast<double>((*both)[move.end]);
+    const double here = taken(static_cast<double>((*alone)[move.end - 1]), share * way, width);
     const double going = std::abs(here) < 1.0 ? 2.0 * way / width : 0.0;
     return Drift{detail::along_axis(axis, b0 + share * (b1 - b0) - here),
                  detail::along_axis(axis, length > 0.0 ? (b1 - b0 - going) / length : 0.0)};

@@ -15,7 +15,7 @@
 /// first order (envelope theorem), also where two passes meet.
 ///
 /// Time is length over feed; rapids take 10 m/min. Accelerations are left out.
-/// Cost: 200 bytes a move, a trail 12 to 24 more; about 1 us a point at 0.5 mm between passes and a
+/// Cost: 200 bytes a move, a trail 9 to 12 more; about 1 us a point at 0.5 mm between passes and a
 /// 6 mm ball.
 
 #include <filesystem>
@@ -64,6 +64,7 @@ class CutPath {
 
  private:
   struct Moves;
+  struct SlackTable;
   struct Walk;
   explicit CutPath(std::shared_ptr<const Moves> moves);
   std::shared_ptr<const Moves> moves_;  ///< trails keep it

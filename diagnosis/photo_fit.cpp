@@ -366,11 +366,12 @@ PhotoScatter scatter_of(const PhotoViews& views) {
   // Differences to the next pixel: what the simulation gets wrong is nearly alike in both.
   std::vector<std::pair<double, double>> by_sigma;
   const std::size_t channels = views.channels();
-  // A file of numbers from 0 up cuts off half of the noise in the dark.
+  // A file of numbers from 0 up cuts off half of the noise in the dark, and what a tone curve does
+  // to numbers below 0 nobody knows.
   constexpr double kCutOff = 3.5;  // standard deviations
   std::vector<char> from_zero(views.scene().photos.size(), 1);
   for (const MeasuredPixel& p : views.pixels())
-    for (std::size_t ch = 0; ch < channels; ++ch)
+    for (std::size_t ch = 0; ch < channels && views.state().gamma == 0.0; ++ch)
       if (p.measured[ch] < 0.0F) from_zero[p.photo] = 0;
   for (const MeasuredPixel& p : views.pixels()) {
     const double slope = std::abs(static_cast<double>(p.du)) + std::abs(static_cast<double>(p.dv)) +

@@ -46,6 +46,7 @@ class Packed {
 
  private:
   static constexpr double kSteps = 32767.0;
+  static_assert(kSteps * (1.0 / kSteps) == 1.0, "slack that is taken up comes back as that");
   static double most_of(const std::vector<Small>& all) {
     float most = 0.0F;
     for (const Small& v : all) most = std::max({most, std::abs(v.x), std::abs(v.y), std::abs(v.z)});

@@ -26,6 +26,9 @@ constexpr int kSizeRounds = 6, kSizeRoundsToChoose = 3;
 constexpr double kSameSize = 0.02, kSameAtLast = 0.005, kLeastSize_mm = 0.01;
 /// Of choosing, cutting anew and pruning.
 constexpr int kRounds = 4;
+/// In -2 log likelihood, prices paid: what gains no more has sizes of a few standard errors, of
+/// which second order is nothing. Most of it is noise, which nothing has to be cut anew for.
+constexpr double kLittle = 25.0;
 
 /// The same causes.
 bool alike(const Members& a, const Members& b) {
@@ -341,6 +344,10 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     bank.tried = bank.theta.size();
     ranking = std::move(alone);
     if (chosen.empty() && members.empty()) break;
+    if (round == 0 && residuals.score_as_is({}) - residuals.score_as_is(chosen) < kLittle) {
+      residuals.about(chosen);
+      return chosen;
+    }
     residuals.look_at({kChoose});
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());

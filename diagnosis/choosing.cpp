@@ -344,7 +344,9 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     bank.tried = bank.theta.size();
     ranking = std::move(alone);
     if (chosen.empty() && members.empty()) break;
-    if (round == 0 && residuals.score_as_is({}) - residuals.score_as_is(chosen) < kLittle) {
+    // Sizes that nobody would believe are no little gain: those are pruned below.
+    const double gain = residuals.score_as_is({}) - residuals.score_as_is(chosen);
+    if (round == 0 && std::isfinite(gain) && gain < kLittle) {
       residuals.about(chosen);
       return chosen;
     }

@@ -226,8 +226,8 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
 /// steps anywhere.
 void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confirmed>& confirmed) {
   constexpr double kNear = 0.01;  // of the program's time
-  const Effect *const lost = find_effect("machine.step_loss_z"), *const bands = find_effect(
-                                                                     "process.band_step");
+  const Effect* const lost = find_effect("machine.step_loss_z");
+  const Effect* const bands = find_effect("process.band_step");
   for (detail::Confirmed& c : confirmed) {
     const auto& fixed = c.member.form.fixed;
     if ((c.member.effect != lost && c.member.effect != bands) || fixed.empty() ||

@@ -370,9 +370,10 @@ PhotoScatter scatter_of(const PhotoViews& views) {
   // to numbers below 0 nobody knows.
   constexpr double kCutOff = 3.5;  // standard deviations
   std::vector<char> from_zero(views.scene().photos.size(), 1);
-  for (const MeasuredPixel& p : views.pixels())
-    for (std::size_t ch = 0; ch < channels && views.state().gamma == 0.0; ++ch)
-      if (p.measured[ch] < 0.0F) from_zero[p.photo] = 0;
+  if (views.state().gamma == 0.0)
+    for (const MeasuredPixel& p : views.pixels())
+      for (std::size_t ch = 0; ch < channels; ++ch)
+        if (p.measured[ch] < 0.0F) from_zero[p.photo] = 0;
   for (const MeasuredPixel& p : views.pixels()) {
     const double slope = std::abs(static_cast<double>(p.du)) + std::abs(static_cast<double>(p.dv)) +
                          std::abs(static_cast<double>(p.duu)) +

@@ -289,11 +289,11 @@ void exchange_residuals(Bank& bank, const std::vector<double>& residual,
   each_top(bank,
            [&](TopSums& sum, std::vector<Points::Top>& parts, std::size_t set, std::size_t u) {
              const VectorXd means = means_of(p, p.residual, set, u, sum.weight.size());
+             if (!is_told(p, set)) {
+               for (Points::Top& top : parts) top.white_y = means;  // NaN
+               return;
+             }
              oneapi::tbb::parallel_for(std::size_t{0}, bank.theta.size(), [&](std::size_t t) {
-               if (!is_told(p, set)) {
-                 parts[t].white_y = means;
-                 return;
-               }
                Points::Top& top = parts[t];
                top.white_y = top.factor.triangularView<Eigen::Lower>().solve(means);
                sum.gram[t](k, k) = top.white_y.squaredNorm();

@@ -7,7 +7,7 @@
 //   diagnosis_bench MAQUETTE [FOLDER]
 //
 // The folder (default: one for itself, removed at the end) takes 1 GB; surface and program that are
-// there already are taken. About 6 minutes on two cores.
+// there already are taken. About 8 minutes on two cores.
 
 #include <sys/resource.h>
 #include <unistd.h>
@@ -44,7 +44,7 @@ void run(const std::string& command) {
   if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
 }
 
-/// Points as a scanner south (then east) of the part would see them, but everywhere.
+/// Points anywhere on the part, whether a scanner at its station would see them or not.
 void write_points(const maquette::diagnosis::CutPath& path, std::uint64_t scan,
                   const fs::path& file) {
   std::ofstream out(file);

@@ -157,6 +157,30 @@ void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
   residuals.about(chosen);
 }
 
+/// Models of one member less, another of whose has another law: a wear whose tip was held beside a
+/// step between two bands is one that is worn all round. No member alone leads there.
+std::vector<Members> by_another_law(const Members& with, const Search& search, const Bank& bank,
+                                    Linearised& residuals, double most) {
+  std::vector<Members> models;
+  for (std::size_t k = 0; k < with.size(); ++k)
+    for (std::size_t j = k + 1; j < with.size(); ++j) {
+      const Members others = without(without(with, j), k);
+      residuals.about(others);
+      const Screen beside = screen(bank, others, {kChoose});
+      for (const std::size_t stays : {k, j}) {
+        const auto same =
+            std::find_if(search.candidates.begin(), search.candidates.end(),
+                         [&](const Candidate& c) { return c.effect == with[stays].effect; });
+        const auto found = best_form(bank, others, *same, {kChoose}, true, beside);
+        if (!(found.objective < most) || same->forms[found.form].law == with[stays].form.law)
+          continue;
+        models.push_back(others);
+        models.back().push_back({same->effect, same->forms[found.form]});
+      }
+    }
+  return models;
+}
+
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -185,6 +209,8 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
           if (residuals.score_as_is(fewer) + price < best + kClose) try_it(std::move(fewer), price);
         }
       }
+    for (Members& fewer : by_another_law(with, search, bank, residuals, best + kClose))
+      try_it(std::move(fewer), 0.0);
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());
   }

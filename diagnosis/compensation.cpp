@@ -83,10 +83,12 @@ Compensation compensation_of(const Diagnosis& d, const Scene& scene) {
     }
     const double value = cause.parameters.empty() ? 0.0 : cause.parameters[0].value;
     if (is("machine.scale_")) axis_of(e.scale_um_per_m, axis) = value;
-    if (name == "machine.squareness_xy") e.squareness_xy_urad = value;
+    if (name == "machine.squareness_xy") e.squareness_xy_urad += value;
     if (name == "machine.squareness_xz") e.squareness_xz_urad = value;
     if (name == "machine.squareness_yz") e.squareness_yz_urad = value;
     if (is("machine.backlash_")) axis_of(e.backlash_mm, axis) = value;
+    for (const Estimate& p : cause.parameters)
+      if (p.name == "slope_urad") e.squareness_xy_urad += p.value;
     if (is("machine.straightness_"))
       for (auto& table : tables(cause, scene)) e.straightness.push_back(std::move(table));
     if (name == "tool.radius_error") e.radius_error_mm = value;

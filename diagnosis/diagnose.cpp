@@ -14,6 +14,7 @@
 #include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/stones.hpp"
 #include "diagnosis/detail/waves.hpp"
+#include "diagnosis/detail/with_slope.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -286,6 +287,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
   detail::make_plain(search, bank, residuals, confirmed);
+  detail::join_slopes(search, bank, residuals, confirmed, d.rejected);
   detail::prefer_poses_as_given(
       search, bank, residuals,
       [&](const Fit& f) {

@@ -11,6 +11,7 @@
 #include "diagnosis/case_input.hpp"
 #include "diagnosis/detail/lag_and_slack.hpp"
 #include "diagnosis/detail/levelled_changes.hpp"
+#include "diagnosis/detail/with_slope.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "diagnosis/effect.hpp"
 #include "diagnosis/extended_model.hpp"
@@ -127,7 +128,14 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
         scene.slow_waves_x.push_back(2.0 * scene.half_mm() / v);
         scene.slow_waves_y.push_back(2.0 * scene.half_mm() / v);
       }
-    const auto form = closest(*effect, scene, k);
+    KnownCause curve = k;
+    const bool slopes = k.law.ends_with(detail::kWithSlope) && !k.parameters.empty();
+    if (slopes) {
+      curve.law.resize(k.law.size() - std::string_view(detail::kWithSlope).size());
+      curve.parameters.pop_back();
+    }
+    auto form = closest(*effect, scene, curve);
+    if (form && slopes) form = detail::with_slope(*form, scene);
     if (!form)
       return fail(kUnknownCause, fmt::format("[[cause]] {}: no law \"{}\" with {} parameters{}",
                                              k.effect, k.law, k.parameters.size(),

@@ -172,6 +172,14 @@ Cause cause_of(const Model& model, std::size_t k, std::vector<Estimate> sizes, d
   return c;
 }
 
+/// A signature that was made of a size of one sign and fits with the other: that size came to rest
+/// nowhere.
+bool has_turned(const Bank& bank, const Model& model, const Member& m) {
+  const Column& c = m.form.columns[0];
+  return m.form.made_of_mm != 0.0 &&
+         model.fit.coefficients(place_of(bank, model.columns, c)) * m.form.made_of_mm < 0.0;
+}
+
 /// The smallest of those that no name is certain enough for; causes.size(): none.
 /// @param wrong  share of the k-th that may be what the others' signatures are wrong by
 template <class Wrong>
@@ -349,13 +357,14 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
     const auto beyond_belief = static_cast<std::size_t>(
         std::find_if(members.begin(), members.end(),
                      [&](const Member& m) {
-                       return !believable(bank, model.columns, m, model.fit, kBeyond);
+                       return !believable(bank, model.columns, m, model.fit, kBeyond) ||
+                              has_turned(bank, model, m);
                      }) -
         members.begin());
     if (beyond_belief < members.size()) {
       const Cause& c = causes[beyond_belief];
       vague += c.share;
-      d.rejected.push_back({c.effect, fmt::format("no workshop would believe its size: {} = {:.4g}",
+      d.rejected.push_back({c.effect, fmt::format("its size is not to be believed: {} = {:.4g}",
                                                   c.parameters[0].name, c.parameters[0].value)});
       confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(beyond_belief));
       continue;

@@ -150,6 +150,16 @@ std::array<double, 2> displacement(const PhotoPixel& p, int channel, const Photo
           radial * v - f * (seen.y / -seen.z - was.y / -was.z)};
 }
 
+double shown_after(const PhotoPixel& p, int channel, const PhotoState& state,
+                   const PhotoState& rendered, const PhotoScene& scene) {
+  const auto to = displacement(p, channel, state, scene),
+             was = displacement(p, channel, rendered, scene);
+  const double du = to[0] - was[0], dv = to[1] - was[1];
+  return -static_cast<double>(p.du) * du - static_cast<double>(p.dv) * dv +
+         0.5 * (static_cast<double>(p.duu) * du * du + 2.0 * static_cast<double>(p.duv) * du * dv +
+                static_cast<double>(p.dvv) * dv * dv);
+}
+
 double tint(const PhotoPixel& p, int channel, const PhotoState& s, const PhotoScene& scene) {
   const double more = channel == 0 ? s.ambient_red : channel == 2 ? s.ambient_blue : 0.0;
   if (more == 0.0) return 0.0;
@@ -198,6 +208,14 @@ bool same_places(const PhotoState& a, const PhotoState& b) {
   return std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(), same_stand) &&
          a.focal == b.focal && a.radial_1 == b.radial_1 && a.radial_2 == b.radial_2 &&
          a.red_scale == b.red_scale && a.blue_scale == b.blue_scale;
+}
+
+bool same_sharpness(const PhotoState& a, const PhotoState& b) {
+  return a.focus_px2 == b.focus_px2 &&
+         std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(),
+                    [](const PictureState& x, const PictureState& y) {
+                      return x.blur_px2 == y.blur_px2 && x.smear_px2 == y.smear_px2;
+                    });
 }
 
 PhotoChain::PhotoChain(const PhotoState& state, const PhotoState& rendered, const PhotoScene& scene)
@@ -299,13 +317,7 @@ double PhotoChain::value(const PhotoPixel& p, int channel, double light) const {
   double y = static_cast<double>(p.value[static_cast<std::size_t>(channel)]) + light - p.light +
              tint(p, channel, s, scene_) - tint(p, channel, rendered_, scene_);
   const double uu = p.duu, uv = p.duv, vv = p.dvv;
-  if (moved_) {
-    const auto to = displacement(p, channel, s, scene_),
-               was = displacement(p, channel, rendered_, scene_);
-    const double du = to[0] - was[0], dv = to[1] - was[1];
-    y -= static_cast<double>(p.du) * du + static_cast<double>(p.dv) * dv;
-    y += 0.5 * (uu * du * du + 2.0 * uv * du * dv + vv * dv * dv);
-  }
+  if (moved_) y += shown_after(p, channel, s, rendered_, scene_);
   const PictureState &own = s.picture[p.photo], &was = rendered_.picture[p.photo];
   const double blur = own.blur_px2 - was.blur_px2 + focus_px2(p.place, p.photo, s, scene_) -
                       focus_px2(p.place, p.photo, rendered_, scene_);

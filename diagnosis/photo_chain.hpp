@@ -158,6 +158,10 @@ struct PhotoPixel {
 /// How far a feature of the scene moves in the picture, pixels.
 [[nodiscard]] std::array<double, 2> displacement(const PhotoPixel& pixel, int channel,
                                                  const PhotoState& state, const PhotoScene& scene);
+/// What a pixel shows more in a state whose features lie a little elsewhere than as rendered, to
+/// second order.
+[[nodiscard]] double shown_after(const PhotoPixel& pixel, int channel, const PhotoState& state,
+                                 const PhotoState& rendered, const PhotoScene& scene);
 /// Light behind the lens that red or blue gets more than green from surroundings of another colour;
 /// of the stated albedo.
 [[nodiscard]] double tint(const PhotoPixel& pixel, int channel, const PhotoState& state,
@@ -174,6 +178,8 @@ struct PhotoPixel {
 [[nodiscard]] bool same_light(const PhotoState& a, const PhotoState& b);
 [[nodiscard]] bool same_stand(const PictureState& a, const PictureState& b);
 [[nodiscard]] bool same_places(const PhotoState& a, const PhotoState& b);
+/// The same places are as sharp.
+[[nodiscard]] bool same_sharpness(const PhotoState& a, const PhotoState& b);
 
 /// The chain in a state, made ready for many pixels. Keeps references.
 class PhotoChain {

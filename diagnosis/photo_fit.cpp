@@ -49,6 +49,13 @@ Eigen::MatrixXd PhotoLinear::sum(const std::vector<int>& sets) const {
   return all;
 }
 
+void PhotoFit::look_at(const std::vector<int>& sets) {
+  if (sets.empty()) return views_.look_at({});
+  views_.look_at([&](const Vec3& place) {
+    return std::find(sets.begin(), sets.end(), layout_.set_of(place.x, place.y)) != sets.end();
+  });
+}
+
 PhotoLinear PhotoFit::about(const PhotoMembers& model,
                             const std::vector<const PhotoParameter*>& parameters, bool whole) {
   const PhotoState wanted = state_of(model);
@@ -259,24 +266,40 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
   return best;
 }
 
-PhotoMembers PhotoFit::settle_normals(const PhotoMembers& model) {
-  double least = INFINITY;
-  Normals better = normals;
-  PhotoMembers best = model;
+PhotoMembers PhotoFit::settle_normals(const PhotoMembers& model, bool of_its_kind) {
+  struct Tried {
+    Normals normals;
+    PhotoMembers model;
+    double rough, left;
+  };
+  std::vector<Tried> all;
+  const auto is_smooth = [](Normals n) { return n == Normals::smooth || n == Normals::smoother; };
+  const bool now_smooth = is_smooth(normals);
   for (const Normals each :
        {Normals::smooth, Normals::smoother, Normals::patches, Normals::facets}) {
+    if (of_its_kind && is_smooth(each) != now_smooth) continue;
     normals = each;
     // What is between nodes makes up for a blur, and a blur for it: each has its own.
     PhotoMembers own = fitted(model, kSettleSteps);
-    views_.render(state_of(own), normals, true, false);
-    if (const double rough = views_.roughness(); rough < least) {
-      least = rough;
-      better = each;
-      best = std::move(own);
-    }
+    const PhotoLinear linear = about(own, {});
+    std::vector<double> left;
+    for (Eigen::Index i = 0; i < linear.residual.size(); ++i)
+      left.push_back(std::abs(static_cast<double>(linear.residual(i))));
+    all.push_back({each, std::move(own), views_.roughness(), median(std::move(left))});
   }
-  normals = better;
-  return best;
+  const auto smoothest = std::min_element(
+      all.begin(), all.end(), [](const Tried& a, const Tried& b) { return a.rough < b.rough; });
+  // Under a blur or much noise differences say little: of those that they do not tell apart the
+  // one that leaves least at most pixels; what is left at shadows' edges is much, and not of
+  // slopes. Standard error of a robust spread: 1.17 over the root of the count.
+  const double close =
+      smoothest->rough *
+      (1.0 + 2.0 * 1.17 / std::sqrt(std::fmax(1.0, static_cast<double>(views_.pixels().size()))));
+  const auto best = std::min_element(all.begin(), all.end(), [&](const Tried& a, const Tried& b) {
+    return std::pair{a.rough > close, a.left} < std::pair{b.rough > close, b.left};
+  });
+  normals = best->normals;
+  return std::move(best->model);
 }
 
 double PhotoFit::objective(const PhotoLinear& linear, const std::vector<int>& sets) const {

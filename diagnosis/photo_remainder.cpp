@@ -220,7 +220,7 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
     const Wave wave = clearest_wave(map);
     const double rms_255 = rms_all * wave.rms / static_cast<double>(channels);
     if (wave.over < kFringe || rms_255 < smooth_255) continue;
-    note("a wave in a picture");
+    note(kWaveInPicture);
     break;
   }
   // Neighbouring places' product: what is left beyond noise that is each place's own.

@@ -194,9 +194,11 @@ PhotoMembers PhotoSearch::exchanged(PhotoMembers members, const RunContext& run)
     std::size_t rendered = 0;
     for (const Trial& t : all) {
       if (rendered == 2 || t.score < kNear * all.front().score) break;
-      if (std::any_of(members.begin(), members.end(), [&](const PhotoMember& m) {
-            return m.effect == candidates_[t.candidate].effect;
-          }))
+      const PhotoCandidate& c = candidates_[t.candidate];
+      // Another law of the same cause may be the one, now that the others are known.
+      if (std::any_of(others.begin(), others.end(),
+                      [&](const PhotoMember& m) { return m.effect == c.effect; }) ||
+          (members[k].effect == c.effect && members[k].form.law == c.forms[t.form].law))
         continue;
       ++rendered;
       PhotoMembers model = with(others, t);
@@ -212,6 +214,8 @@ PhotoMembers PhotoSearch::exchanged(PhotoMembers members, const RunContext& run)
 
 PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext& run) {
   PhotoMembers members;
+  bool in_part = true;
+  fit_.look_at({kChoose});
   for (std::size_t round = 0; round < kRounds && !run.stopped(); ++round) {
     const PhotoLinear linear = fit_.about(members, parameters_);
     fit_.noise = fit_.noise_of(linear);
@@ -223,11 +227,20 @@ PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext&
                            candidates_[t.candidate].forms[t.form].law, t.score});
     PhotoMembers best = best_of(all, linear, members, now);
     if (best.empty()) break;
+    // Between the choosing blocks nothing tells of a map's waves.
+    if (in_part && std::any_of(best.begin(), best.end(),
+                               [](const PhotoMember& m) { return is_map(m.form); })) {
+      in_part = false;
+      fit_.look_at({});
+      for (PhotoMember& m : best)
+        if (is_map(m.form)) std::fill(m.values.begin(), m.values.end(), 0.0);
+      best = fit_.fitted(std::move(best));
+    }
     best = pruned(std::move(best));
-    // A displaced picture says little of what lies between nodes.
-    if (members.empty()) {
+    // A displaced picture says little of what lies between nodes, a blurred one takes it for blur.
+    if (members.empty() || !same_sharpness(fit_.state_of(best), fit_.state_of(members))) {
       const Normals was = fit_.normals;
-      PhotoMembers settled = fit_.settle_normals(best);
+      PhotoMembers settled = fit_.settle_normals(best, !members.empty());
       if (fit_.normals != was) best = fit_.fitted(std::move(settled));
     }
     if (best.size() > 1) best = exchanged(std::move(best), run);
@@ -236,8 +249,9 @@ PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext&
     if (!better) break;
     members = std::move(best);
   }
+  fit_.look_at({});
+  fit_.noise = fit_.noise_of(fit_.about(members, parameters_));
   // Sizes with shadows and edges where this model has them.
-  if (!members.empty()) static_cast<void>(fit_.about(members, parameters_of(members)));
   return fit_.fitted(std::move(members));
 }
 

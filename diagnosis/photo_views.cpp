@@ -322,6 +322,45 @@ std::ptrdiff_t PhotoViews::reach() const {
          (state_.red_scale != 0.0 || state_.blue_scale != 0.0 ? 4 : 0);
 }
 
+void PhotoViews::look_at(const std::function<bool(const Vec3& place)>& kind) {
+  for (View& view : views_) view.looked_at.clear();
+  looks_anew_ = true;
+  if (!kind) return;
+  std::vector<std::vector<std::uint8_t>> of(views_.size());
+  for (std::size_t k = 0; k < views_.size(); ++k) of[k].assign(views_[k].lattice.size(), 0);
+  std::vector<std::size_t> next(views_.size(), 0);
+  for (const MeasuredPixel& p : pixels_) {  // in the lattice's order
+    const auto& lattice = views_[p.photo].lattice;
+    std::size_t& at = next[p.photo];
+    while (lattice[at] != p.at) ++at;
+    of[p.photo][at] = kind(p.place) ? 1 : 0;
+  }
+  for (std::size_t k = 0; k < views_.size(); ++k)
+    if (std::find(of[k].begin(), of[k].end(), 1) != of[k].end())
+      views_[k].looked_at = std::move(of[k]);
+}
+
+/// @post views_[k].near is what the reach asks for
+void PhotoViews::find_near(std::size_t k) {
+  View& view = views_[k];
+  if (view.looked_at.empty()) return;
+  const PhotoInput& photo = scene_.photos[k];
+  const std::ptrdiff_t rows = (photo.height_px + view.step - 1) / view.step,
+                       cols = (photo.width_px + view.step - 1) / view.step,
+                       around = 1 + reach() / view.step;
+  view.near = Grid<std::uint8_t>(rows, cols, 0);
+  for (std::size_t n = 0; n < view.lattice.size(); ++n) {
+    if (view.looked_at[n] == 0) continue;
+    const auto at = static_cast<std::ptrdiff_t>(view.lattice[n]);
+    const std::ptrdiff_t r = at / photo.width_px / view.step, c = at % photo.width_px / view.step;
+    for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - around);
+         i <= std::min(rows - 1, r + around); ++i)
+      for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(0, c - around);
+           j <= std::min(cols - 1, c + around); ++j)
+        view.near(i, j) = 1;
+  }
+}
+
 /// Slopes at nodes: central differences, or over four neighbours, which a wave of eight nodes
 /// brings within 1 % instead of 10.
 void PhotoViews::take_slopes() {
@@ -410,8 +449,9 @@ void PhotoViews::trace(std::size_t k) {
         if (!view.wanted(r / kAcross, c / kAcross, far)) return;
         const double u0 = (static_cast<double>(c) + 0.5) / kAcross - photo.principal_u_px,
                      v0 = (static_cast<double>(r) + 0.5) / kAcross - photo.principal_v_px;
+        const bool bends = state_.radial_1 != 0.0 || state_.radial_2 != 0.0;
         double u = u0, v = v0;
-        for (int round = 0; round < 6; ++round) {  // back from where the lens puts it
+        for (int round = 0; round < (bends ? 6 : 1); ++round) {  // back from where the lens puts it
           const double r2 = (u * u + v * v) / (f * f);
           const double radial =
               1.0 + state_.focal + state_.radial_1 * r2 + state_.radial_2 * r2 * r2;
@@ -480,24 +520,40 @@ void PhotoViews::see_lamp(std::size_t k) {
       hit(r + 1, c + 1) = h + hit(r, c + 1) + hit(r + 1, c) - hit(r, c);
       lit(r + 1, c + 1) = l + lit(r, c + 1) + lit(r + 1, c) - lit(r, c);
     }
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
+  const auto one_light = [&](std::ptrdiff_t r, std::ptrdiff_t c, std::ptrdiff_t far) {
+    const std::ptrdiff_t r0 = std::max<std::ptrdiff_t>(0, r - far),
+                         r1 = std::min(rows, r + kAcross + far),
+                         c0 = std::max<std::ptrdiff_t>(0, c - far),
+                         c1 = std::min(cols, c + kAcross + far);
+    const auto sum = [&](const Grid<std::int32_t>& g) {
+      return g(r1, c1) - g(r0, c1) - g(r1, c0) + g(r0, c0);
+    };
+    const int lights = sum(lit);
+    return lights == 0 || lights == sum(hit);
+  };
+  // Of pictures that are rendered in part the shadow may lie where nothing is.
+  const bool whole = view.looked_at.empty();
+  static_assert(kAcross == 2, "two rays on a diagonal tell of all four");
+  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows / kAcross, [&](std::ptrdiff_t row) {
     std::vector<camera::DiscPoint> disc;
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      Sample& s = view.samples(r, c);
-      if (std::isnan(s.x)) continue;
-      const std::ptrdiff_t r0 = std::max<std::ptrdiff_t>(0, r - reach),
-                           r1 = std::min(rows, r + reach + 1),
-                           c0 = std::max<std::ptrdiff_t>(0, c - reach),
-                           c1 = std::min(cols, c + reach + 1);
-      const auto sum = [&](const Grid<std::int32_t>& g) {
-        return g(r1, c1) - g(r0, c1) - g(r1, c0) + g(r0, c0);
+    for (std::ptrdiff_t col = 0; col < cols / kAcross; ++col) {
+      const std::ptrdiff_t r = kAcross * row, c = kAcross * col;
+      if (whole && one_light(r, c, reach)) continue;
+      const auto differs = [&](std::ptrdiff_t i) {
+        const Sample& s = view.samples(r + i, c + i);
+        if (std::isnan(s.x)) return false;
+        return differs_at_rim(tracer, {s.x, s.y, static_cast<double>(s.z) + kOff_mm}, lamp,
+                              lamp.diameter_mm, s.lamp.share > 0.0F);
       };
-      const int lights = sum(lit);
-      if (lights == 0 || lights == sum(hit)) continue;
-      const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
-      if (!differs_at_rim(tracer, p, lamp, lamp.diameter_mm, s.lamp.share > 0.0F)) continue;
-      camera::stratified_disc(kLampRays, static_cast<std::uint64_t>(r * cols + c), disc);
-      s.lamp = seen_of(tracer, p, lamp, lamp.diameter_mm, disc);
+      if (one_light(r, c, 0) && !differs(0) && !differs(1)) continue;
+      for (std::ptrdiff_t i = r; i < r + kAcross; ++i)
+        for (std::ptrdiff_t j = c; j < c + kAcross; ++j) {
+          Sample& s = view.samples(i, j);
+          if (std::isnan(s.x)) continue;
+          camera::stratified_disc(kLampRays, static_cast<std::uint64_t>(i * cols + j), disc);
+          s.lamp = seen_of(tracer, {s.x, s.y, static_cast<double>(s.z) + kOff_mm}, lamp,
+                           lamp.diameter_mm, disc);
+        }
     }
   });
 }
@@ -790,6 +846,7 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
   std::vector<MeasuredPixel> made(view.lattice.size());
   std::vector<std::uint8_t> good(view.lattice.size(), 0);
   oneapi::tbb::parallel_for(std::size_t{0}, view.lattice.size(), [&](std::size_t n) {
+    if (!view.looked_at.empty() && view.looked_at[n] == 0) return;
     const auto at = static_cast<std::ptrdiff_t>(view.lattice[n]);
     const std::ptrdiff_t r = at / photo.width_px, c = at % photo.width_px;
     MeasuredPixel p;
@@ -928,6 +985,35 @@ void PhotoViews::light_pixels() {
   for (MeasuredPixel& p : pixels_) p.mean = mean[p.photo];
 }
 
+/// Do features move so little from where they were pictured that derivatives say what pixels show?
+bool PhotoViews::hardly_moves(const PhotoState& state) const {
+  if (same_places(pictured_, state)) return true;
+  constexpr double kLittle_px = 0.2;
+  constexpr std::size_t kEach = 61;
+  for (std::size_t i = 0; i < pictured_pixels_.size(); i += kEach)
+    for (std::size_t ch = 0; ch < channels(); ++ch) {
+      const MeasuredPixel& p = pictured_pixels_[i];
+      const int channel = channel_of(ch, channels());
+      const auto to = displacement(p, channel, state, scene_),
+                 was = displacement(p, channel, pictured_, scene_);
+      if (!(std::hypot(to[0] - was[0], to[1] - was[1]) < kLittle_px)) return false;
+    }
+  return true;
+}
+
+/// What pixels show where features have moved a little.
+void PhotoViews::shift_pixels() {
+  oneapi::tbb::parallel_for(std::size_t{0}, pixels_.size(), [&](std::size_t i) {
+    MeasuredPixel& p = pixels_[i];
+    for (std::size_t ch = 0; ch < channels(); ++ch) {
+      const auto by =
+          static_cast<float>(shown_after(p, channel_of(ch, channels()), state_, pictured_, scene_));
+      p.value[ch] += by;
+      p.value_next[ch] += by;
+    }
+  });
+}
+
 /// Mean of the rays' light over the pixels of each photograph.
 std::vector<double> PhotoViews::light_by_photo() const {
   std::vector<double> sum(scene_.photos.size(), 0.0), count(scene_.photos.size(), 0.0);
@@ -961,16 +1047,13 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
       if (shows(k) && views_[k].lamp_of_size.empty()) return false;
     return true;
   };
-  if (!derivatives && rendered_ && normals == normals_ && same_places(pictured_, state) &&
-      pictured_.focus_px2 == state.focus_px2 && (!lamp_sizes || knows_sizes()) &&
-      std::equal(state.picture.begin(), state.picture.end(), pictured_.picture.begin(),
-                 [](const PictureState& a, const PictureState& b) {
-                   return a.blur_px2 == b.blur_px2 && a.smear_px2 == b.smear_px2;
-                 })) {
+  if (!derivatives && rendered_ && !looks_anew_ && normals == normals_ &&
+      same_sharpness(pictured_, state) && (!lamp_sizes || knows_sizes()) && hardly_moves(state)) {
     // What was shown before is the start again: steps do not add up.
     state_ = state;
     pixels_ = pictured_pixels_;
     light_pixels();
+    if (!same_places(pictured_, state_)) shift_pixels();
     return;
   }
   const PhotoState before = traced_;
@@ -989,11 +1072,15 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
   pixels_.clear();
   for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
     if (!shows(k)) continue;
-    const bool lens = first || traced_reach_ < reach() ||
+    const bool lens = first || looks_anew_ || views_[k].traced_reach < reach() ||
                       !same_stand(before.picture[k], state_.picture[k]) ||
                       before.focal != state_.focal || before.radial_1 != state_.radial_1 ||
                       before.radial_2 != state_.radial_2;
-    if (lens) trace(k);
+    if (lens) {
+      find_near(k);
+      trace(k);
+      views_[k].traced_reach = reach();
+    }
     const bool other_sight = lens || !same_lamp(before, state_, scene_.lamp_of[k]);
     if (other_sight) {
       see_lamp(k);
@@ -1002,7 +1089,7 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
     take_pixels(k, lamp_sizes, pixels_);
   }
   traced_ = state_;
-  traced_reach_ = std::max(traced_reach_, reach());
+  looks_anew_ = false;
   selected_ = true;
   pictured_ = state_;
   pictured_pixels_ = pixels_;

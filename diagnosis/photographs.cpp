@@ -179,12 +179,17 @@ struct Named {
 /// without a name looks a little like each, and a map, a light from one side, or a factor for each
 /// picture takes the better part of it (a reflex in the lens is a map of albedo in the middle of
 /// all pictures, a second lamp a bright side of the sky). members.size(): none.
+/// @param declared_255  rms of the noise as declared
 std::size_t beside_unknown(const PhotoLinear& linear, const PhotoMembers& members,
-                           const Diagnosis& d) {
+                           const Diagnosis& d, double declared_255) {
   constexpr double kOfOneLaw = 1.5, kOfMany = 5.0;
   constexpr std::size_t kMany = 3;  // parameters
+  // A fine pattern scatters neighbours as noise does: it is no noise.
+  const auto& kinds = d.remainder.kinds;
+  const bool pattern = std::find(kinds.begin(), kinds.end(), detail::kWaveInPicture) != kinds.end();
+  const double noise_255 = pattern ? std::fmin(declared_255, d.rms_noise) : d.rms_noise;
   const double left_255 =
-      std::sqrt(std::fmax(0.0, d.rms_after * d.rms_after - d.rms_noise * d.rms_noise));
+      std::sqrt(std::fmax(0.0, d.rms_after * d.rms_after - noise_255 * noise_255));
   std::size_t weakest = members.size();
   double least = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
@@ -255,7 +260,9 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.rms_noise = noise_rms(views, scatter.factor);
     d.remainder =
         detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
-    const std::size_t drop = d.remainder.found ? beside_unknown(after, members, d) : members.size();
+    const std::size_t drop = d.remainder.found
+                                 ? beside_unknown(after, members, d, noise_rms(views, 1.0))
+                                 : members.size();
     if (drop == members.size()) {
       if (noise_known || d.remainder.found || told_by_scatter || !(scatter.off() > kScatterOff))
         break;

@@ -49,6 +49,9 @@ class PhotoFit {
   PhotoNoise noise;
   PhotoMembers known;  ///< in every model, not fitted
 
+  /// Renders from now on those sets alone, which is a third of the work for one; empty: all.
+  /// @pre a model was rendered
+  void look_at(const std::vector<int>& sets);
   /// Renders a model and takes derivatives by `parameters`.
   /// @param whole  false: as PhotoViews::render without derivatives
   [[nodiscard]] PhotoLinear about(const PhotoMembers& model,
@@ -58,8 +61,10 @@ class PhotoFit {
   [[nodiscard]] PhotoMembers fitted(PhotoMembers model, int rounds = 6);
   /// Facets, patches or smooth slopes: what no cause makes, differences of neighbouring pixels
   /// beside a model fitted to each, decides.
+  /// @param of_its_kind  smooth slopes stay smooth, patches and facets what they are: blurred, the
+  ///   ones look like the others
   /// @return the model as fitted to those
-  PhotoMembers settle_normals(const PhotoMembers& model);
+  PhotoMembers settle_normals(const PhotoMembers& model, bool of_its_kind = false);
   /// -2 log likelihood (Huber's loss) of what a rendered model leaves.
   [[nodiscard]] double objective(const PhotoLinear& linear, const std::vector<int>& sets) const;
   /// The same of a model, rendered.

@@ -73,7 +73,7 @@ struct Scope {
   return p;
 }
 /// Variance of the spread that a lens in focus has, too, and a pixel's few rays may be wrong by.
-inline constexpr double kLeastBlur_px2 = 0.25;
+inline constexpr double kLeastBlur_px2 = 0.4;
 [[nodiscard]] inline double root(double variance) {
   return std::sqrt(std::fmax(0.0, variance));
 }

@@ -8,6 +8,9 @@
 
 namespace maquette::diagnosis::detail {
 
+/// A kind of remainder: a fringe, or what readout makes of columns.
+inline constexpr const char* kWaveInPicture = "a wave in a picture";
+
 /// Looks at means of what is left, by places of the part, by squares of each picture and of all,
 /// and by rows: one that stands far out of all others is no noise.
 /// @param factor  of the declared noise's variance

@@ -17,6 +17,8 @@ namespace maquette::diagnosis::detail {
 /// rendering itself may be wrong by.
 inline constexpr double kPhotoFloor = 1e-3;
 
+/// Of places on the part: a form with many parameters, all of them factors on its light.
+[[nodiscard]] bool is_map(const PhotoForm& form);
 [[nodiscard]] std::vector<const PhotoParameter*> parameters_of(const PhotoMembers& members);
 /// Columns of all members but one. @param but  SIZE_MAX: of all
 [[nodiscard]] std::vector<int> columns_of(const PhotoLinear& linear, const PhotoMembers& members,

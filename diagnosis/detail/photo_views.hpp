@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -52,10 +53,16 @@ class PhotoViews {
 
   /// Renders all photographs in a state. @post pixels() and scene().lamp_sizes_mm are of it
   /// @param derivatives  false: where only light and sensor differ from what was rendered last,
+  ///   and places move by a fifth of a pixel at most,
   ///   pixels alone are, their derivatives and what they see of lamps of other sizes stay
   /// @param lamp_sizes  with what pixels see of lamps of other sizes
   void render(const PhotoState& state, Normals normals, bool derivatives = true,
               bool lamp_sizes = true);
+  /// Renders from now on only those pixels of the lattice whose places, as rendered last, are of
+  /// that kind, and what is around them; empty: all. pixels() are these alone, derivatives and the
+  /// veil's mean are of them.
+  /// @pre rendered
+  void look_at(const std::function<bool(const Vec3& place)>& kind);
   /// Puts what a state gives, with noise as declared times a factor, in the place of what was
   /// measured at the pixels. @post rendered in that state
   void simulate(const PhotoState& state, Normals normals, double noise_factor, std::uint64_t seed);
@@ -90,8 +97,12 @@ class PhotoViews {
     std::array<float, 3> light_of_part{};
     std::vector<std::array<SeenLamp, kLampSizes>>
         lamp_of_size{};  ///< by pixel of the lattice; empty: not known
+    std::ptrdiff_t traced_reach = 0;
+    std::vector<std::uint8_t> looked_at{};  ///< by pixel of the lattice; empty: all are
+    Grid<std::uint8_t> near{};  ///< squares of a step that hold these or what is around them
     /// Is the pixel near enough to one of the lattice to matter?
     [[nodiscard]] bool wanted(std::ptrdiff_t row, std::ptrdiff_t col, std::ptrdiff_t reach) const {
+      if (!looked_at.empty() && near(row / step, col / step) == 0) return false;
       const auto off = [&](std::ptrdiff_t i) {
         const std::ptrdiff_t at = (i - step / 2) % step;
         return at < 0 ? at + step : at;
@@ -102,9 +113,12 @@ class PhotoViews {
   };
 
   void take_slopes();
+  void find_near(std::size_t photo);
   void trace(std::size_t photo);
   void see_lamp(std::size_t photo);
   void light_pixels();
+  [[nodiscard]] bool hardly_moves(const PhotoState& state) const;
+  void shift_pixels();
   struct RayLight {
     double light = 0.0;
     SeenLamp lamp;
@@ -145,14 +159,13 @@ class PhotoViews {
   double around_step_mm_ = 1.0;
   std::vector<View> views_;
   std::vector<MeasuredPixel> pixels_;
-  PhotoState state_;  ///< of pixels_
-  std::ptrdiff_t traced_reach_ = 0;
+  PhotoState state_;     ///< of pixels_
   PhotoState traced_;    ///< of the rays' places and what they see of the lamp
   PhotoState pictured_;  ///< of the last whole pictures
   std::vector<MeasuredPixel> pictured_pixels_;
   std::vector<double> light_before_;  ///< by photograph: its pixels'
   Normals normals_ = Normals::smooth;
-  bool rendered_ = false, selected_ = false;
+  bool rendered_ = false, selected_ = false, looks_anew_ = false;
 };
 
 }  // namespace maquette::diagnosis::detail

@@ -20,6 +20,7 @@
 //   dents, bulges, rings, patches ................... unexplained, no name
 //   a wave, and one that scan columns make of ridges  unexplained, consistent
 //   a coat that is the sum of plane waves ........... consistent
+//   wear all round over two bands, a guide bent aside  each the only cause; no step, no squareness
 //   a model on the choosing blocks alone ............ at rest as on all
 //   errors of signatures ............................ by hand; full where they look like the cause
 //   a step where a band begins, and elsewhere ....... the band's, the drive's
@@ -564,6 +565,64 @@ TEST(WrongSignatures, CountWhereTheyLookLikeTheCause) {
   };
   EXPECT_GT(like(1), 0.99);
   EXPECT_DOUBLE_EQ(like(2), 0.1) << "least: errors may follow what is neither place nor slope";
+}
+
+/// The part milled in two bands that both go over all passes, one half of x after the other.
+Measurements in_two_bands(Measurements m) {
+  for (Observation& o : m.observations) {
+    const double pass = std::floor(o.place.y / 0.5), band = o.place.x < 80.0 ? 0.0 : 1.0;
+    const double along = std::fmod(o.place.x, 80.0) / 80.0;
+    o.path_share = o.cut_share =
+        0.5 * band + 0.5 * (pass + (o.feed.x > 0.0 ? along : 1.0 - along)) / 320.0;
+    o.path_mm = o.path_share * 51'200.0;
+  }
+  m.scene.section_starts = {0.5};
+  return m;
+}
+
+TEST(Inference, WearAllRoundOverTwoBandsIsNoStepBesideIt) {
+  // What is worn all round is what is worn with the tip held, a step between the bands and a tilt.
+  constexpr double kWorn_mm = 0.15;
+  Measurements m = in_two_bands(part(61, {.white_mm = 0.03}, nothing));
+  for (Observation& o : m.observations) o.residual_mm += kWorn_mm * o.cut_share;
+  const auto d = diagnose(std::move(m), 1);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  EXPECT_EQ(d->causes[0].effect, "tool.wear");
+  EXPECT_NEAR(d->causes[0].parameters[0].value, kWorn_mm, 4.0 * d->causes[0].parameters[0].sigma);
+  EXPECT_EQ(d->verdict, "explained");
+}
+
+/// A guide of x that goes aside by a whole wave, measured from the line through its ends, and axes
+/// that are not at right angles.
+Measurements bent_aside(double wave_mm, double angle_rad) {
+  return part(62, {.white_mm = 0.03}, [=](const Observation& o) {
+    return dot(o.along, {angle_rad * (o.tip.y - 80.0),
+                         wave_mm * std::sin(2.0 * 3.14159265358979323846 * o.tip.x / 160.0), 0.0});
+  });
+}
+
+TEST(Inference, TheLineThatABentGuideIsMeasuredFromIsNoSquareness) {
+  // The best line of a whole wave falls by 12 / (2 pi) = 1.91 of its height from end to end. The
+  // same the other way round, x by y, is the rest of it up to a turn.
+  constexpr double kWave_mm = 0.15;
+  const auto d = diagnose(bent_aside(kWave_mm, 0.0), 1);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  EXPECT_EQ(d->causes[0].effect, "machine.straightness_x");
+  const Estimate& slope = d->causes[0].parameters.back();
+  EXPECT_EQ(slope.name, "slope_urad");
+  EXPECT_NEAR(slope.value, -1e6 * 1.91 * kWave_mm / 160.0, 4.0 * slope.sigma);
+  EXPECT_EQ(d->verdict, "explained");
+}
+
+TEST(Inference, ASquarenessThatNoLineOfABentGuideHasIsNamedBesideIt) {
+  constexpr double kAngle_rad = 0.008;
+  const auto d = diagnose(bent_aside(0.15, kAngle_rad), 1);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->causes.size(), 2U) << told(*d);
+  for (const char* name : {"machine.straightness_x", "machine.squareness_xy"})
+    EXPECT_TRUE(names(d->causes[0], name) || names(d->causes[1], name)) << name;
 }
 
 TEST(Inference, FindsABowBesideAGuidesWave) {

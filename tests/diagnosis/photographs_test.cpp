@@ -5,11 +5,13 @@
 
 #include "diagnosis/photographs.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
 #include <map>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +21,7 @@
 
 #include "camera/image_io.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/photo_views.hpp"
 #include "heightmap/field_io.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -465,6 +468,77 @@ PhotoState nothing() {
   s.lamp_refocused_mm.resize(1);
   s.picture.resize(1);
   return s;
+}
+
+/// The formula's surface in one picture; what was measured is even.
+class Views : public testing::Test {
+ protected:
+  Views()
+      : field_{Grid<float>(401, 401, 0.0F), Millimetres{0.1}, Millimetres{0.0}, Millimetres{0.0}},
+        scene_(one_photo()) {
+    for (std::ptrdiff_t r = 0; r < 401; ++r)
+      for (std::ptrdiff_t c = 0; c < 401; ++c)
+        field_.z_mm(r, c) = static_cast<float>(height(field_.x_mm(c), field_.y_mm(r)));
+    scene_.photos[0] = photo(0);
+    scene_.photos[0].principal_u_px = 128.0;
+    scene_.photos[0].principal_v_px = 96.0;
+    scene_.box = {};
+    scene_.box.add({0.0, 0.0, -1.2});
+    scene_.box.add({40.0, 40.0, 2.0});
+    detail::Photograph grey;
+    grey.value.push_back(Grid<float>(192, 256, 0.3F));
+    views_.emplace(scene_, std::vector<detail::Photograph>{grey},
+                   std::vector<const heightmap::ModelField*>{&field_});
+  }
+  heightmap::ModelField field_;
+  PhotoScene scene_;
+  std::optional<detail::PhotoViews> views_;
+};
+
+TEST_F(Views, RenderThePixelsThatAreLookedAtAsBefore) {
+  views_->render(nothing(), detail::Normals::smooth);
+  const auto all = views_->pixels();
+  const auto is_left = [](const Vec3& place) { return place.x < 13.0; };
+  views_->look_at(is_left);
+  // Somewhere else in between, so that all is rendered anew.
+  PhotoState turned = nothing();
+  turned.picture[0].camera_rad = {0.002, 0.0, 0.0};
+  views_->render(turned, detail::Normals::smooth);
+  views_->render(nothing(), detail::Normals::smooth);
+  std::size_t at = 0;
+  for (const auto& p : views_->pixels()) {
+    while (at < all.size() && all[at].at != p.at) ++at;
+    ASSERT_LT(at, all.size());
+    EXPECT_TRUE(is_left(p.place));
+    EXPECT_EQ(p.value, all[at].value);
+    EXPECT_EQ(p.du, all[at].du);
+  }
+  EXPECT_EQ(static_cast<std::ptrdiff_t>(views_->pixels().size()),
+            std::count_if(all.begin(), all.end(), [&](const auto& p) { return is_left(p.place); }));
+  views_->look_at({});
+  views_->render(nothing(), detail::Normals::smooth);
+  EXPECT_EQ(views_->pixels().size(), all.size());
+}
+
+TEST_F(Views, ShowASmallMoveByTheirDerivatives) {
+  PhotoState turned = nothing();
+  turned.picture[0].camera_rad = {0.0, 1e-4, 0.0};  // 1500 pixels of focal length: 0.15 pixels
+  views_->render(nothing(), detail::Normals::smooth);
+  const auto before = views_->pixels();
+  views_->render(turned, detail::Normals::smooth, false, false);
+  const auto shifted = views_->pixels();
+  views_->render(turned, detail::Normals::smooth);
+  const auto rendered = views_->pixels();
+  ASSERT_EQ(shifted.size(), rendered.size());
+  double moved = 0.0, missed = 0.0;
+  for (std::size_t i = 0; i < rendered.size(); ++i) {
+    moved += std::pow(rendered[i].value[0] - before[i].value[0], 2);
+    missed += std::pow(rendered[i].value[0] - shifted[i].value[0], 2);
+  }
+  ASSERT_GT(moved, 0.0);
+  // Third derivatives of waves of 20 pixels and more, and rays that meet other cells.
+  EXPECT_LT(std::sqrt(missed / moved), 0.1);
+  EXPECT_GT(missed, 0.0) << "it was rendered anew";
 }
 
 TEST(PhotoChain, ALambertPlaneFollowsTheInverseSquareOfTheDistance) {

@@ -11,6 +11,7 @@
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/squares.hpp"
+#include "diagnosis/detail/standing.hpp"
 #include "diagnosis/diagnose.hpp"
 
 namespace maquette::diagnosis {
@@ -37,7 +38,8 @@ double smallest(const Bank& bank, const Form& form, std::size_t k, const Fit& fi
       detail::kPricePerCause + detail::kPricePerColumn * static_cast<double>(form.columns.size());
   // Two-sided tail of a normal deviate at the level of one claim.
   double confirm = 0.0;
-  while (chi_squared_tail(confirm * confirm, static_cast<int>(form.columns.size())) > kClaimLevel)
+  while (chi_squared_tail(confirm * confirm, static_cast<int>(form.columns.size())) >
+         detail::kConfirmLevel)
     confirm += 0.01;
   return std::fmax(
       (std::sqrt(price) + kNinety) / std::sqrt(information(bank, form, k, fit, detail::kChoose)),

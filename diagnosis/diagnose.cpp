@@ -183,9 +183,9 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
                                                   detail::Linearised& residuals, Diagnosis& d,
                                                   const RunContext& run) {
   constexpr int kLooks = 3;
-  // Up to five causes in up to five rounds are 15 tests a look: at kClaimLevel they take three
-  // quarters of the family's level, and the 30 of two more looks share the rest.
-  constexpr double kLaterLevel = kClaimLevel / 6.0;
+  // Up to five causes in up to five rounds are 15 tests a look: at kConfirmLevel they take three
+  // quarters of a tenth of the family's level, and the 30 of two more looks share the rest.
+  constexpr double kLaterLevel = detail::kConfirmLevel / 6.0;
   const auto all = search.candidates;
   std::vector<detail::Confirmed> confirmed;
   for (int look = 0; look < kLooks && confirmed.empty() && !run.stopped(); ++look) {
@@ -195,8 +195,9 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
     if (look == 0) d.ranking = std::move(ranking);
     if (members.empty() || run.stopped()) break;
     const double looks = take_moments_of(search, bank, residuals, members);
-    confirmed = detail::confirm(bank, members, (look == 0 ? kClaimLevel : kLaterLevel) / looks,
-                                d.rejected, residuals.settle_alone());
+    confirmed =
+        detail::confirm(bank, members, (look == 0 ? detail::kConfirmLevel : kLaterLevel) / looks,
+                        d.rejected, residuals.settle_alone());
     std::erase_if(search.candidates,
                   [&](const detail::Candidate& c) { return detail::has(members, c.effect); });
   }

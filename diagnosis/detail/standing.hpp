@@ -11,7 +11,7 @@
 namespace maquette::diagnosis::detail {
 
 /// Of one claim that confirming blocks bear out. A law of noise that is a little too short makes
-/// chances of smooth causes ten times too small: three that were not there had 2 to 3 in 10000.
+/// chances of smooth causes ten times too small: two that were not there had 2 to 3 in 10000.
 inline constexpr double kConfirmLevel = 0.1 * kClaimLevel;
 
 [[nodiscard]] Members members_of(const std::vector<Confirmed>& confirmed);

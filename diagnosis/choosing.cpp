@@ -168,9 +168,7 @@ std::vector<Members> by_another_law(const Members& with, const Search& search, c
       residuals.about(others);
       const Screen beside = screen(bank, others, {kChoose});
       for (const std::size_t stays : {k, j}) {
-        const auto same =
-            std::find_if(search.candidates.begin(), search.candidates.end(),
-                         [&](const Candidate& c) { return c.effect == with[stays].effect; });
+        const auto same = candidate_of(search, with[stays].effect);
         const auto found = best_form(bank, others, *same, {kChoose}, true, beside);
         if (!(found.objective < most) || same->forms[found.form].law == with[stays].form.law)
           continue;

@@ -87,11 +87,6 @@ void refine(const Search& search, const Bank& bank, State& state, const std::vec
   }
 }
 
-auto candidate_of(const Search& search, const Effect* effect) {
-  return std::find_if(search.candidates.begin(), search.candidates.end(),
-                      [&](const Candidate& c) { return c.effect == effect; });
-}
-
 /// A refined form becomes a candidate for all that follow. Other causes that have columns of its
 /// kind (a step is one whoever made it) have it too, or they would seem worse by not being refined.
 void offer(Search& search, const Member& member) {
@@ -109,6 +104,11 @@ void offer(Search& search, const Member& member) {
 }
 
 }  // namespace
+
+std::vector<Candidate>::const_iterator candidate_of(const Search& search, const Effect* effect) {
+  return std::find_if(search.candidates.begin(), search.candidates.end(),
+                      [&](const Candidate& c) { return c.effect == effect; });
+}
 
 bool believable(const Bank& bank, const std::vector<int>& model, const Member& member, const Fit& f,
                 double sigmas) {

@@ -237,9 +237,7 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
       for (std::size_t j = 0; j < confirmed.size(); ++j) {
         if (j == k) continue;
         const Members now = members_of(confirmed), others = without(now, j);
-        const auto same =
-            std::find_if(search.candidates.begin(), search.candidates.end(),
-                         [&](const Candidate& c) { return c.effect == now[j].effect; });
+        const auto same = candidate_of(search, now[j].effect);
         residuals.about(now);
         const BestForm found =
             best_form(bank, others, *same, {kChoose}, true, screen(bank, others, {kChoose}));

@@ -249,7 +249,7 @@ PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext&
     if (!better) break;
     members = std::move(best);
   }
-  fit_.look_at({});
+  if (in_part) fit_.look_at({});
   fit_.noise = fit_.noise_of(fit_.about(members, parameters_));
   // Sizes with shadows and edges where this model has them.
   return fit_.fitted(std::move(members));

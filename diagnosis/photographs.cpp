@@ -261,7 +261,7 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.remainder =
         detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
     const std::size_t drop = d.remainder.found
-                                 ? beside_unknown(after, members, d, noise_rms(views, 1.0))
+                                 ? beside_unknown(after, members, d, d.rms_noise / scatter.factor)
                                  : members.size();
     if (drop == members.size()) {
       if (noise_known || d.remainder.found || told_by_scatter || !(scatter.off() > kScatterOff))

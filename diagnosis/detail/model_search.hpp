@@ -53,6 +53,9 @@ struct Search {
   const Layout& layout;
   std::vector<Candidate> candidates;
 };
+/// The candidate of an effect; end: none.
+[[nodiscard]] std::vector<Candidate>::const_iterator candidate_of(const Search& search,
+                                                                  const Effect* effect);
 
 /// Best combination on the choosing blocks. Refined forms are added to `bank`.
 /// @param ranking  what each candidate gains alone, best first

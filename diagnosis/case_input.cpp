@@ -277,20 +277,26 @@ Result<StonesSeen> read_stones(const CaseInput& input, const heightmap::ModelFie
 
 }  // namespace
 
+Result<std::optional<heightmap::ModelField>> read_ground(const CaseInput& input,
+                                                         const heightmap::ModelField& design) {
+  if (input.ground.empty()) return std::nullopt;
+  MAQUETTE_TRY(auto ground, heightmap::read_model_field(input.ground));
+  if (ground.z_mm.rows() != design.z_mm.rows() || ground.z_mm.cols() != design.z_mm.cols())
+    return fail(kOtherPart,
+                fmt::format("{} has {} x {} nodes, {} has {} x {}; expected the same surface "
+                            "without its stones",
+                            input.ground.string(), ground.z_mm.cols(), ground.z_mm.rows(),
+                            input.design.string(), design.z_mm.cols(), design.z_mm.rows()));
+  return std::optional(std::move(ground));
+}
+
 Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
   Measurements m;
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(input.design));
-  heightmap::ModelField ground;
+  MAQUETTE_TRY(const auto ground, read_ground(input, design));
   Grid<std::uint8_t> stones;
-  if (!input.ground.empty()) {
-    MAQUETTE_TRY(ground, heightmap::read_model_field(input.ground));
-    if (ground.z_mm.rows() != design.z_mm.rows() || ground.z_mm.cols() != design.z_mm.cols())
-      return fail(kOtherPart,
-                  fmt::format("{} has {} x {} nodes, {} has {} x {}; expected the same surface "
-                              "without its stones",
-                              input.ground.string(), ground.z_mm.cols(), ground.z_mm.rows(),
-                              input.design.string(), design.z_mm.cols(), design.z_mm.rows()));
-    stones = beside_stones(design, ground);
+  if (ground) {
+    stones = beside_stones(design, *ground);
     const auto marked = std::count(stones.cells().begin(), stones.cells().end(), 1);
     if (marked > 0)
       m.notes.push_back(fmt::format(
@@ -300,7 +306,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
           input.stones.empty() ? "without the plan (stones = ...) the stones are not judged"
                                : "the stones are judged one by one"));
   }
-  const heightmap::ModelField& milled = input.ground.empty() ? design : ground;
+  const heightmap::ModelField& milled = ground ? *ground : design;
   const auto on_stone = [&](double x, double y) {
     if (stones.rows() == 0) return false;
     const auto row = std::lround((y - design.y0.value()) / design.spacing.value());
@@ -330,8 +336,8 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                     surface.program_misfit_mm(), kOtherProgram_mm));
   std::optional<StonesSeen> seen_stones;
   Grid<std::uint8_t> about;
-  if (!input.stones.empty() && !input.ground.empty()) {
-    MAQUETTE_TRY(seen_stones, read_stones(input, ground, surface, about));
+  if (!input.stones.empty() && ground) {
+    MAQUETTE_TRY(seen_stones, read_stones(input, *ground, surface, about));
   } else if (!input.stones.empty()) {
     m.notes.push_back("stones without ground (the design without them) cannot be judged");
   }
@@ -466,8 +472,8 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       auto& near = seen_stones->points_mm.emplace_back();
       for (const Vec3& q : l.points) {
         const Vec3 p = set_up.model_from_file.point(q);
-        const auto row = std::lround((p.y - ground.y0.value()) / ground.spacing.value());
-        const auto col = std::lround((p.x - ground.x0.value()) / ground.spacing.value());
+        const auto row = std::lround((p.y - ground->y0.value()) / ground->spacing.value());
+        const auto col = std::lround((p.x - ground->x0.value()) / ground->spacing.value());
         if (about.contains(row, col) && about(row, col) != 0) near.push_back(q);
       }
       seen_stones->stations_mm.push_back(l.station);

@@ -47,7 +47,7 @@ struct KnownCause {
 struct CaseInput {
   std::filesystem::path design;
   /// The design without the stones that are glued on after milling; empty: there are none. What is
-  /// measured on and beside stones says nothing of the ground.
+  /// measured on and beside stones, or photographed in their shadows, says nothing of the ground.
   std::filesystem::path ground;
   std::filesystem::path stones;  ///< their plan: they are judged, too
   std::vector<std::filesystem::path> programs;
@@ -76,6 +76,11 @@ struct Measurements {
   std::vector<std::string> notes;            ///< what could not be used and why
   std::shared_ptr<const StonesSeen> stones;  ///< null: the case has none, or no plan of them
 };
+
+/// The design without its stones; none where the case names none.
+/// @return DIAGNOSIS_OTHER_PART: another number of nodes; errors of the reader
+[[nodiscard]] Result<std::optional<heightmap::ModelField>> read_ground(
+    const CaseInput& input, const heightmap::ModelField& design);
 
 /// About which the poses of the set-ups turn.
 [[nodiscard]] std::vector<Vec3> centres_of(const Measurements& measurements);

@@ -5,23 +5,13 @@
 #include <cmath>
 #include <numbers>
 
-#include "camera/reflectance.hpp"
-
 namespace maquette::diagnosis {
 namespace {
 
 /// Light that comes back, over that of a white Lambert surface in full light (mu0 included).
-double radiance_factor(const PhotoInput& photo, double albedo, const camera::Angles& a) {
-  const camera::Bands bands{albedo, albedo, albedo};
-  switch (photo.reflectance) {
-    case PhotoInput::Law::lommel_seeliger:
-      return camera::LommelSeeliger{bands}.radiance_factor(a)[0];
-    case PhotoInput::Law::lunar_lambert:
-      return camera::LunarLambert{bands, 0.5}.radiance_factor(a)[0];
-    case PhotoInput::Law::lambert:
-      break;
-  }
-  return a.front() ? albedo * a.mu0 : 0.0;
+/// @pre a.front()
+double radiance_factor(const PhotoInput& photo, const camera::Angles& a) {
+  return photo.law ? camera::radiance_factor(*photo.law, a)[1] : photo.albedo * a.mu0;
 }
 
 /// What facets of a rough surface change of an even one's light.
@@ -200,6 +190,12 @@ bool same_light(const PhotoState& a, const PhotoState& b) {
                     });
 }
 
+bool same_lamp(const PhotoState& a, const PhotoState& b, std::size_t lamp) {
+  return a.lamp_mm[lamp] == b.lamp_mm[lamp] &&
+         a.lamp_refocused_mm[lamp] == b.lamp_refocused_mm[lamp] &&
+         a.lamp_diameter_mm == b.lamp_diameter_mm;
+}
+
 bool same_stand(const PictureState& a, const PictureState& b) {
   return a.camera_mm == b.camera_mm && a.camera_rad == b.camera_rad;
 }
@@ -281,7 +277,7 @@ double PhotoChain::radiance(const PhotoPixel& p) const {
   const Vec3 view = normalized(photo.camera_position_mm + s.picture[p.photo].camera_mm - p.place);
   const camera::Angles angles{dot(p.normal, light), dot(p.normal, view), dot(light, view)};
 
-  const double albedo = photo.albedo * (1.0 + s.albedo) * albedo_map(p.place);
+  const double relative = (1.0 + s.albedo) * albedo_map(p.place), albedo = photo.albedo * relative;
   double e = 0.0;  // irradiance across the light, of that at the target
   if (off_axis >= lamp.least_cosine)
     e = lamp.reference2 / squared *
@@ -290,7 +286,7 @@ double PhotoChain::radiance(const PhotoPixel& p) const {
         static_cast<double>(of_lamp.share);
   double out = 0.0;
   if (angles.front() && e > 0.0) {
-    double factor = radiance_factor(photo, albedo, angles) *
+    double factor = relative * radiance_factor(photo, angles) *
                     roughened(albedo, s.roughness_rad2, angles) *
                     roughened_short(s.roughness_short_rad2, angles);
     for (std::size_t k = 0; surge_ && k < kSurgeWidths.size(); ++k)

@@ -20,6 +20,7 @@
 #include <utility>
 #include <vector>
 
+#include "camera/reflectance.hpp"
 #include "core/vec.hpp"
 
 namespace maquette::diagnosis {
@@ -38,7 +39,9 @@ struct PhotoInput {
   double exposure_scale =
       1.0;  ///< value of a white Lambert surface that faces the lamp at its target
   double albedo = 0.3;
-  enum class Law { lambert, lommel_seeliger, lunar_lambert } reflectance = Law::lambert;
+  /// How the surface sends the lamp's light back (the green band); none: as Lambert's law. What
+  /// comes from around (sky, room, other slopes) it sends back evenly, by its albedo.
+  std::optional<camera::Law> law;
   double full_well_e = 50000.0, read_noise_e = 20.0;
   bool as_milled = true;
   bool held_out = false;  ///< has no part in the choice: it is compared with what was chosen
@@ -176,6 +179,8 @@ struct PhotoPixel {
 [[nodiscard]] double radius2(double u, double v, const PhotoInput& photo);
 /// The same light comes to the lens; the same places to the same pixels.
 [[nodiscard]] bool same_light(const PhotoState& a, const PhotoState& b);
+/// A lamp stands where it stood, as wide.
+[[nodiscard]] bool same_lamp(const PhotoState& a, const PhotoState& b, std::size_t lamp);
 [[nodiscard]] bool same_stand(const PictureState& a, const PictureState& b);
 [[nodiscard]] bool same_places(const PhotoState& a, const PhotoState& b);
 /// The same places are as sharp.

@@ -28,6 +28,9 @@ constexpr double kFloorShareOfMap = 0.03, kFloorShareOfSky = 0.06;
 constexpr double kFloorShareElsewhere = 0.03;
 /// Penumbras narrower than that are not told from shadows' steps between rays, pixels.
 constexpr double kPenumbra_px = 1.5;
+/// Poses are not known better than that, rms over the pictures that are elsewhere, pixels: pixels
+/// at edges are taken to be wrong by as much (PhotoFit).
+constexpr double kPose_px = 0.1;
 /// A size is named from that many of its standard errors on.
 constexpr double kSure = 4.0;
 /// What is not in a map's waves errs together in all of a place's pixels.
@@ -165,6 +168,21 @@ bool shows_at_edges(const PhotoFit& fit, const PhotoMember& member) {
   return !same_places(with, none) || !same_sharpness(with, none);
 }
 
+/// How far off a member alone shows places that it moves, rms, pixels.
+double displaced_px(const PhotoFit& fit, const PhotoMember& member) {
+  const PhotoState with = fit.state_of({member}), none = fit.state_of({});
+  double squares = 0.0, count = 0.0;
+  for (const MeasuredPixel& p : fit.views().pixels()) {
+    const auto to = displacement(p, 1, with, fit.views().scene()),
+               was = displacement(p, 1, none, fit.views().scene());
+    const double off2 = std::pow(to[0] - was[0], 2) + std::pow(to[1] - was[1], 2);
+    if (!(off2 > 0.0)) continue;
+    squares += off2;
+    count += 1.0;
+  }
+  return std::sqrt(squares / std::fmax(1.0, count));
+}
+
 /// A size of its own that its standard error does not tell from none: what few pixels (edges of
 /// shadows) err by together gains much, and says little.
 bool is_unsure(const PhotoLinear& linear, const PhotoFit& fit, const PhotoMembers& members,
@@ -288,11 +306,12 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
       const double floor = std::fmax(kPhotoFloor * light, others_wrong(fit, linear, members, k));
       const double own = moved_by(linear, members[k]) * own_share(linear, members, k);
       const PhotoForm& form = members[k].form;
-      const bool small = !(own > floor) ||
-                         (form.least > 0.0 && std::abs(members[k].values[0]) < form.least) ||
-                         (members[k].effect->name == "lamp.size" &&
-                          fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
-                                                  members[k].values[0]) < kPenumbra_px);
+      const bool small =
+          !(own > floor) || (form.least > 0.0 && std::abs(members[k].values[0]) < form.least) ||
+          (members[k].effect->name == "lamp.size" &&
+           fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
+                                   members[k].values[0]) < kPenumbra_px) ||
+          (members[k].effect->name == "photo.pose" && displaced_px(fit, members[k]) < kPose_px);
       const bool unsure = is_unsure(linear, fit, members, k);
       if (p < kClaimLevel && !small && !unsure) continue;
       if (!(gain < least)) continue;

@@ -4,241 +4,31 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
-#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <oneapi/tbb/parallel_for.h>
 
-#include "camera/disc_samples.hpp"
-#include "camera/effects/sampling.hpp"
 #include "camera/image_io.hpp"
 #include "camera/srgb.hpp"
 #include "core/median.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/pictures.hpp"
 #include "diagnosis/photographs.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
 using heightmap::ModelField;
 
-constexpr std::ptrdiff_t kAcross = 2;        // rays of a pixel along each side
 constexpr std::size_t kMostPixels = 50'000;  // of all photographs that are compared
-/// Variance that a square pixel has beyond that of its rays, of a pixel's square.
-constexpr double kPixelRest = 1.0 / (12.0 * kAcross * kAcross);
-constexpr double kOff_mm = 1e-3;     // where a ray to the lamp starts above the surface
-constexpr int kLampRays = 32;        // of a pixel's ray, to lamps with a size
 constexpr std::ptrdiff_t kRim = 10;  // pixels beside the surface's end that are not compared
 constexpr double kSaturated = 0.97;
-constexpr std::ptrdiff_t kAround = 160;  // grid of places that look around, and rays of each
-constexpr int kAroundRays = 64;
-constexpr int kBounces = 3;  // beyond the first; each leaves a tenth or less
-
-/// A lamp as it stands in a state.
-struct Lamp {
-  Vec3 position, right, up;  ///< right and up across its axis
-  double diameter_mm;
-
-  Lamp(const PhotoScene& scene, const PhotoState& state, std::size_t photo) {
-    const PhotoInput& p = scene.photos[photo];
-    const std::size_t lamp = scene.lamp_of[photo];
-    position = p.lamp_position_mm + state.lamp_mm[lamp] + state.lamp_refocused_mm[lamp];
-    const auto axes = across(normalized(position - p.lamp_target_mm));
-    right = axes[0];
-    up = axes[1];
-    diameter_mm = p.lamp_diameter_mm + state.lamp_diameter_mm;
-  }
-  [[nodiscard]] Vec3 at(double x, double y, double diameter) const {
-    return position + 0.5 * diameter * (x * right + y * up);
-  }
-};
-bool same_lamp(const PhotoState& a, const PhotoState& b, std::size_t lamp) {
-  return a.lamp_mm[lamp] == b.lamp_mm[lamp] &&
-         a.lamp_refocused_mm[lamp] == b.lamp_refocused_mm[lamp] &&
-         a.lamp_diameter_mm == b.lamp_diameter_mm;
-}
-
-constexpr std::ptrdiff_t kBlock = 4;   // side of a square of rays that are traced together
-constexpr std::size_t kTogether = 16;  // rays in it
-
-heightmap::FieldTracer::Segment segment(Vec3 from, Vec3 to) {
-  const double way = norm(to - from);
-  return {from, (1.0 / way) * (to - from), way};
-}
-/// Calls `cell` for each cell of a square of kBlock x kBlock, then `end`, square by square.
-template <class State, class Cell, class End>
-void in_squares(std::ptrdiff_t rows, std::ptrdiff_t cols, const Cell& cell, const End& end) {
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, (rows + kBlock - 1) / kBlock, [&](std::ptrdiff_t i) {
-    State state;
-    for (std::ptrdiff_t left = 0; left < cols; left += kBlock) {
-      for (std::ptrdiff_t r = i * kBlock; r < std::min(rows, (i + 1) * kBlock); ++r)
-        for (std::ptrdiff_t c = left; c < std::min(cols, left + kBlock); ++c) cell(r, c, state);
-      end(state);
-    }
-  });
-}
-/// What a place sees of points on a lamp's disc.
-SeenLamp seen_of(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& lamp,
-                 double diameter_mm, const std::vector<camera::DiscPoint>& disc) {
-  int seen = 0;
-  double x = 0.0, y = 0.0;
-  std::array<heightmap::FieldTracer::Segment, kTogether> rays;
-  std::array<bool, kTogether> blocked;
-  for (std::size_t first = 0; first < disc.size(); first += kTogether) {
-    const std::size_t n = std::min(kTogether, disc.size() - first);
-    for (std::size_t i = 0; i < n; ++i)
-      rays[i] = segment(from, lamp.at(disc[first + i].x, disc[first + i].y, diameter_mm));
-    tracer.blocked_many({rays.data(), n}, {blocked.data(), n});
-    for (std::size_t i = 0; i < n; ++i) {
-      if (blocked[i]) continue;
-      ++seen;
-      x += disc[first + i].x;
-      y += disc[first + i].y;
-    }
-  }
-  const auto all = static_cast<int>(disc.size());
-  if (seen == all) return {1.0F, 0.0F, 0.0F};
-  const double each = 0.5 * diameter_mm / all;
-  return {static_cast<float>(seen) / static_cast<float>(all), static_cast<float>(each * x),
-          static_cast<float>(each * y)};
-}
-/// Is what a place sees of a lamp's rim other than what it sees of its middle?
-bool differs_at_rim(const heightmap::FieldTracer& tracer, Vec3 from, const Lamp& lamp,
-                    double diameter_mm, bool middle) {
-  std::array<heightmap::FieldTracer::Segment, 4> rays;
-  std::size_t n = 0;
-  for (const auto& [x, y] : {std::pair{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}})
-    rays[n++] = segment(from, lamp.at(x, y, diameter_mm));
-  std::array<bool, 4> blocked;
-  tracer.blocked_many(rays, blocked);
-  return std::any_of(blocked.begin(), blocked.end(), [&](bool b) { return b == middle; });
-}
-SeenLamp mean_of(const SeenLamp& sum, double n) {
-  const auto k = static_cast<float>(1.0 / n);
-  return {k * sum.share, k * sum.x_mm, k * sum.y_mm};
-}
-SeenLamp& operator+=(SeenLamp& a, const SeenLamp& b) {
-  a.share += b.share;
-  a.x_mm += b.x_mm;
-  a.y_mm += b.y_mm;
-  return a;
-}
-
-/// Gaussians of less variance are no longer that when sampled at pixels (a tenth too narrow at
-/// 0.27, 0.2 % at this): they are three values that have it.
-constexpr double kNarrow_px2 = 0.49;
-
-/// Separable Gaussian of that variance in pixels.
-void blur(Grid<float>& image, double variance) {
-  if (!(variance > 0.0)) return;
-  const double sigma = std::sqrt(variance);
-  // As a box of a pixel's width is in every sample's way anyway, the kernel is sampled at pixels.
-  std::vector<float> k;
-  if (variance < kNarrow_px2) {
-    const auto side = static_cast<float>(0.5 * variance);
-    k = {side, 1.0F - 2.0F * side, side};
-  } else {
-    const auto reach = static_cast<int>(std::ceil(4.0 * sigma));
-    double sum = 0.0;
-    for (int i = -reach; i <= reach; ++i) sum += std::exp(-0.5 * i * i / variance);
-    for (int i = -reach; i <= reach; ++i)
-      k.push_back(static_cast<float>(std::exp(-0.5 * i * i / variance) / sum));
-  }
-  const auto reach = static_cast<std::ptrdiff_t>(k.size() / 2);
-  const std::ptrdiff_t rows = image.rows(), cols = image.cols();
-  Grid<float> half(rows, cols, 0.0F);
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      float sum = 0.0F;
-      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
-        sum += k[static_cast<std::size_t>(i + reach)] *
-               image(r, std::clamp<std::ptrdiff_t>(c + i, 0, cols - 1));
-      half(r, c) = sum;
-    }
-  });
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      float sum = 0.0F;
-      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
-        sum += k[static_cast<std::size_t>(i + reach)] *
-               half(std::clamp<std::ptrdiff_t>(r + i, 0, rows - 1), c);
-      image(r, c) = sum;
-    }
-  });
-}
-
-/// Gaussian of each pixel's own variance, where that is not 0.
-void blur_by_place(Grid<float>& image, const Grid<float>& variance) {
-  const Grid<float> from = image;
-  const std::ptrdiff_t rows = image.rows(), cols = image.cols();
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-    std::vector<double> weight;
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      const auto v = static_cast<double>(variance(r, c));
-      if (!(v > 0.0)) continue;
-      const bool narrow = v < kNarrow_px2;
-      const std::ptrdiff_t reach =
-          narrow ? 1 : static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(v)));
-      weight.clear();
-      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
-        weight.push_back(narrow ? (i == 0 ? 1.0 - v : 0.5 * v)
-                                : std::exp(-0.5 * static_cast<double>(i * i) / v));
-      double sum = 0.0, all = 0.0;
-      for (std::ptrdiff_t i = -reach; i <= reach; ++i)
-        for (std::ptrdiff_t j = -reach; j <= reach; ++j) {
-          const double w = weight[static_cast<std::size_t>(i + reach)] *
-                           weight[static_cast<std::size_t>(j + reach)];
-          all += w;
-          sum += w * static_cast<double>(from(std::clamp<std::ptrdiff_t>(r + i, 0, rows - 1),
-                                              std::clamp<std::ptrdiff_t>(c + j, 0, cols - 1)));
-        }
-      image(r, c) = static_cast<float>(sum / all);
-    }
-  });
-}
-
-/// Between nodes; the edge goes on.
-float bilinear(const Grid<float>& g, double r, double c) {
-  return camera::bilinear(g, static_cast<float>(c) + 0.5F, static_cast<float>(r) + 0.5F);
-}
-float cubic(const Grid<float>& g, double r, double c) {
-  return camera::bicubic(g, static_cast<float>(c) + 0.5F, static_cast<float>(r) + 0.5F);
-}
-
-/// A straight motion: values along a line, its variance that of the tensor's larger axis; what is
-/// across is Gaussian.
-/// @param wanted  (row, column): elsewhere the picture stays as it is
-template <class Wanted>
-void smear(Grid<float>& image, const std::array<double, 3>& px2, const Wanted& wanted) {
-  const double mean = 0.5 * (px2[0] + px2[2]), apart = std::hypot(0.5 * (px2[0] - px2[2]), px2[1]),
-               most = mean + apart;
-  if (!(most > 1e-6)) return;
-  const double angle = 0.5 * std::atan2(2.0 * px2[1], px2[0] - px2[2]);
-  const double length = std::sqrt(12.0 * most);
-  const int n = std::max(3, 2 * static_cast<int>(std::ceil(length)) + 1);
-  const Grid<float> from = image;
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, image.rows(), [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < image.cols(); ++c) {
-      if (!wanted(r, c)) continue;
-      float sum = 0.0F;
-      for (int i = 0; i < n; ++i) {
-        const double at = length * ((i + 0.5) / n - 0.5);
-        sum += cubic(from, static_cast<double>(r) + at * std::sin(angle),
-                     static_cast<double>(c) + at * std::cos(angle));
-      }
-      image(r, c) = sum / static_cast<float>(n);
-    }
-  });
-  blur(image, std::fmax(0.0, mean - apart));
-}
 
 }  // namespace
 
 Result<Photograph> read_photograph(const PhotoInput& photo) {
   MAQUETTE_TRY(auto image, camera::read_image(photo.image));
-  std::erase_if(image.names, [](const std::string& n) { return n == "A"; });
-  if (image.channels.size() > image.names.size()) image.channels.resize(image.names.size());
   const auto& first = image.channels.front();
   if (first.cols() != photo.width_px || first.rows() != photo.height_px)
     return fail(kPhotograph,
@@ -246,19 +36,22 @@ Result<Photograph> read_photograph(const PhotoInput& photo) {
                             "picture as it was taken or correct the case",
                             photo.image.string(), first.cols(), first.rows(), photo.width_px,
                             photo.height_px));
-  if (image.channels.size() != 1 && image.channels.size() < 3)
-    return fail(kPhotograph, fmt::format("{}: {} channels; expected one, or red, green and blue",
-                                         photo.image.string(), image.channels.size()));
-  image.channels.resize(std::min<std::size_t>(3, image.channels.size()));
+  // Files order channels by name, and renderers add others (distance, normals).
   Photograph p;
-  p.value = std::move(image.channels);
-  if (p.value.size() == 3) {
-    // EXR files order channels by name.
-    const auto at = [&](const char* name) {
-      return std::find(image.names.begin(), image.names.end(), name) - image.names.begin();
-    };
-    if (at("R") == 2 && at("B") == 0) std::swap(p.value[0], p.value[2]);
-  }
+  const auto take = [&](std::initializer_list<const char*> names) {
+    for (const char* name : names) {
+      Grid<float>* const channel = camera::channel_of(image, name);
+      if (channel == nullptr) return p.value.clear();
+      p.value.push_back(std::move(*channel));
+    }
+  };
+  if (image.channels.size() > 1) take({"R", "G", "B"});
+  if (image.channels.size() > 1 && p.value.empty()) take({"Y"});
+  if (image.channels.size() == 1) p.value = std::move(image.channels);
+  if (p.value.empty())
+    return fail(kPhotograph,
+                fmt::format("{}: channels {}; expected R, G and B, or Y, or a single one",
+                            photo.image.string(), fmt::join(image.names, ", ")));
   if (photo.srgb) {
     if (image.eight_bit) p.quantum = 1.0 / 255.0;
     for (auto& channel : p.value)
@@ -268,8 +61,10 @@ Result<Photograph> read_photograph(const PhotoInput& photo) {
 }
 
 PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photographs,
-                       std::vector<const ModelField*> surfaces, bool held_out)
+                       std::vector<const ModelField*> surfaces,
+                       std::vector<Grid<std::uint8_t>> left_out, bool held_out)
     : scene_(scene),
+      left_out_(std::move(left_out)),
       held_out_(held_out),
       photographs_(std::move(photographs)),
       surfaces_(std::move(surfaces)) {
@@ -361,350 +156,6 @@ void PhotoViews::find_near(std::size_t k) {
   }
 }
 
-/// Slopes at nodes: central differences, or over four neighbours, which a wave of eight nodes
-/// brings within 1 % instead of 10.
-void PhotoViews::take_slopes() {
-  if (normals_ != Normals::smooth && normals_ != Normals::smoother) return;
-  if (slopes_of_ == normals_) return;
-  slopes_of_ = normals_;
-  slopes_.clear();
-  for (std::size_t k = 0; k < surfaces_.size(); ++k) {
-    if (tracer_of_[k] < slopes_.size()) continue;  // taken already
-    const ModelField& f = *surfaces_[k];
-    const std::ptrdiff_t rows = f.z_mm.rows(), cols = f.z_mm.cols();
-    const double step = f.spacing.value();
-    Slopes slopes{Grid<float>(rows, cols, NAN), Grid<float>(rows, cols, NAN)};
-    const bool four = normals_ == Normals::smoother;
-    const auto along = [&](const auto& z, std::ptrdiff_t i, std::ptrdiff_t n) {
-      if (four && i > 1 && i < n - 2)
-        return static_cast<float>((8.0 * (z(i + 1) - z(i - 1)) - (z(i + 2) - z(i - 2))) /
-                                  (12.0 * step));
-      const std::ptrdiff_t low = std::max<std::ptrdiff_t>(0, i - 1), high = std::min(n - 1, i + 1);
-      return static_cast<float>((z(high) - z(low)) / (step * static_cast<double>(high - low)));
-    };
-    oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-      for (std::ptrdiff_t c = 0; c < cols; ++c) {
-        slopes.x(r, c) =
-            along([&](std::ptrdiff_t i) { return static_cast<double>(f.z_mm(r, i)); }, c, cols);
-        slopes.y(r, c) =
-            along([&](std::ptrdiff_t i) { return static_cast<double>(f.z_mm(i, c)); }, r, rows);
-      }
-    });
-    slopes_.push_back(std::move(slopes));
-  }
-}
-
-Vec3 PhotoViews::normal_at(std::size_t photo, double x, double y) const {
-  const ModelField& f = *surfaces_[photo];
-  const double step = f.spacing.value();
-  const double c = std::clamp((x - f.x0.value()) / step, 0.0,
-                              static_cast<double>(f.z_mm.cols() - 1)),
-               r = std::clamp((y - f.y0.value()) / step, 0.0,
-                              static_cast<double>(f.z_mm.rows() - 1));
-  double gx = 0.0, gy = 0.0;
-  if (normals_ == Normals::smooth || normals_ == Normals::smoother) {
-    const Slopes& s = slopes_[tracer_of_[photo]];
-    gx = bilinear(s.x, r, c);
-    gy = bilinear(s.y, r, c);
-  } else {
-    const auto c0 = std::min(static_cast<std::ptrdiff_t>(c), f.z_mm.cols() - 2),
-               r0 = std::min(static_cast<std::ptrdiff_t>(r), f.z_mm.rows() - 2);
-    const double fc = c - static_cast<double>(c0), fr = r - static_cast<double>(r0);
-    const double a = f.z_mm(r0, c0), b = f.z_mm(r0, c0 + 1), d = f.z_mm(r0 + 1, c0),
-                 e = f.z_mm(r0 + 1, c0 + 1);
-    if (normals_ == Normals::patches) {
-      gx = std::lerp(b - a, e - d, fr) / step;
-      gy = std::lerp(d - a, e - b, fc) / step;
-    } else {
-      gx = (fc > fr ? b - a : e - d) / step;
-      gy = (fc > fr ? e - b : d - a) / step;
-    }
-  }
-  return normalized(Vec3{-gx, -gy, 1.0});
-}
-
-void PhotoViews::trace(std::size_t k) {
-  const PhotoInput& photo = scene_.photos[k];
-  View& view = views_[k];
-  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
-  const double f = photo.focal_length_mm * 1000.0 / photo.pixel_pitch_um;
-  const Vec3 origin = photo.camera_position_mm + state_.picture[k].camera_mm;
-  const Vec3 turn = state_.picture[k].camera_rad;
-  const double turned = norm(turn);
-  const Quaternion model_from_camera =
-      turned > 0.0 ? rotation_about((1.0 / turned) * turn, turned) * photo.model_from_camera
-                   : photo.model_from_camera;
-  const std::ptrdiff_t far = reach();
-  struct Square {
-    std::size_t n = 0;
-    std::array<Sample*, kTogether> of;
-    std::array<heightmap::FieldTracer::Ray, kTogether> rays;
-    std::array<std::optional<heightmap::FieldHit>, kTogether> hits;
-  };
-  in_squares<Square>(
-      view.samples.rows(), view.samples.cols(),
-      [&](std::ptrdiff_t r, std::ptrdiff_t c, Square& square) {
-        Sample& s = view.samples(r, c);
-        s = {};
-        if (!view.wanted(r / kAcross, c / kAcross, far)) return;
-        const double u0 = (static_cast<double>(c) + 0.5) / kAcross - photo.principal_u_px,
-                     v0 = (static_cast<double>(r) + 0.5) / kAcross - photo.principal_v_px;
-        const bool bends = state_.radial_1 != 0.0 || state_.radial_2 != 0.0;
-        double u = u0, v = v0;
-        for (int round = 0; round < (bends ? 6 : 1); ++round) {  // back from where the lens puts it
-          const double r2 = (u * u + v * v) / (f * f);
-          const double radial =
-              1.0 + state_.focal + state_.radial_1 * r2 + state_.radial_2 * r2 * r2;
-          u = u0 / radial;
-          v = v0 / radial;
-        }
-        square.of[square.n] = &s;
-        square.rays[square.n++] = {origin, rotate(model_from_camera, normalized(Vec3{u, -v, -f}))};
-      },
-      [&](Square& square) {
-        const std::size_t n = std::exchange(square.n, 0);
-        tracer.trace_many({square.rays.data(), n}, {square.hits.data(), n});
-        for (std::size_t i = 0; i < n; ++i) {
-          const auto& hit = square.hits[i];
-          if (!hit) continue;
-          square.of[i]->x = static_cast<float>(hit->point_mm.x);
-          square.of[i]->y = static_cast<float>(hit->point_mm.y);
-          square.of[i]->z = static_cast<float>(hit->point_mm.z);
-        }
-      });
-}
-
-void PhotoViews::see_lamp(std::size_t k) {
-  View& view = views_[k];
-  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
-  const Lamp lamp(scene_, state_, k);
-  struct Square {
-    std::size_t n = 0;
-    std::array<Sample*, kTogether> of;
-    std::array<heightmap::FieldTracer::Segment, kTogether> rays;
-    std::array<bool, kTogether> blocked;
-  };
-  in_squares<Square>(
-      view.samples.rows(), view.samples.cols(),
-      [&](std::ptrdiff_t r, std::ptrdiff_t c, Square& square) {
-        Sample& s = view.samples(r, c);
-        if (std::isnan(s.x)) return;
-        square.of[square.n] = &s;
-        square.rays[square.n++] =
-            segment({s.x, s.y, static_cast<double>(s.z) + kOff_mm}, lamp.position);
-      },
-      [&](Square& square) {
-        const std::size_t n = std::exchange(square.n, 0);
-        tracer.blocked_many({square.rays.data(), n}, {square.blocked.data(), n});
-        for (std::size_t i = 0; i < n; ++i)
-          square.of[i]->lamp = {square.blocked[i] ? 0.0F : 1.0F, 0.0F, 0.0F};
-      });
-  if (!(lamp.diameter_mm > 0.0)) return;
-  // Penumbras: where a neighbour within their width sees what this does not. Along the light a low
-  // lamp stretches them twice: the shadow, and the angle at which its edge meets the ground.
-  const PhotoInput& photo = scene_.photos[k];
-  const Vec3 from_target = lamp.position - photo.lamp_target_mm;
-  const double sine = std::fmax(0.1, from_target.z / norm(from_target));
-  const auto reach = std::clamp<std::ptrdiff_t>(
-      static_cast<std::ptrdiff_t>(
-          std::ceil(kAcross * penumbra_px(lamp.diameter_mm) / (sine * sine))) +
-          1,
-      2, 400);
-  const std::ptrdiff_t rows = view.samples.rows(), cols = view.samples.cols();
-  // Summed over squares: is it all light or all shadow?
-  Grid<std::int32_t> lit(rows + 1, cols + 1, 0), hit(rows + 1, cols + 1, 0);
-  for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      const Sample& s = view.samples(r, c);
-      const int h = std::isnan(s.x) ? 0 : 1, l = h == 1 && s.lamp.share > 0.0F ? 1 : 0;
-      hit(r + 1, c + 1) = h + hit(r, c + 1) + hit(r + 1, c) - hit(r, c);
-      lit(r + 1, c + 1) = l + lit(r, c + 1) + lit(r + 1, c) - lit(r, c);
-    }
-  const auto one_light = [&](std::ptrdiff_t r, std::ptrdiff_t c, std::ptrdiff_t far) {
-    const std::ptrdiff_t r0 = std::max<std::ptrdiff_t>(0, r - far),
-                         r1 = std::min(rows, r + kAcross + far),
-                         c0 = std::max<std::ptrdiff_t>(0, c - far),
-                         c1 = std::min(cols, c + kAcross + far);
-    const auto sum = [&](const Grid<std::int32_t>& g) {
-      return g(r1, c1) - g(r0, c1) - g(r1, c0) + g(r0, c0);
-    };
-    const int lights = sum(lit);
-    return lights == 0 || lights == sum(hit);
-  };
-  // Of pictures that are rendered in part the shadow may lie where nothing is.
-  const bool whole = view.looked_at.empty();
-  static_assert(kAcross == 2, "two rays on a diagonal tell of all four");
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows / kAcross, [&](std::ptrdiff_t row) {
-    std::vector<camera::DiscPoint> disc;
-    for (std::ptrdiff_t col = 0; col < cols / kAcross; ++col) {
-      const std::ptrdiff_t r = kAcross * row, c = kAcross * col;
-      if (whole && one_light(r, c, reach)) continue;
-      const auto differs = [&](std::ptrdiff_t i) {
-        const Sample& s = view.samples(r + i, c + i);
-        if (std::isnan(s.x)) return false;
-        return differs_at_rim(tracer, {s.x, s.y, static_cast<double>(s.z) + kOff_mm}, lamp,
-                              lamp.diameter_mm, s.lamp.share > 0.0F);
-      };
-      if (one_light(r, c, 0) && !differs(0) && !differs(1)) continue;
-      for (std::ptrdiff_t i = r; i < r + kAcross; ++i)
-        for (std::ptrdiff_t j = c; j < c + kAcross; ++j) {
-          Sample& s = view.samples(i, j);
-          if (std::isnan(s.x)) continue;
-          camera::stratified_disc(kLampRays, static_cast<std::uint64_t>(i * cols + j), disc);
-          s.lamp = seen_of(tracer, {s.x, s.y, static_cast<double>(s.z) + kOff_mm}, lamp,
-                           lamp.diameter_mm, disc);
-        }
-    }
-  });
-}
-
-std::array<SeenLamp, kLampSizes> PhotoViews::lamp_of_sizes(std::size_t k, std::uint32_t at) const {
-  const PhotoInput& photo = scene_.photos[k];
-  const View& view = views_[k];
-  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[k]];
-  const Lamp lamp(scene_, state_, k);
-  const auto row = static_cast<std::ptrdiff_t>(at) / photo.width_px,
-             col = static_cast<std::ptrdiff_t>(at) % photo.width_px;
-  std::array<SeenLamp, kLampSizes> sum{};
-  double largest = 0.0;
-  for (const double d : scene_.lamp_sizes_mm)
-    largest = std::fmax(largest, photo.lamp_diameter_mm + d);
-  bool edge = false;
-  float first = -1.0F;
-  std::vector<Vec3> places;
-  for (std::ptrdiff_t i = 0; i < kAcross; ++i)
-    for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
-      const Sample& s = view.samples(kAcross * row + i, kAcross * col + j);
-      if (std::isnan(s.x)) continue;
-      const Vec3 p{s.x, s.y, static_cast<double>(s.z) + kOff_mm};
-      places.push_back(p);
-      if (first < 0.0F) first = s.lamp.share;
-      edge |= s.lamp.share != first;
-      edge = edge || differs_at_rim(tracer, p, lamp, largest, first >= 0.5F);
-    }
-  std::array<SeenLamp, kLampSizes> out;
-  if (!edge || places.empty()) {
-    out.fill({std::fmax(0.0F, first), 0.0F, 0.0F});
-    return out;
-  }
-  std::vector<camera::DiscPoint> disc;
-  for (std::size_t n = 0; n < places.size(); ++n) {
-    camera::stratified_disc(kLampRays, 0x1a3bU + 64ULL * at + n, disc);
-    for (std::size_t size = 0; size < kLampSizes; ++size) {
-      const double diameter = std::fmax(0.0, photo.lamp_diameter_mm + scene_.lamp_sizes_mm[size]);
-      sum[size] += seen_of(tracer, places[n], lamp, diameter, disc);
-    }
-  }
-  for (std::size_t size = 0; size < kLampSizes; ++size)
-    out[size] = mean_of(sum[size], static_cast<double>(places.size()));
-  return out;
-}
-
-/// Sky, or surface that a lamp lights, from places on a grid.
-void PhotoViews::look_around() {
-  const ModelField& f = *surfaces_[0];
-  const heightmap::FieldTracer& tracer = tracers_[tracer_of_[0]];
-  const double wide = scene_.box.max.x - scene_.box.min.x,
-               high = scene_.box.max.y - scene_.box.min.y;
-  around_step_mm_ = std::fmax(wide, high) / static_cast<double>(kAround - 1);
-  const auto rows = static_cast<std::ptrdiff_t>(high / around_step_mm_) + 1,
-             cols = static_cast<std::ptrdiff_t>(wide / around_step_mm_) + 1;
-  sky_ = Grid<float>(rows, cols, 1.0F);
-  sky_side_.fill(Grid<float>(rows, cols, 0.0F));
-  sky_side_[2] = Grid<float>(rows, cols, 1.0F);
-  bounce_.assign(scene_.lamps, Grid<float>(rows, cols, 0.0F));
-  struct Seen {
-    float row, col;
-  };
-  std::vector<std::vector<Seen>> seen(static_cast<std::size_t>(rows * cols));
-  std::vector<std::size_t> photo_of(scene_.lamps, 0);
-  for (std::size_t k = scene_.photos.size(); k-- > 0;) photo_of[scene_.lamp_of[k]] = k;
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      const double x = scene_.box.min.x + around_step_mm_ * static_cast<double>(c),
-                   y = scene_.box.min.y + around_step_mm_ * static_cast<double>(r);
-      const double z = heightmap::height_at(f, x, y);
-      if (std::isnan(z)) continue;
-      const Vec3 n = normal_at(0, x, y);
-      const auto [a, b] = across(n);
-      const Vec3 p = Vec3{x, y, z} + kOff_mm * n;
-      int open = 0;
-      Vec3 from_open;
-      std::vector<double> light(scene_.lamps, 0.0);
-      for (int i = 0; i < kAroundRays; ++i) {
-        const auto cell = static_cast<std::uint64_t>(r * cols + c);
-        const double u = (i / 8 + random_uniform(cell, static_cast<std::uint64_t>(2 * i))) / 8.0,
-                     v = (i % 8 + random_uniform(cell, static_cast<std::uint64_t>(2 * i + 1))) /
-                         8.0;
-        const camera::DiscPoint d = camera::concentric_disc(u, v);
-        const Vec3 w =
-            d.x * a + d.y * b + std::sqrt(std::fmax(0.0, 1.0 - d.x * d.x - d.y * d.y)) * n;
-        const auto hit = tracer.trace(p, normalized(w));
-        if (!hit) {
-          if (w.z > 0.0) {  // the sky is above
-            ++open;
-            from_open += w;
-          }
-          continue;
-        }
-        seen[cell].push_back(
-            {static_cast<float>((hit->point_mm.y - scene_.box.min.y) / around_step_mm_),
-             static_cast<float>((hit->point_mm.x - scene_.box.min.x) / around_step_mm_)});
-        for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp) {
-          const PhotoInput& photo = scene_.photos[photo_of[lamp]];
-          const Vec3 from = hit->point_mm + kOff_mm * hit->normal;
-          const Vec3 to = photo.lamp_position_mm - from;
-          const double way = norm(to), mu0 = dot(hit->normal, to) / way;
-          if (!(mu0 > 0.0) || tracer.blocked(from, (1.0 / way) * to, way, 0.0)) continue;
-          const Vec3 target = photo.lamp_target_mm - photo.lamp_position_mm;
-          light[lamp] += photo.albedo * mu0 * dot(target, target) / (way * way);
-        }
-      }
-      sky_(r, c) = static_cast<float>(open) / kAroundRays;
-      for (const auto& [axis, sum] :
-           {std::pair{0U, from_open.x}, {1U, from_open.y}, {2U, from_open.z}})
-        sky_side_[axis](r, c) = static_cast<float>(1.5 * sum / kAroundRays);
-      for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp)
-        bounce_[lamp](r, c) = static_cast<float>(light[lamp] / kAroundRays);
-    }
-  });
-  // Light that bounced lights again.
-  bounce_all_ = bounce_;
-  for (std::size_t lamp = 0; lamp < scene_.lamps; ++lamp) {
-    const double albedo = scene_.photos[photo_of[lamp]].albedo;
-    for (int again = 0; again < kBounces; ++again) {
-      const Grid<float> before = bounce_all_[lamp];
-      oneapi::tbb::parallel_for(std::ptrdiff_t{0}, rows, [&](std::ptrdiff_t r) {
-        for (std::ptrdiff_t c = 0; c < cols; ++c) {
-          double sum = 0.0;
-          for (const Seen& at : seen[static_cast<std::size_t>(r * cols + c)])
-            sum += bilinear(before, at.row, at.col);
-          bounce_all_[lamp](r, c) =
-              bounce_[lamp](r, c) + static_cast<float>(albedo * sum / kAroundRays);
-        }
-      });
-    }
-  }
-}
-
-/// What a place sees around it.
-void PhotoViews::look_around_from(std::size_t k, PhotoPixel& p) const {
-  const double row = (p.place.y - scene_.box.min.y) / around_step_mm_,
-               col = (p.place.x - scene_.box.min.x) / around_step_mm_;
-  p.sky = bilinear(sky_, row, col);
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    p.sky_side[axis] = bilinear(sky_side_[axis], row, col);
-  p.bounce = bilinear(bounce_[scene_.lamp_of[k]], row, col);
-  p.bounce_all = bilinear(bounce_all_[scene_.lamp_of[k]], row, col);
-}
-/// A pixel as one of its rays meets the surface.
-void PhotoViews::show(std::size_t k, const Sample& s, PhotoPixel& p) const {
-  p.place = {s.x, s.y, s.z};
-  p.normal = normal_at(k, s.x, s.y);
-  p.lamp = s.lamp;
-  look_around_from(k, p);
-}
-
 Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
   const PhotoInput& photo = scene_.photos[k];
   const View& view = views_[k];
@@ -735,7 +186,7 @@ Grid<float> PhotoViews::picture(std::size_t k, Grid<float>& hits) const {
 }
 
 /// Those of the lattice that are compared, in every model: on the surface, not at its rim, not
-/// saturated.
+/// saturated, not left out.
 void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
   const PhotoInput& photo = scene_.photos[k];
   View& view = views_[k];
@@ -753,6 +204,7 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
                          c = static_cast<std::ptrdiff_t>(at) % photo.width_px;
     if (r < kRim || c < kRim || r >= photo.height_px - kRim || c >= photo.width_px - kRim)
       return true;
+    if (!left_out_.empty() && left_out_[k](r, c) != 0) return true;
     for (std::ptrdiff_t i = -kRim; i <= kRim; ++i)
       for (std::ptrdiff_t j = -kRim; j <= kRim; ++j)
         if (view.wanted(r + i, c + j, far) && hits(r + i, c + j) < 1.0F) return true;
@@ -804,6 +256,8 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
       2 + static_cast<std::ptrdiff_t>(std::ceil(4.0 * std::sqrt(std::fmax(0.0, own.blur_px2))));
   smear(image, own.smear_px2,
         [&](std::ptrdiff_t r, std::ptrdiff_t c) { return view.wanted(r, c, beyond); });
+  // Variance that a square pixel has beyond that of its rays, of a pixel's square.
+  constexpr double kPixelRest = 1.0 / (12.0 * kAcross * kAcross);
   blur(image, kPixelRest + own.blur_px2);
   if (state_.focus_px2 != std::array<double, 3>{}) {
     Grid<float> variance(image.rows(), image.cols(), 0.0F);
@@ -854,7 +308,6 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
     p.u = static_cast<float>(static_cast<double>(c) + 0.5 - half_u);
     p.v = static_cast<float>(static_cast<double>(r) + 0.5 - half_v);
     double rays = 0.0;
-    SeenLamp seen;
     for (std::ptrdiff_t i = 0; i < kAcross; ++i)
       for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
         const Sample& sample = view.samples(kAcross * r + i, kAcross * c + j);
@@ -862,16 +315,16 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
         rays += 1.0;
         p.place += Vec3{sample.x, sample.y, sample.z};
         p.normal += normal_at(k, sample.x, sample.y);
-        seen += sample.lamp;
       }
     if (!(rays > 0.0)) return;
     p.place = (1.0 / rays) * p.place;
     p.normal = normalized(p.normal);
-    p.lamp = mean_of(seen, rays);
     if (sizes_anew) view.lamp_of_size[n] = lamp_of_sizes(k, static_cast<std::uint32_t>(at));
     if (!view.lamp_of_size.empty()) p.lamp_of_size = view.lamp_of_size[n];
     p.at = static_cast<std::uint32_t>(at);
-    p.of_rays = light_of(k, p.at, false, chain).light;
+    const RayLight of_rays = light_of(k, p.at, false, chain);
+    p.of_rays = of_rays.light;
+    p.lamp = of_rays.lamp;
     look_around_from(k, p);
     p.light = chain.radiance(p);
     const auto z = [&](std::ptrdiff_t i, std::ptrdiff_t j) { return image(r + i, c + j); };
@@ -915,39 +368,6 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
   });
   for (std::size_t n = 0; n < made.size(); ++n)
     if (good[n] == 1) out.push_back(made[n]);
-}
-
-/// Means over a pixel's rays.
-PhotoViews::RayLight PhotoViews::light_of(std::size_t k, std::uint32_t at, bool moved,
-                                          const PhotoChain& chain) const {
-  const PhotoInput& photo = scene_.photos[k];
-  const View& view = views_[k];
-  const Lamp lamp(scene_, state_, k);
-  const auto row = static_cast<std::ptrdiff_t>(at) / photo.width_px,
-             col = static_cast<std::ptrdiff_t>(at) % photo.width_px;
-  PhotoPixel p;
-  p.photo = static_cast<std::uint32_t>(k);
-  double sum = 0.0;
-  SeenLamp seen;
-  std::vector<camera::DiscPoint> disc;
-  for (std::ptrdiff_t i = 0; i < kAcross; ++i)
-    for (std::ptrdiff_t j = 0; j < kAcross; ++j) {
-      const Sample& s = view.samples(kAcross * row + i, kAcross * col + j);
-      if (std::isnan(s.x)) continue;
-      show(k, s, p);
-      if (moved) {
-        if (lamp.diameter_mm > 0.0)
-          camera::stratified_disc(
-              kLampRays, 0x51fU + 64ULL * at + static_cast<std::uint64_t>(2 * i + j), disc);
-        else
-          disc.assign(1, {});
-        p.lamp = seen_of(tracers_[tracer_of_[k]], p.place + Vec3{0.0, 0.0, kOff_mm}, lamp,
-                         lamp.diameter_mm, disc);
-      }
-      sum += chain.radiance(p);
-      seen += p.lamp;
-    }
-  return {sum / (kAcross * kAcross), mean_of(seen, kAcross * kAcross)};
 }
 
 /// Light anew at the pixels, the pictures around them as they were.

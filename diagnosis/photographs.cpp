@@ -18,6 +18,7 @@
 #include "diagnosis/detail/photo_remainder.hpp"
 #include "diagnosis/detail/photo_search.hpp"
 #include "diagnosis/detail/photo_standing.hpp"
+#include "diagnosis/detail/photo_stones.hpp"
 #include "diagnosis/path_contact.hpp"
 #include "diagnosis/surface.hpp"
 #include "heightmap/field_io.hpp"
@@ -34,6 +35,8 @@ using detail::PhotoMember;
 using detail::PhotoMembers;
 
 constexpr std::size_t kLeastPixels = 3000;
+/// As far beside a stone or its shadow pixels are not compared, as at the part's rim.
+constexpr std::ptrdiff_t kBesideStone_px = 10;
 /// What is smooth over the part and larger than that, of the pictures' mean, is no noise.
 constexpr double kSmooth = 3e-3;
 /// The scatter of pixels must be off by this factor to be called a cause: full well and read noise
@@ -373,6 +376,8 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
                                          "one to choose by",
                                          photos.front().image.string()));
   MAQUETTE_TRY(const auto design, heightmap::read_model_field(part.design));
+  MAQUETTE_TRY(const auto ground, read_ground(part, design));
+  const heightmap::ModelField& bare = ground ? *ground : design;
   std::vector<detail::Photograph> taken;
   bool milled = false;
   for (const PhotoInput& p : scene.photos) {
@@ -389,19 +394,21 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
   if (milled) {
     MAQUETTE_TRY(auto read, CutPath::read(part.programs, 0.5 * part.ball_diameter_mm, run));
     path.emplace(std::move(read));
-    cut = std::make_unique<SimulatedSurface>(design, &*path, run);
+    cut = std::make_unique<SimulatedSurface>(bare, &*path, run);
   }
   std::vector<const heightmap::ModelField*> surfaces;
   for (const PhotoInput& p : scene.photos)
-    surfaces.push_back(p.as_milled && cut ? &cut->field() : &design);
+    surfaces.push_back(p.as_milled && cut ? &cut->field() : &bare);
   scene.box = maquette::diagnosis::scene_of(design, nullptr, 0.5 * part.ball_diameter_mm).box;
+  std::vector<Grid<std::uint8_t>> stones;
+  if (ground) stones = detail::pixels_of_stones(scene, design, *ground, kBesideStone_px);
   run.progress(0.05);
 
   const auto layout = detail::lay_out(scene.box, part.seed);
   std::vector<detail::Photograph> shown_later(taken.size());
   for (std::size_t k = 0; k < taken.size(); ++k)
     if (scene.photos[k].held_out) std::swap(taken[k], shown_later[k]);
-  detail::PhotoViews views(scene, std::move(taken), surfaces);
+  detail::PhotoViews views(scene, std::move(taken), surfaces, stones);
   PhotoFit fit(views, layout);
   auto candidates = candidates_of(scene);
   MAQUETTE_TRY(fit.known, known_members(part.known, candidates));
@@ -423,11 +430,22 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
                                   maquette::part(run, 0.2, with_controls ? 0.6 : 0.95)));
   Diagnosis& d = found.d;
   if (held > 0) {
-    detail::PhotoViews others(scene, std::move(shown_later), surfaces, true);
+    detail::PhotoViews others(scene, std::move(shown_later), surfaces, stones, true);
     PhotoFit expected(others, layout);
     expected.known = fit.known;
     expected.normals = fit.normals;
     d.held_out = held_out_of(expected, found.members, found.scatter);
+  }
+  if (ground) {
+    double left_out = 0.0, all = 0.0;
+    for (const Grid<std::uint8_t>& of : stones)
+      for (const std::uint8_t pixel : of.cells()) {
+        left_out += pixel;
+        all += 1.0;
+      }
+    d.notes.push_back(
+        fmt::format("photographs: pixels within {} of a stone or its shadow ({:.1f} %) have no say",
+                    kBesideStone_px, 100.0 * left_out / all));
   }
   const std::map<detail::Normals, const char*> kinds{
       {detail::Normals::smooth, "smooth between nodes"},

@@ -36,7 +36,7 @@ namespace maquette::diagnosis {
 
 inline constexpr ErrorCode kPhotograph{"DIAGNOSIS_PHOTO"};
 
-/// @param part  design and programs, as for scans
+/// @param part  design, ground and programs, as for scans; pixels of stones have no say
 /// @param with_controls  the same on pictures simulated from what was found: with it in the model
 ///   (nothing may be named), and without (it must come back); twice the time
 /// @return DIAGNOSIS_PHOTO: a picture that is not as stated, or shows too little of the surface;

@@ -15,6 +15,10 @@
 namespace maquette::tools {
 namespace {
 
+constexpr double kEvenLunarLambert = 0.5;
+/// Of 45 degrees: what a surface sends on of the light that comes from around it.
+constexpr double kMiddleCosine = 0.70710678;
+
 /// The case file's text with the names of files that lie beside it written so that they are found
 /// from another folder.
 std::string moved(const std::string& text, const fs::path& from, const fs::path& to) {
@@ -37,8 +41,30 @@ std::string moved(const std::string& text, const fs::path& from, const fs::path&
   return out + text.substr(std::min(at, text.size()));
 }
 
-std::vector<diagnosis::PhotoInput> photographs_of(const Case& c) {
-  using Law = diagnosis::PhotoInput::Law;
+/// How the surface of a photograph sends light back, where that is not Lambert's law. What a colour
+/// is of is told from the numbers of a picture: the surface is grey.
+Result<std::optional<camera::Law>> law_of(const Case& c, const CasePhoto& p) {
+  if (p.material.empty() && p.reflectance == "lambert") return std::nullopt;
+  if (p.material.empty())
+    return std::optional(law_by_name(p.reflectance, p.albedo, kEvenLunarLambert));
+  const auto found = find_material(c.materials, p.material);
+  if (!found)
+    return fail(found.error().code, fmt::format("{}: {}", p.image.string(), found.error().message));
+  const camera::Material& material = *found;
+  const auto grey = [&](const camera::Angles& a) {
+    const camera::Bands b = camera::radiance_factor(material.law, a);
+    return b[0] == b[1] && b[1] == b[2];
+  };
+  if (material.map || !grey({1.0, 0.8, 0.8}) || !grey({0.5, 0.8, 0.8}))
+    return fail(
+        kConfigInvalid,
+        fmt::format("{}: material \"{}\" has a colour or a map; a diagnosis looks for these: "
+                    "give it one value for all bands, and no albedo_map",
+                    p.image.string(), p.material));
+  return std::optional(material.law);
+}
+
+Result<std::vector<diagnosis::PhotoInput>> photographs_of(const Case& c) {
   std::vector<diagnosis::PhotoInput> all;
   for (const CasePhoto& p : c.photos) {
     diagnosis::PhotoInput& o = all.emplace_back();
@@ -59,10 +85,8 @@ std::vector<diagnosis::PhotoInput> photographs_of(const Case& c) {
     o.lamp_diameter_mm = p.lamp_diameter_mm;
     o.lamp_beam_deg = p.lamp_beam_deg;
     o.exposure_scale = p.exposure_scale;
-    o.albedo = p.albedo;
-    o.reflectance = p.reflectance == "lommel_seeliger" ? Law::lommel_seeliger
-                    : p.reflectance == "lunar_lambert" ? Law::lunar_lambert
-                                                       : Law::lambert;
+    MAQUETTE_TRY(o.law, law_of(c, p));
+    o.albedo = p.material.empty() ? p.albedo : camera::directional_albedo(*o.law, kMiddleCosine)[1];
     o.full_well_e = p.full_well_e;
     o.read_noise_e = p.read_noise_e;
     o.as_milled = p.surface == "as_milled";
@@ -129,8 +153,8 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
   }
   const bool with_photographs = !c->photos.empty();
   if (with_photographs) {
-    MAQUETTE_TRY(pictures,
-                 diagnosis::diagnose_photographs(input, photographs_of(*c), with_controls, run));
+    MAQUETTE_TRY(const auto photographs, photographs_of(*c));
+    MAQUETTE_TRY(pictures, diagnosis::diagnose_photographs(input, photographs, with_controls, run));
   }
   std::error_code ec;
   fs::create_directories(folder, ec);

@@ -223,6 +223,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     e.add({"fixed_values", &cause.fixed_values, "of what the law fixes", -1e12, 1e12});
     return e;
   });
+  add_materials(t, c.materials);
   t.array("photo", "photographs", [&c] {
     CasePhoto& p = c.photos.emplace_back();
     Schema e;
@@ -249,6 +250,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
            -kInf,
            kInf,
            {"lambert", "lommel_seeliger", "lunar_lambert"}});
+    e.add({"material", &p.material, "name of a [[material]], instead of albedo and reflectance"});
     e.add({"full_well_e", &p.full_well_e, "", 1, 1e9});
     e.add({"read_noise_e", &p.read_noise_e, "", 0, 1e6});
     e.add({"surface", &p.surface, "", -kInf, kInf, {"design", "as_milled"}});

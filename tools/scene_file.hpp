@@ -100,6 +100,7 @@ struct CasePhoto {
   std::filesystem::path image;
   std::string camera;  ///< name or .toml; empty: resolution and what follows
   std::string encoding = "linear", reflectance = "lambert", surface = "as_milled";
+  std::string material;  ///< name; empty: albedo and reflectance
   std::vector<double> resolution_px{1024, 768}, principal_point_px;
   double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
   Vec3 camera_position_mm, lamp_position_mm, lamp_target_mm;
@@ -132,6 +133,7 @@ struct Case {
   std::deque<CaseProbe> probes;
   std::deque<CaseCause> causes;
   std::deque<CasePhoto> photos;
+  std::deque<SceneMaterial> materials;
 };
 [[nodiscard]] Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path);
 

@@ -23,23 +23,6 @@ bool is_rotation(const Quaternion& q) {
   return std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) <= 1e-3;
 }
 
-camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
-  const camera::Bands bands{albedo, albedo, albedo};
-  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
-  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
-  return camera::Lambert{bands};
-}
-
-Result<camera::Material> find_material(const Scene& s, const std::string& name) {
-  for (const SceneMaterial& m : s.parts.materials)
-    if (m.name == name) return material_of(m);
-  std::string known;
-  for (const SceneMaterial& m : s.parts.materials) known += (known.empty() ? "" : ", ") + m.name;
-  return fail(kConfigInvalid,
-              fmt::format("material \"{}\" is not described; [[material]] tables: {}", name,
-                          known.empty() ? "none" : known));
-}
-
 Result<void> load_surface(const Scene& s, const camera::Material& material, LoadedScene& to,
                           const RunContext& run) {
   if (is_field(s.surface) && s.corrections.empty()) {
@@ -107,7 +90,7 @@ Result<void> load_objects(const Scene& s, const camera::Material& surface, Loade
   if (!s.stones.empty()) {
     camera::Material material = surface;
     if (!s.stone_material.empty()) {
-      MAQUETTE_TRY(material, find_material(s, s.stone_material));
+      MAQUETTE_TRY(material, find_material(s.parts.materials, s.stone_material));
     }
     MAQUETTE_TRY(const auto stones, meshing::read_stone_plan(s.stones));
     RigidTransform lies;  // glued on, they go with the surface
@@ -119,7 +102,7 @@ Result<void> load_objects(const Scene& s, const camera::Material& surface, Loade
   }
   std::map<fs::path, const TriMesh*> known;  // one copy of a file
   for (const SceneMesh& o : s.parts.objects) {
-    MAQUETTE_TRY(const auto material, find_material(s, o.material));
+    MAQUETTE_TRY(const auto material, find_material(s.parts.materials, o.material));
     const TriMesh*& mesh = known[o.mesh];
     if (mesh == nullptr) {
       MAQUETTE_TRY(TriMesh fresh, meshing::read_mesh(o.mesh, run));
@@ -181,7 +164,7 @@ Result<std::unique_ptr<LoadedScene>> load_scene(const Scene& s, const RunContext
   auto loaded = std::make_unique<LoadedScene>();
   camera::Material surface{"surface", law_by_name(s.reflectance, s.albedo, s.lunar_lambert_l), {}};
   if (!s.surface_material.empty()) {
-    MAQUETTE_TRY(surface, find_material(s, s.surface_material));
+    MAQUETTE_TRY(surface, find_material(s.parts.materials, s.surface_material));
   }
   MAQUETTE_TRY_VOID(load_surface(s, surface, *loaded, run));
   MAQUETTE_TRY_VOID(load_objects(s, surface, *loaded, run));

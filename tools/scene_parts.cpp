@@ -104,12 +104,16 @@ Result<std::shared_ptr<const camera::AlbedoMap>> map_of(const SceneMaterial& m) 
 
 }  // namespace
 
-void add_scene_parts(Schema& schema, SceneParts& parts) {
-  schema.array("material", "named, for the surface, stones and objects", [&parts] {
+void add_materials(Schema& schema, std::deque<SceneMaterial>& materials) {
+  schema.array("material", "named, for the surface, stones and objects", [&materials] {
     Schema e;
-    describe(e, parts.materials.emplace_back());
+    describe(e, materials.emplace_back());
     return e;
   });
+}
+
+void add_scene_parts(Schema& schema, SceneParts& parts) {
+  add_materials(schema, parts.materials);
   schema.array("object", "meshes such as a spacecraft's parts", [&parts] {
     SceneMesh& o = parts.objects.emplace_back();
     Schema e;
@@ -162,6 +166,24 @@ Result<camera::Material> material_of(const SceneMaterial& m) {
   }
   MAQUETTE_TRY_VOID(camera::check_material(material));
   return material;
+}
+
+Result<camera::Material> find_material(const std::deque<SceneMaterial>& materials,
+                                       const std::string& name) {
+  for (const SceneMaterial& m : materials)
+    if (m.name == name) return material_of(m);
+  std::string known;
+  for (const SceneMaterial& m : materials) known += (known.empty() ? "" : ", ") + m.name;
+  return fail(kConfigInvalid,
+              fmt::format("material \"{}\" is not described; [[material]] tables: {}", name,
+                          known.empty() ? "none" : known));
+}
+
+camera::Law law_by_name(const std::string& name, double albedo, double lunar_lambert_l) {
+  const camera::Bands bands{albedo, albedo, albedo};
+  if (name == "lommel_seeliger") return camera::LommelSeeliger{bands};
+  if (name == "lunar_lambert") return camera::LunarLambert{bands, lunar_lambert_l};
+  return camera::Lambert{bands};
 }
 
 }  // namespace maquette::tools

@@ -60,6 +60,7 @@ struct SceneParts {
   std::deque<ScenePanel> panels;
 };
 
+void add_materials(Schema& schema, std::deque<SceneMaterial>& materials);
 /// The four arrays of tables.
 void add_scene_parts(Schema& schema, SceneParts& parts);
 
@@ -68,4 +69,10 @@ void add_scene_parts(Schema& schema, SceneParts& parts);
                                              const std::string& key);
 /// CAMERA_BRDF_FILE, CAMERA_IMAGE_*, TOOLS_CONFIG_INVALID.
 [[nodiscard]] Result<camera::Material> material_of(const SceneMaterial& m);
+/// The same of the one of that name. TOOLS_CONFIG_INVALID: there is none.
+[[nodiscard]] Result<camera::Material> find_material(const std::deque<SceneMaterial>& materials,
+                                                     const std::string& name);
+/// A grey surface's law: lambert, lommel_seeliger or lunar_lambert.
+[[nodiscard]] camera::Law law_by_name(const std::string& name, double albedo,
+                                      double lunar_lambert_l);
 }  // namespace maquette::tools

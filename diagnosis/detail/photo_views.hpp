@@ -47,9 +47,11 @@ struct MeasuredPixel : PhotoPixel {
 class PhotoViews {
  public:
   /// `surfaces` by photograph; keeps references.
+  /// @param left_out  by photograph: pixels that are not compared; empty: all are
   /// @param held_out  shows those that are held out, else the others
   PhotoViews(const PhotoScene& scene, std::vector<Photograph> photographs,
-             std::vector<const heightmap::ModelField*> surfaces, bool held_out = false);
+             std::vector<const heightmap::ModelField*> surfaces,
+             std::vector<Grid<std::uint8_t>> left_out = {}, bool held_out = false);
 
   /// Renders all photographs in a state. @post pixels() and scene().lamp_sizes_mm are of it
   /// @param derivatives  false: where only light and sensor differ from what was rendered last,
@@ -83,6 +85,7 @@ class PhotoViews {
                                  float behind_lens) const;
 
  private:
+  static constexpr std::ptrdiff_t kAcross = 2;  ///< rays of a pixel along each side
   struct Sample {
     float x = NAN, y = 0.0F, z = 0.0F;  ///< NaN: beside the surface
     SeenLamp lamp;
@@ -143,6 +146,7 @@ class PhotoViews {
   }
 
   PhotoScene scene_;
+  std::vector<Grid<std::uint8_t>> left_out_;
   bool held_out_;
   std::vector<Photograph> photographs_;
   std::vector<const heightmap::ModelField*> surfaces_;

@@ -221,6 +221,121 @@ TEST(Photographs, AnExposureOfOnePictureIsItsOwn) {
   EXPECT_NEAR(d->causes[0].parameters[0].value, -0.07, 1e-3);
 }
 
+/// Balls that lie on the part up to their middles, at places of (x, y), and how much of a white
+/// surface's light they send back.
+struct Stones {
+  std::vector<Vec3> middle;
+  double radius_mm, albedo;
+
+  Stones() : radius_mm(1.2), albedo(0.12) {
+    for (const auto& [x, y] :
+         {std::pair{8.0, 9.0}, {30.0, 7.0}, {19.0, 21.0}, {33.0, 29.0}, {9.0, 32.0}})
+      middle.push_back({x, y, height(x, y)});
+  }
+  /// Where a ray first meets one, from its beginning; infinite: nowhere. @param which  becomes it
+  double meets(Vec3 from, Vec3 direction, Vec3& which) const {
+    double first = INFINITY;
+    for (const Vec3& m : middle) {
+      const double along = dot(m - from, direction);
+      const double off2 = dot(m - from, m - from) - along * along;
+      if (off2 >= radius_mm * radius_mm) continue;
+      const double t = along - std::sqrt(radius_mm * radius_mm - off2);
+      if (t > 0.0 && t < first) {
+        first = t;
+        which = m;
+      }
+    }
+    return first;
+  }
+  /// light() with the stones and their shadows.
+  double light_of(const PhotoInput& p, double u, double v) const {
+    const Vec3 ground = place_at(p, u, v), way = ground - p.camera_position_mm;
+    Vec3 stone;
+    if (const double t = meets(p.camera_position_mm, normalized(way), stone); t < norm(way)) {
+      const Vec3 at = p.camera_position_mm + t * normalized(way);
+      return p.exposure_scale * albedo *
+             std::fmax(0.0, dot(normalized(at - stone), normalized(p.lamp_position_mm - at)));
+    }
+    const Vec3 to = p.lamp_position_mm - ground;
+    return std::isfinite(meets(ground, normalized(to), stone)) ? 0.0 : light(p, u, v);
+  }
+  /// The part with them, as a raster.
+  void add_to(heightmap::ModelField& design) const {
+    for (std::ptrdiff_t r = 0; r < design.z_mm.rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < design.z_mm.cols(); ++c)
+        for (const Vec3& m : middle) {
+          const double off2 = std::pow(design.x_mm(c) - m.x, 2) + std::pow(design.y_mm(r) - m.y, 2);
+          if (off2 < radius_mm * radius_mm)
+            design.z_mm(r, c) =
+                std::fmax(design.z_mm(r, c),
+                          static_cast<float>(m.z + std::sqrt(radius_mm * radius_mm - off2)));
+        }
+  }
+};
+
+TEST(Photographs, StonesOnTheGroundHaveNoSay) {
+  Pictures p;
+  const Stones stones;
+  take(
+      p, [&](const PhotoInput& photo, double u, double v) { return stones.light_of(photo, u, v); },
+      [](double v, int ch) {
+        return v * (ch == 0 ? 1.05 : ch == 2 ? 0.96 : 1.0);
+      });
+  p.part.ground = p.folder / "ground.tif";
+  auto design = heightmap::read_model_field(p.part.design);
+  ASSERT_THAT(design, Succeeds());
+  ASSERT_THAT(heightmap::write_model_field(*design, p.part.ground), Succeeds());
+  stones.add_to(*design);
+  p.part.design = p.folder / "with_stones.tif";
+  ASSERT_THAT(heightmap::write_model_field(*design, p.part.design), Succeeds());
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.white_balance"});
+  EXPECT_EQ(d->verdict, "explained");
+  // As without stones, above.
+  EXPECT_NEAR(d->causes[0].parameters[0].value, 0.05, 1e-3);
+  EXPECT_NEAR(d->causes[0].parameters[1].value, -0.04, 1e-3);
+  EXPECT_LT(d->rms_after, 1.2 * d->rms_noise);
+  EXPECT_THAT(d->notes, ::testing::Contains(::testing::HasSubstr("of a stone or its shadow")));
+  // Who does not say that they are there sees them.
+  p.part.ground.clear();
+  const auto unsaid = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(unsaid, Succeeds());
+  EXPECT_THAT(unsaid->verdict, ::testing::AnyOf("unexplained", "partly_explained"));
+}
+
+// Lommel and Seeliger: 2 A mu0 / (mu0 + mu), a hundredth to a tenth beside Lambert's law here.
+TEST(Photographs, ASurfaceSendsLightBackByItsDeclaredLaw) {
+  Pictures p;
+  const auto seeliger = [](const PhotoInput& of, double u, double v) {
+    const Vec3 at = place_at(of, u, v), n = normal(at.x, at.y);
+    const double mu0 = dot(n, normalized(of.lamp_position_mm - at)),
+                 mu = dot(n, normalized(of.camera_position_mm - at));
+    return light(of, u, v) * 2.0 / (mu0 + mu);
+  };
+  take(p, seeliger, as_it_is, 1.0, [](PhotoInput& of, int) {
+    of.law = camera::LommelSeeliger{{of.albedo, of.albedo, of.albedo}};
+  });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_EQ(d->verdict, "consistent") << ::testing::PrintToString(names_of(*d));
+  for (PhotoInput& of : p.photos) of.law.reset();
+  const auto other = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(other, Succeeds());
+  EXPECT_NE(other->verdict, "consistent");
+}
+
+TEST(Photographs, GroundOfAnotherSizeIsRefused) {
+  Pictures p;
+  take(p, light, as_it_is);
+  p.part.ground = p.folder / "ground.tif";
+  ASSERT_THAT(heightmap::write_model_field(
+                  {Grid<float>(11, 11, 0.0F), Millimetres{4.0}, Millimetres{0.0}, Millimetres{0.0}},
+                  p.part.ground),
+              Succeeds());
+  EXPECT_THAT(diagnose_photographs(p.part, p.photos, false), FailsWith(kOtherPart));
+}
+
 TEST(Photographs, AllHeldOutIsRefused) {
   Pictures p;
   take(p, light, as_it_is);
@@ -240,6 +355,23 @@ TEST(Photographs, AFocalLengthIsNoPose) {
   EXPECT_TRUE(d->causes[0].effect == "photo.focal_length" || d->causes[0].effect == "photo.pose");
   if (d->causes[0].effect == "photo.focal_length") {
     EXPECT_NEAR(d->causes[0].parameters[0].value, 0.01, 5e-4);
+  }
+}
+
+// What no calibration says better than to a tenth of a pixel is no cause.
+TEST(Photographs, APoseLessThanATenthOfAPixelOffHasNoName) {
+  for (const auto& [pixels, named] : {std::pair{0.08, false}, {0.3, true}}) {
+    Pictures p;
+    take(p, light, as_it_is);
+    for (PhotoInput& of : p.photos) {
+      const double pixel_mm = of.pixel_pitch_um / 1000.0 / of.focal_length_mm * 260.0;
+      of.camera_position_mm.x += pixels * pixel_mm;
+    }
+    const auto d = diagnose_photographs(p.part, p.photos, false);
+    ASSERT_THAT(d, Succeeds());
+    EXPECT_THAT(names_of(*d),
+                named ? std::vector<std::string>{"photo.pose"} : std::vector<std::string>{})
+        << pixels;
   }
 }
 
@@ -554,6 +686,30 @@ TEST(PhotoChain, ALambertPlaneFollowsTheInverseSquareOfTheDistance) {
   }
   p.place = {-100.0, 300.0, 0.0};  // 45 degrees off a lamp of 56
   EXPECT_EQ(PhotoChain(s, s, scene).radiance(p), 0.0);
+}
+
+// Hapke's law of 1981, w = 0.5, phase 60, incidence 45 and emission 30 degrees: 0.0832883.
+TEST(PhotoChain, APlaneOfADeclaredLawHasItsPublishedValue) {
+  PhotoScene scene = one_photo();
+  PhotoInput& photo = scene.photos[0];
+  const double i = std::numbers::pi / 4.0, e = std::numbers::pi / 6.0,
+               azimuth = std::acos((std::cos(std::numbers::pi / 3.0) - std::cos(i) * std::cos(e)) /
+                                   (std::sin(i) * std::sin(e)));
+  photo.lamp_position_mm = 1500.0 * Vec3{std::sin(i), 0.0, std::cos(i)};
+  photo.lamp_target_mm = {0.0, 0.0, 0.0};
+  photo.camera_position_mm =
+      600.0 * Vec3{std::sin(e) * std::cos(azimuth), std::sin(e) * std::sin(azimuth), std::cos(e)};
+  camera::Hapke hapke;
+  hapke.form = camera::Hapke::Form::y1981;
+  hapke.w = {0.5, 0.5, 0.5};
+  photo.law = hapke;
+  PhotoPixel p;
+  p.normal = {0.0, 0.0, 1.0};
+  PhotoState s = nothing();
+  const double plain = PhotoChain(s, s, scene).radiance(p);
+  EXPECT_NEAR(plain / photo.exposure_scale, 0.0832883, 1e-6);
+  s.albedo = 0.02;  // all of it brighter
+  EXPECT_NEAR(PhotoChain(s, s, scene).radiance(p), 1.02 * plain, 1e-12);
 }
 
 TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {

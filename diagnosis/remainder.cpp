@@ -16,10 +16,8 @@ constexpr double kLonely = 7.0;  // robust standard deviations
 /// fields (plane removed, robust spread; drawn 3000 times each); a bulge of 0.2 mm over a fifth of
 /// the part has 6.5, and is not to pass for smooth noise.
 constexpr double kLonelyFar = 5.0, kFar_mm = 0.1;
-/// A process longer than this many cells is the block's own unevenness, which is rarely more than
-/// 0.02 mm (fit.cpp): found beside right answers 0.036 at most, 0.053 for a scanner that drifts by
-/// 0.08.
-constexpr double kMostUneven_mm = 0.045, kUnevenCells = 2.0;
+/// A process longer than this many cells is the block's own unevenness.
+constexpr double kUnevenCells = 2.0;
 /// Scans of one part differ by noise and poses alone: by 0.004 mm of anything smooth at most, on
 /// 12 cases, by 0.072 for a range that is off by 0.07 in turn.
 constexpr double kApart_mm = 0.012;
@@ -40,6 +38,7 @@ constexpr double kLeastWave_mm = 0.002, kLineOfRidges = 0.2, kLeastShare = 0.05;
 struct Means {
   double side;
   Grid<double> value, count;
+  Grid<double> but_one;  ///< without the point that is furthest off; of a single point that itself
 };
 
 Means means_of(const std::vector<Observation>& all, const std::vector<double>& r, const Layout& l,
@@ -48,7 +47,8 @@ Means means_of(const std::vector<Observation>& all, const std::vector<double>& r
       static_cast<std::ptrdiff_t>(std::ceil(static_cast<double>(l.cols) * l.cell_mm / side - 1e-9));
   const auto rows =
       static_cast<std::ptrdiff_t>(std::ceil(static_cast<double>(l.rows) * l.cell_mm / side - 1e-9));
-  Means m{side, Grid<double>(rows, cols, 0.0), Grid<double>(rows, cols, 0.0)};
+  Means m{side, Grid<double>(rows, cols, 0.0), Grid<double>(rows, cols, 0.0), {}};
+  Grid<double> furthest(rows, cols, 0.0);
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (!all[i].on_surface) continue;
     const auto c = static_cast<std::ptrdiff_t>((all[i].place.x - l.x0) / side),
@@ -56,9 +56,15 @@ Means means_of(const std::vector<Observation>& all, const std::vector<double>& r
     if (!m.value.contains(row, c)) continue;
     m.value(row, c) += r[i];
     m.count(row, c) += 1.0;
+    if (std::abs(r[i]) > std::abs(furthest(row, c))) furthest(row, c) = r[i];
   }
-  for (std::size_t i = 0; i < m.value.cells().size(); ++i)
-    if (m.count.cells()[i] > 0.0) m.value.cells()[i] /= m.count.cells()[i];
+  m.but_one = m.value;
+  for (std::size_t i = 0; i < m.value.cells().size(); ++i) {
+    const double count = m.count.cells()[i];
+    if (count > 1.0)
+      m.but_one.cells()[i] = (m.value.cells()[i] - furthest.cells()[i]) / (count - 1.0);
+    if (count > 0.0) m.value.cells()[i] /= count;
+  }
   return m;
 }
 
@@ -66,22 +72,24 @@ Means means_of(const std::vector<Observation>& all, const std::vector<double>& r
 struct Scores {
   std::vector<double> score;
   std::vector<std::size_t> cell;
-  double spread = 0.0;
+  double spread = 0.0, typical = 1.0;
+
+  /// Of another value, of so many points.
+  [[nodiscard]] double of(double value, double information) const {
+    return std::abs(value) /
+           std::fmax(1e-12, spread * std::sqrt(std::fmax(1.0, typical / information)));
+  }
 };
 
 Scores scored(const std::vector<double>& value, const std::vector<double>& information,
               const std::vector<std::size_t>& cell) {
   // Variance = a + b / n by medians in halves of n would be finer; the larger of both is enough:
   // squares with few points are compared with the spread that few points have.
-  Scores s{{}, cell, 0.0};
+  Scores s{{}, cell, 0.0, median(information)};
   std::vector<double> absolute;
   for (std::size_t i = 0; i < value.size(); ++i) absolute.push_back(std::abs(value[i]));
   s.spread = kMadToSigma * median(std::move(absolute));
-  const double typical = median(information);
-  for (std::size_t i = 0; i < value.size(); ++i)
-    s.score.push_back(
-        std::abs(value[i]) /
-        std::fmax(1e-12, s.spread * std::sqrt(std::fmax(1.0, typical / information[i]))));
+  for (std::size_t i = 0; i < value.size(); ++i) s.score.push_back(s.of(value[i], information[i]));
   return s;
 }
 
@@ -143,6 +151,13 @@ double usual_ridges_mm(const std::vector<Observation>& all) {
 
 }  // namespace
 
+double unevenness_mm(const Bank& bank, const Fit& f, double cell_mm) {
+  const Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[0])];
+  return theta.length_mm > kUnevenCells * cell_mm
+             ? std::sqrt(theta.smooth_ratio() * f.top_variance[0])
+             : 0.0;
+}
+
 Remainder judge(const std::vector<Observation>& all, const std::vector<double>& residual,
                 const Layout& l, const Bank& bank, const Fit& f, Squares& odd) {
   Remainder rest;
@@ -154,8 +169,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
       rest.kinds.emplace_back(kind);
     rest.found = true;
   };
-  if (rest.smooth_mm > kMostUneven_mm && rest.smooth_length_mm > kUnevenCells * l.cell_mm)
-    note("more unevenness than blocks have");
+  if (unevenness_mm(bank, f, l.cell_mm) > kMostUneven_mm) note("more unevenness than blocks have");
   const Theta& apart = bank.theta[static_cast<std::size_t>(f.theta[1])];
   if (std::sqrt(apart.smooth_ratio() * f.top_variance[1]) > kApart_mm) note("scans that differ");
   odd = {l.x0, l.y0, 0.5 * l.cell_mm, {}};
@@ -178,9 +192,13 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
       }
     if (value.size() < 50) continue;
     const Scores lonely = scored(value, information, cell);
+    const auto is_lonely = [](double score, double mm) {
+      return score > kLonely || (score > kLonelyFar && std::abs(mm) > kFar_mm);
+    };
     for (std::size_t i = 0; i < lonely.score.size(); ++i)
-      if (lonely.score[i] > kLonely ||
-          (lonely.score[i] > kLonelyFar && std::abs(value[i]) > kFar_mm))
+      if (const double but_one = m.but_one.cells()[cell[i]];
+          is_lonely(lonely.score[i], value[i]) &&
+          is_lonely(lonely.of(but_one, information[i] - 1.0), but_one))
         note("lonely places");
     if (share == 0.5)
       for (std::size_t i = 0; i < lonely.score.size(); ++i)
@@ -192,7 +210,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
               if (odd.in.contains(r + dr, c + dc)) odd.in(r + dr, c + dc) = 1;
         }
     // Structure: variance of the means beyond what their points' scatter gives, from neighbours.
-    std::vector<double> step, step_information;
+    std::vector<double> step, step_but_one, step_information;
     std::vector<std::size_t> step_cell;
     double products = 0.0, pairs = 0.0, squares = 0.0;
     for (std::ptrdiff_t r = 0; r < rows; ++r)
@@ -203,6 +221,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
             continue;
           const double a = m.value(r, c), b = m.value(r + dr, c + dc);
           step.push_back(a - b);
+          step_but_one.push_back(m.but_one(r, c) - m.but_one(r + dr, c + dc));
           step_information.push_back(1.0 / (1.0 / m.count(r, c) + 1.0 / m.count(r + dr, c + dc)));
           step_cell.push_back(static_cast<std::size_t>(r * cols + c));
           products += a * b;
@@ -211,7 +230,8 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
         }
     const Scores edges = scored(step, step_information, step_cell);
     std::size_t sharp = 0;
-    for (const double s : edges.score) sharp += s > kEdge ? 1 : 0;
+    for (std::size_t i = 0; i < edges.score.size(); ++i)
+      sharp += edges.score[i] > kEdge && edges.of(step_but_one[i], step_information[i]) > kEdge;
     if (sharp >= 2 || (share == 0.5 && clearest_edge(m, enough) > kLongEdge)) note("edges");
     if (pairs > 0.0) structured = std::fmax(structured, products / pairs);
     if (share == 0.25 && squares > 0.0) {

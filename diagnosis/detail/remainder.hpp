@@ -26,6 +26,13 @@ struct Squares {
   }
 };
 
+/// What a fit takes for the block's own unevenness, mm rms: its smooth process, if that is longer
+/// than two cells; else 0. More than kMostUneven_mm: blocks have less.
+[[nodiscard]] double unevenness_mm(const Bank& bank, const Fit& fit, double cell_mm);
+/// Blocks are rarely uneven by more than 0.02 mm (fit.cpp): found beside right answers 0.036 at
+/// most, 0.053 for a scanner that drifts by 0.08.
+inline constexpr double kMostUneven_mm = 0.045;
+
 /// Four looks at the map of mean residuals in squares of a quarter and half a cell, each against
 /// what a stationary Gaussian process gives less than once in ten thousand cases:
 ///   lonely places  largest value over the robust spread
@@ -35,6 +42,7 @@ struct Squares {
 /// and two at the process itself:
 ///   more unevenness than blocks have
 ///   scans that differ by something smooth
+/// A place, or a step to its neighbour, that hangs on one point is none.
 [[nodiscard]] Remainder judge(const std::vector<Observation>& all,
                               const std::vector<double>& residual, const Layout& layout,
                               const Bank& bank, const Fit& fit, Squares& odd);

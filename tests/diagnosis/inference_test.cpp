@@ -388,6 +388,36 @@ TEST(Inference, APatchShowsByItsBorder) {
   EXPECT_EQ(lost->verdict, "consistent");
 }
 
+// A scanner's stray points are among few of a place; what a place is, others there show, too.
+TEST(Inference, APointFarOffIsNoPlace) {
+  auto m = part(57, {}, nothing);
+  for (std::size_t i = 0; i < m.observations.size(); i += 997)
+    m.observations[i].residual_mm += i % 2 == 0 ? 1.5 : -1.5;
+  const auto d = diagnose(std::move(m), 1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_EQ(d->verdict, "consistent") << fmt::format("{}", fmt::join(d->remainder.kinds, ", "));
+}
+
+// A smooth process of tenths over the part holds what a twisted block does, at a small price,
+// whatever stands in the twist's place: by likelihood alone twenty causes did as well.
+TEST(Inference, ATwistIsNoUnevennessBesideAnyCause) {
+  for (const std::uint64_t seed : {81U, 82U}) {
+    const auto d = diagnose(part(seed, {0.05, 0.02, 5.0, 0.02},
+                                 [](const Observation& o) {
+                                   const double u = (o.place.x - 80.0) / 80.0,
+                                                v = (o.place.y - 80.0) / 80.0;
+                                   return 0.15 * u * v * o.normal.z;
+                                 }),
+                            1);
+    ASSERT_TRUE(d.has_value());
+    ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+    EXPECT_EQ(d->causes[0].effect, "stock.warp") << told(*d);
+    EXPECT_TRUE(d->causes[0].equivalent.empty())
+        << fmt::format("{}", fmt::join(d->causes[0].equivalent, ", "));
+    EXPECT_EQ(d->verdict, "explained");
+  }
+}
+
 // A smooth process holds a bulge of 0.2 mm over a fifth of the part at a small price, and the
 // verdict was "consistent". Unevenness of 0.02 mm has no such place.
 TEST(Inference, ABulgeIsNoSmoothNoise) {
@@ -892,6 +922,34 @@ TEST(Inference, IsConsistentWithWhatItFound) {
   ASSERT_TRUE(again.has_value());
   EXPECT_EQ(again->verdict, "consistent") << to_json(*again).substr(0, 600);
   EXPECT_EQ(take_off({{"machine.gremlins", "", {}, {}}}, m).error().code, kUnknownCause);
+}
+
+// Between the directions of the grid, which are 45 and 20 degrees apart.
+TEST(Inference, AFilmFromOneSideHasItsDirection) {
+  constexpr double kAzimuth_deg = 66.0, kElevation_deg = 11.0, kFilm_mm = 0.25;
+  const double a = kAzimuth_deg / 57.29577951308232, h = kElevation_deg / 57.29577951308232;
+  const Vec3 s{std::cos(h) * std::cos(a), std::cos(h) * std::sin(a), std::sin(h)};
+  const auto measured = [&] {
+    return part(83, {}, [&](const Observation& o) {
+      return kFilm_mm * std::fmax(0.0, dot(o.slope_normal, s));
+    });
+  };
+  const auto d = diagnose(measured(), 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  const Cause& c = d->causes[0];
+  ASSERT_EQ(c.effect, "coating.shadow");
+  EXPECT_EQ(d->verdict, "explained");
+  // The finest neighbours are 2.8 and 1.25 degrees apart.
+  EXPECT_NEAR(c.fixed[0].second, kAzimuth_deg, 3.0);
+  EXPECT_NEAR(c.fixed[1].second, kElevation_deg, 2.0);
+  EXPECT_NEAR(c.parameters[0].value, kFilm_mm, 0.05 * kFilm_mm);
+  // With it in the model nothing is left: its direction is found again from the file's numbers.
+  auto again = measured();
+  ASSERT_TRUE(take_off({as_known(c)}, again));
+  const auto rest = diagnose(std::move(again), 1);
+  ASSERT_TRUE(rest.has_value());
+  EXPECT_EQ(rest->verdict, "consistent") << told(*rest);
 }
 
 TEST(Inference, SaysHowSmallACauseCouldBe) {

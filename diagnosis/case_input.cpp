@@ -12,6 +12,7 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
 
+#include "core/mask.hpp"
 #include "core/median.hpp"
 #include "core/random.hpp"
 #include "diagnosis/detail/stones.hpp"
@@ -32,7 +33,6 @@ constexpr double kGrazing = 0.1;  // least cosine of incidence at which a beam's
 // the slope are large ones of the range.
 constexpr double kOblique = 0.25;
 constexpr double kOtherPart_mm = 0.75;    // robust spread of residuals after settling
-constexpr double kStone_mm = 1e-3;        // higher than the ground: a stone
 constexpr double kProbeSigma_mm = 0.005;  // where the table does not say
 constexpr double kBesideStone_mm = 3.0;   // a beam's width and what stones hide
 constexpr double kOtherProgram_mm = 0.5;  // robust spread of cut minus design
@@ -220,14 +220,9 @@ Grid<std::uint8_t> beside_stones(const heightmap::ModelField& design,
       static_cast<std::ptrdiff_t>(std::ceil(kBesideStone_mm / design.spacing.value()));
   Grid<std::uint8_t> beside(rows, cols, 0);
   for (std::ptrdiff_t r = 0; r < rows; ++r)
-    for (std::ptrdiff_t c = 0; c < cols; ++c) {
-      if (!(design.z_mm(r, c) - ground.z_mm(r, c) > kStone_mm)) continue;
-      for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, r - reach);
-           i <= std::min(rows - 1, r + reach); ++i)
-        for (std::ptrdiff_t k = std::max<std::ptrdiff_t>(0, c - reach);
-             k <= std::min(cols - 1, c + reach); ++k)
-          beside(i, k) = 1;
-    }
+    for (std::ptrdiff_t c = 0; c < cols; ++c)
+      beside(r, c) = design.z_mm(r, c) - ground.z_mm(r, c) > kStone_mm;
+  widen(beside, reach);
   return beside;
 }
 

@@ -81,6 +81,8 @@ struct Measurements {
 /// @return DIAGNOSIS_OTHER_PART: another number of nodes; errors of the reader
 [[nodiscard]] Result<std::optional<heightmap::ModelField>> read_ground(
     const CaseInput& input, const heightmap::ModelField& design);
+/// What stands higher than that over it is a stone.
+inline constexpr double kStone_mm = 1e-3;
 
 /// About which the poses of the set-ups turn.
 [[nodiscard]] std::vector<Vec3> centres_of(const Measurements& measurements);

@@ -1,34 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/photo_stones.hpp"
 
-#include <algorithm>
-
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/mask.hpp"
+#include "diagnosis/case_input.hpp"
 #include "heightmap/field_tracer.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
 
-constexpr double kStone_mm = 1e-3;  // higher than the ground: a stone
-constexpr double kOff_mm = 1e-3;    // where a ray to the lamp starts above the surface
-
-/// Each cell becomes the greatest of those within so many of its line, along rows or columns.
-template <class Cell>
-void widen(std::ptrdiff_t lines, std::ptrdiff_t length, std::ptrdiff_t by, const Cell& cell) {
-  oneapi::tbb::parallel_for(std::ptrdiff_t{0}, lines, [&](std::ptrdiff_t line) {
-    std::ptrdiff_t last = -1 - by;  // set before the cell, in the line as it was
-    std::vector<std::uint8_t> wide(static_cast<std::size_t>(length), 0);
-    for (std::ptrdiff_t i = 0; i < length; ++i) {
-      if (cell(line, i) == 0) continue;
-      for (std::ptrdiff_t k = std::max({std::ptrdiff_t{0}, i - by, last + by + 1});
-           k <= std::min(length - 1, i + by); ++k)
-        wide[static_cast<std::size_t>(k)] = 1;
-      last = i;
-    }
-    for (std::ptrdiff_t i = 0; i < length; ++i) cell(line, i) = wide[static_cast<std::size_t>(i)];
-  });
-}
+constexpr double kOff_mm = 1e-3;  // where a ray to the lamp starts above the surface
 
 }  // namespace
 
@@ -57,10 +39,7 @@ std::vector<Grid<std::uint8_t>> pixels_of_stones(const PhotoScene& scene,
           of(r, c) = 1;
       }
     });
-    widen(of.rows(), of.cols(), margin_px,
-          [&](std::ptrdiff_t r, std::ptrdiff_t c) -> std::uint8_t& { return of(r, c); });
-    widen(of.cols(), of.rows(), margin_px,
-          [&](std::ptrdiff_t c, std::ptrdiff_t r) -> std::uint8_t& { return of(r, c); });
+    widen(of, margin_px);
   }
   return all;
 }

@@ -396,10 +396,21 @@ TEST(Inference, APointFarOffIsNoPlace) {
   const auto d = diagnose(std::move(m), 1);
   ASSERT_TRUE(d.has_value());
   EXPECT_EQ(d->verdict, "consistent") << fmt::format("{}", fmt::join(d->remainder.kinds, ", "));
+  // Of so few points that one is a third of a place's mean.
+  auto few = part(58, {}, nothing);
+  for (std::size_t i = 0; i < few.observations.size(); ++i)
+    if (i % 8 == 0) few.observations[i / 8] = few.observations[i];
+  few.observations.resize(few.observations.size() / 8);
+  for (std::size_t i = 0; i < few.observations.size(); i += 250)
+    few.observations[i].residual_mm += 1.0;
+  const auto of_few = diagnose(std::move(few), 1);
+  ASSERT_TRUE(of_few.has_value());
+  EXPECT_EQ(of_few->verdict, "consistent")
+      << fmt::format("{}", fmt::join(of_few->remainder.kinds, ", "));
 }
 
-// A smooth process of tenths over the part holds what a twisted block does, at a small price,
-// whatever stands in the twist's place: by likelihood alone twenty causes did as well.
+// A smooth process over the part holds what a twisted block does at a small price: the twist keeps
+// its name, and has no rivals.
 TEST(Inference, ATwistIsNoUnevennessBesideAnyCause) {
   for (const std::uint64_t seed : {81U, 82U}) {
     const auto d = diagnose(part(seed, {0.05, 0.02, 5.0, 0.02},

@@ -48,8 +48,9 @@ Linearised::Linearised(const Scene& scene, std::vector<Observation>& observation
 }
 
 void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients) {
-  auto beyond = beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm,
-                              signatures_, lag_and_slack_, all() ? nullptr : &choosing_);
+  auto beyond =
+      beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm,
+                    scene_.has_path, signatures_, lag_and_slack_, all() ? nullptr : &choosing_);
   for (std::size_t i = 0; i < given_.size(); ++i)
     observations_[i].residual_mm = beyond[i] =
         all() || choosing_[i] != 0 ? given_[i] - beyond[i] : NAN;
@@ -89,8 +90,8 @@ void Linearised::about_alone(const Members& model) {
       levels |= c.levels.has_value();
     }
   if (levels && model.size() > 1)
-    cut = keys;  // what any of them moves is levelled
-  else if (!cut.empty())
+    cut = keys;                              // what any of them moves is levelled
+  else if (!cut.empty() || scene_.has_path)  // poses alone are small: scans lie on the part
     cut.insert(cut.end(), moving.begin(), moving.end());
   if (cut != about_) {
     about_ = std::move(cut);

@@ -8,7 +8,6 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/choosing.hpp"
-#include "diagnosis/detail/remainder.hpp"
 #include "diagnosis/detail/sizes.hpp"
 #include "diagnosis/detail/standing.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
@@ -33,9 +32,6 @@ constexpr std::size_t kVagueRivals = 2;
 /// In -2 log likelihood: a rival closer than this is the same shape by another name (a part that
 /// has grown, a range that is too long), no second shape.
 constexpr double kSameShape = 0.5;
-/// A cause that makes more unevenness than blocks have into less than this share of it is not what
-/// leaves that: a smooth process holds a warp at a small price, whatever stands in its place.
-constexpr double kEvened = 0.5;
 /// Standard errors from which on a size is not none.
 constexpr double kSure = 4.0;
 /// As many in its place make any cause nameless.
@@ -51,12 +47,10 @@ struct Model {
 };
 
 struct Scored {
-  double objective, squares, uneven_mm;
+  double objective, squares;
 };
-Scored scored(const Search& search, const Bank& bank, const Linearised& residuals,
-              const Members& with) {
-  const Fit f = residuals.fit_of(with);
-  return {f.objective, residuals.left_by(with), unevenness_mm(bank, f, search.layout.cell_mm)};
+Scored scored(const Linearised& residuals, const Members& with) {
+  return {residuals.fit_of(with).objective, residuals.left_by(with)};
 }
 
 struct Equivalents {
@@ -96,35 +90,28 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
   const double missed = residuals.fit_of(others).objective;
   // Rivals are compared with the member as it is without its own second order, and where they come
   // close with that of each.
-  const Scored linear = scored(search, bank, residuals, model.members);
-  const double uneven_mm = unevenness_mm(bank, model.fit, search.layout.cell_mm);
+  const Scored linear = scored(residuals, model.members);
   const double far = std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
   const double far_squares = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
   struct Worse {
     double objective, squares;
-    bool uneven;  ///< leaves more unevenness than blocks have, as the member does not
-  };
-  const auto left_uneven = [&](const Scored& s) {
-    return s.uneven_mm > kMostUneven_mm && uneven_mm < kEvened * s.uneven_mm;
   };
   const auto worse_by = [&](const Members& with, const Member& other) {
     auto instead = with;
     instead.push_back(other);
-    const Scored first = scored(search, bank, residuals, instead);
-    Worse worse{first.objective - linear.objective, first.squares - linear.squares,
-                left_uneven(first)};
+    const Scored first = scored(residuals, instead);
+    Worse worse{first.objective - linear.objective, first.squares - linear.squares};
     if (worse.objective < kCloseGain * far || worse.squares < kCloseSquares * far_squares ||
         is_part_of(other.form, model.members[k].form)) {
       residuals.about_alone(instead);
-      const Scored anew = scored(search, bank, residuals, instead);
-      worse = {anew.objective - model.fit.objective, anew.squares - model.left.squares,
-               left_uneven(anew)};
+      const Scored anew = scored(residuals, instead);
+      worse = {anew.objective - model.fit.objective, anew.squares - model.left.squares};
       residuals.about(others);
     }
     return worse;
   };
   const auto does_as_well = [&](const Worse& w) {
-    return !w.uneven && (w.objective < far || w.squares < far_squares);
+    return w.objective < far || w.squares < far_squares;
   };
   const Screen beside = screen(bank, others, kAll), beside_all = screen(bank, beside_it, kAll);
   Equivalents equivalent;
@@ -142,13 +129,10 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
       equivalent.names.push_back(other.effect->name);
       equivalent.shapes += std::abs(worse.objective) >= kSameShape;
     } else if (missed - found.objective > kWorthALine) {
-      const auto& its = model.members[k].effect->name;
       ruled_out.push_back(
           {other.effect->name,
-           worse.uneven
-               ? fmt::format("in the place of {} it leaves more unevenness than blocks have", its)
-               : fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
-                             its, worse.objective / 4.605)});
+           fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
+                       model.members[k].effect->name, worse.objective / 4.605)});
     }
   }
   return equivalent;

@@ -16,8 +16,10 @@ constexpr double kLonely = 7.0;  // robust standard deviations
 /// fields (plane removed, robust spread; drawn 3000 times each); a bulge of 0.2 mm over a fifth of
 /// the part has 6.5, and is not to pass for smooth noise.
 constexpr double kLonelyFar = 5.0, kFar_mm = 0.1;
-/// A process longer than this many cells is the block's own unevenness.
-constexpr double kUnevenCells = 2.0;
+/// A process longer than this many cells is the block's own unevenness, which is rarely more than
+/// 0.02 mm (fit.cpp): found beside right answers 0.036 at most, 0.053 for a scanner that drifts by
+/// 0.08.
+constexpr double kMostUneven_mm = 0.045, kUnevenCells = 2.0;
 /// Scans of one part differ by noise and poses alone: by 0.004 mm of anything smooth at most, on
 /// 12 cases, by 0.072 for a range that is off by 0.07 in turn.
 constexpr double kApart_mm = 0.012;
@@ -151,13 +153,6 @@ double usual_ridges_mm(const std::vector<Observation>& all) {
 
 }  // namespace
 
-double unevenness_mm(const Bank& bank, const Fit& f, double cell_mm) {
-  const Theta& theta = bank.theta[static_cast<std::size_t>(f.theta[0])];
-  return theta.length_mm > kUnevenCells * cell_mm
-             ? std::sqrt(theta.smooth_ratio() * f.top_variance[0])
-             : 0.0;
-}
-
 Remainder judge(const std::vector<Observation>& all, const std::vector<double>& residual,
                 const Layout& l, const Bank& bank, const Fit& f, Squares& odd) {
   Remainder rest;
@@ -169,7 +164,8 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
       rest.kinds.emplace_back(kind);
     rest.found = true;
   };
-  if (unevenness_mm(bank, f, l.cell_mm) > kMostUneven_mm) note("more unevenness than blocks have");
+  if (rest.smooth_mm > kMostUneven_mm && rest.smooth_length_mm > kUnevenCells * l.cell_mm)
+    note("more unevenness than blocks have");
   const Theta& apart = bank.theta[static_cast<std::size_t>(f.theta[1])];
   if (std::sqrt(apart.smooth_ratio() * f.top_variance[1]) > kApart_mm) note("scans that differ");
   odd = {l.x0, l.y0, 0.5 * l.cell_mm, {}};

@@ -23,7 +23,7 @@ constexpr double kFar_mm = 0.5;
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
                                   const std::vector<Member>& members, const Bank& bank,
                                   const Eigen::VectorXd& coefficients, double ball_radius_mm,
-                                  Signatures& known, LagAndSlack& both,
+                                  bool has_ridges, Signatures& known, LagAndSlack& both,
                                   const std::vector<char>* wanted) {
   struct Term {
     const Column& column;
@@ -43,16 +43,16 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   const auto is_wanted = [&](std::size_t i) {
     return wanted == nullptr || levels || (*wanted)[i] != 0;
   };
-  const bool cuts = std::any_of(members.begin(), members.end(), [](const Member& m) {
+  const bool anew = std::any_of(members.begin(), members.end(), [&](const Member& m) {
     return std::any_of(m.form.columns.begin(), m.form.columns.end(),
-                       [](const Column& c) { return static_cast<bool>(c.cut); });
+                       [&](const Column& c) { return c.cut || (has_ridges && c.moves); });
   });
-  // Of causes that act through the cut, of what moves the part beside these, of those that level,
-  // and of all others where any levels.
+  // Of causes that act through the cut, of what moves the part with its ridges, of those that
+  // level, and of all others where any levels.
   std::vector<Term> cut, moving, levelling, others;
   for (std::size_t k = 0; k < model.size(); ++k) {
     const Column& c = column(k);
-    const bool nuisance = static_cast<int>(k) < bank.nuisances, moves = cuts && c.moves;
+    const bool nuisance = static_cast<int>(k) < bank.nuisances, moves = anew && c.moves;
     if (!moves && (nuisance || !(c.cut || levels))) continue;
     std::vector<float>& signature = known[c.key];
     signature.resize(all.size(), NAN);
@@ -89,7 +89,7 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   if (pass != nullptr)
     off = displacements(*pass,
                         [&](const CutState& s) { return sum_of(true, all.front(), s, {}).tip_mm; });
-  if (!cut.empty())
+  if (anew)
     oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
       if (!is_wanted(i)) return;
       const Observation& o = all[i];

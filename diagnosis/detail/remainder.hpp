@@ -26,13 +26,6 @@ struct Squares {
   }
 };
 
-/// What a fit takes for the block's own unevenness, mm rms: its smooth process, if that is longer
-/// than two cells; else 0. More than kMostUneven_mm: blocks have less.
-[[nodiscard]] double unevenness_mm(const Bank& bank, const Fit& fit, double cell_mm);
-/// Blocks are rarely uneven by more than 0.02 mm (fit.cpp): found beside right answers 0.036 at
-/// most, 0.053 for a scanner that drifts by 0.08.
-inline constexpr double kMostUneven_mm = 0.045;
-
 /// Four looks at the map of mean residuals in squares of a quarter and half a cell, each against
 /// what a stationary Gaussian process gives less than once in ten thousand cases:
 ///   lonely places  largest value over the robust spread

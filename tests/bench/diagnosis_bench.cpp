@@ -22,6 +22,7 @@
 
 #include "core/random.hpp"
 #include "diagnosis/path_contact.hpp"
+#include "support/folders.hpp"
 
 namespace fs = std::filesystem;
 
@@ -66,8 +67,10 @@ int measure(const fs::path& program, const fs::path& folder) {
   fs::create_directories(folder);
   const fs::path design = folder / "site/s1000/design.tif", gcode = folder / "part.ngc";
   if (!fs::exists(design))
-    run(fmt::format("{} fuse {} --set size_mm=2000 --out {} --quiet > /dev/null", maquette,
-                    MAQUETTE_SOURCE_DIR "/assets/sites/default.toml", (folder / "site").string()));
+    run(fmt::format(
+        "{} fuse {} --set size_mm=2000 --out {} --quiet > /dev/null", maquette,
+        (maquette::testing_support::source_folder() / "assets/sites/default.toml").string(),
+        (folder / "site").string()));
   if (!fs::exists(gcode))
     run(fmt::format("{} mill {} --out {} --quiet > /dev/null", maquette, design.string(),
                     gcode.string()));

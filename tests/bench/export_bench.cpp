@@ -29,6 +29,7 @@
 #include "export/gltf.hpp"
 #include "export/lod_set.hpp"
 #include "support/bench_times.hpp"
+#include "support/folders.hpp"
 #include "support/terrain.hpp"
 
 namespace maquette::exporting {
@@ -234,8 +235,10 @@ int bench(std::ptrdiff_t nodes) {
     if (!plain) fmt::print("{}\n", plain.error().message);
   });
   peer({.what = "gltfpack -c", .bits = "16", .normals = "8"},
-       fmt::format("node {0} -i {1}/full.glb -o {1}/packed.glb -c -vp 16",
-                   MAQUETTE_SOURCE_DIR "/tests/web/node_modules/gltfpack/cli.js", folder.string()),
+       fmt::format(
+           "node {0} -i {1}/full.glb -o {1}/packed.glb -c -vp 16",
+           (testing_support::source_folder() / "tests/web/node_modules/gltfpack/cli.js").string(),
+           folder.string()),
        folder / "packed.glb", triangles);
   for (const int bits : {16, 20}) bound(field, bits);
   fs::remove_all(folder);

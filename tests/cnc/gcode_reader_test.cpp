@@ -25,6 +25,7 @@
 
 #include "cnc/verify.hpp"
 #include "core/random.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 
 namespace maquette::cnc {
@@ -548,11 +549,7 @@ TEST(GcodeFile, LongerThanTheBufferReadsLikeText) {
 }
 
 std::filesystem::path real_program(std::string_view name) {
-  const char* data = std::getenv("MAQUETTE_DATA");
-  const std::filesystem::path root =
-      data != nullptr ? std::filesystem::path(data)
-                      : std::filesystem::path(MAQUETTE_SOURCE).parent_path() / "shared/data";
-  return root / "gcode" / name;
+  return testing_support::data_folder() / "gcode" / name;
 }
 
 struct RealProgram {

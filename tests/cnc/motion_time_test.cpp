@@ -24,6 +24,7 @@
 
 #include "core/files.hpp"
 #include "core/random.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 
 namespace maquette::cnc {
@@ -565,8 +566,7 @@ TEST(MotionTime, AgreesWithAnIndependentIntegration) {
 // ---- LinuxCNC's own planner ---------------------------------------------------
 
 std::filesystem::path other_programs() {
-  const char* data = std::getenv("MAQUETTE_DATA");
-  return std::filesystem::path(data ? data : "/nonexistent") / "gcode";
+  return testing_support::data_folder() / "gcode";
 }
 
 TEST(MotionTime, AgreesWithLinuxCncOnGeneratedPaths) {

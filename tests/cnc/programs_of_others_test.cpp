@@ -20,6 +20,7 @@
 
 #include "cnc/verify.hpp"
 #include "core/files.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "support/mutations.hpp"
 #include "support/terrain.hpp"
@@ -50,11 +51,7 @@ class ProgramsOfOthers : public testing::Test {
  protected:
   /// Null: not here.
   static std::optional<std::filesystem::path> program(const std::string& name) {
-    const char* data = std::getenv("MAQUETTE_DATA");
-    const std::filesystem::path root =
-        data != nullptr ? std::filesystem::path(data)
-                        : std::filesystem::path(MAQUETTE_SOURCE).parent_path() / "shared/data";
-    const auto path = root / "gcode" / name;
+    const auto path = testing_support::data_folder() / "gcode" / name;
     return std::filesystem::exists(path) ? std::optional(path) : std::nullopt;
   }
   static VerifyOptions options(double ball_mm, double top_mm, double cell_mm) {

@@ -24,6 +24,7 @@
 #include "core/files.hpp"
 #include "random_path.hpp"
 #include "rs274_peer.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "support/terrain.hpp"
 
@@ -249,10 +250,7 @@ TEST_F(Rs274, RefusesWhatWeRefuse) {
 }
 
 TEST_F(Rs274, AgreesOnTheProgramsOfOthers) {
-  const char* data = std::getenv("MAQUETTE_DATA");
-  const std::filesystem::path root =
-      data != nullptr ? std::filesystem::path(data)
-                      : std::filesystem::path(MAQUETTE_SOURCE).parent_path() / "shared/data";
+  const std::filesystem::path root = maquette::testing_support::data_folder();
   // Inches where the file says so.
   const std::vector<std::pair<const char*, double>> files{{"cameo.nc", 1e-4},
                                                           {"3D_Chips.ngc", 1e-4},

@@ -21,21 +21,23 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "heightmap/fuse.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "support/planet_raster.hpp"
 
 namespace maquette::heightmap {
 namespace {
 
+using testing_support::data_folder;
 using testing_support::FailsWith;
-using testing_support::real_data;
 using testing_support::ScratchFolder;
 using testing_support::Succeeds;
 
 class RealData : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (real_data().empty()) GTEST_SKIP() << "real data not found; set MAQUETTE_DATA";
+    if (!std::filesystem::exists(data_folder()))
+      GTEST_SKIP() << "no real data in " << data_folder() << "; set MAQUETTE_DATA";
   }
   static FuseRequest site(const char* body, double lat, double lon, double half_width,
                           double spacing, std::vector<Source> sources) {
@@ -62,7 +64,7 @@ class RealData : public ::testing::Test {
 };
 
 TEST_F(RealData, GaleHirise) {
-  const auto hirise = real_data() / "mars/gale_hirise_1m.tif";
+  const auto hirise = data_folder() / "mars/gale_hirise_1m.tif";
   // The middle of pixel (174, 168): x = 8142406 + 174.5, y = -276455 - 168.5 on a sphere.
   const double per_degree = 3396190.0 * std::numbers::pi / 180.0;
   const double lat = -276623.5 / per_degree, lon = 8142580.5 / per_degree;
@@ -81,7 +83,7 @@ TEST_F(RealData, GaleHirise) {
   EXPECT_GT(height_range(alone->field.z_m).min, -4473.0F);
 
   const auto pair = fuse(site("mars", lat, lon, 100, 0.5,
-                              {{"mola", real_data() / "mars/megt90n000cb.vrt", "auto", 30.0},
+                              {{"mola", data_folder() / "mars/megt90n000cb.vrt", "auto", 30.0},
                                {"hirise", hirise, "auto", 0.3}}));
   ASSERT_THAT(pair, Succeeds());
   EXPECT_EQ(pair->sources[1].shift_east_m, 0.0) << "14.8 km pixels cannot tell";
@@ -98,15 +100,15 @@ TEST_F(RealData, GaleHirise) {
 }
 
 TEST_F(RealData, ShoemakerLola) {
-  const auto lola = real_data() / "moon/shoemaker_lola_5m.tif";
+  const auto lola = data_folder() / "moon/shoemaker_lola_5m.tif";
   // Middle of pixel (128, 127) of the polar map: x = 75360 + 642.5, y = 39640 - 637.5.
   const double x = 76002.5, y = 39002.5;
   const double lon = std::atan2(x, y) * 180.0 / std::numbers::pi;
   const double lat =
       -90.0 + 2.0 * std::atan(std::hypot(x, y) / (2.0 * 1737400.0)) * 180.0 / std::numbers::pi;
-  const auto fused = fuse(site(
-      "moon", lat, lon, 400, 1.0,
-      {{"ldem_4", real_data() / "moon/LDEM_4.LBL", "auto", 10.0}, {"lola_5m", lola, "auto", 1.0}}));
+  const auto fused = fuse(site("moon", lat, lon, 400, 1.0,
+                               {{"ldem_4", data_folder() / "moon/LDEM_4.LBL", "auto", 10.0},
+                                {"lola_5m", lola, "auto", 1.0}}));
   ASSERT_THAT(fused, Succeeds());
   const SourceReport& report = fused->sources[1];
   EXPECT_NEAR(fused->field.z_m(400, 400) - report.shift_up_m, file_value(lola, 128, 127), 0.01);
@@ -126,8 +128,8 @@ TEST_F(RealData, ShoemakerLola) {
 TEST_F(RealData, LdemAsPds3AndAsIsisCube) {
   // Each pixel of the cube is the mean of 3 x 3 of the image, of another release that
   // differs by some 20 m; the relief over one image pixel is several hundred.
-  const auto image = real_data() / "moon/LDEM_4.LBL",
-             cube = real_data() / "moon/ldem_4_reduced.cub";
+  const auto image = data_folder() / "moon/LDEM_4.LBL",
+             cube = data_folder() / "moon/ldem_4_reduced.cub";
   const auto height_at_place = [&](const std::filesystem::path& file, double lat, double lon) {
     const auto fused = fuse(site("moon", lat, lon, 10, 10, {{"ldem", file}}));
     EXPECT_THAT(fused, Succeeds());
@@ -159,7 +161,7 @@ TEST_F(RealData, LdemAsPds3AndAsIsisCube) {
 /// A part of LDEM_4 around 20 N 150 E whose map is moved east and north by so many pixels.
 void write_moved_ldem(const std::filesystem::path& to, double east_px, double north_px) {
   GDALAllRegister();
-  GDALDataset* file = GDALDataset::Open((real_data() / "moon/LDEM_4.LBL").c_str());
+  GDALDataset* file = GDALDataset::Open((data_folder() / "moon/LDEM_4.LBL").c_str());
   constexpr int kFirstCol = 520, kFirstRow = 210, kCols = 160, kRows = 140;
   std::vector<double> values(static_cast<std::size_t>(kCols) * kRows);
   ASSERT_EQ(
@@ -188,7 +190,7 @@ TEST_F(RealData, LdemIsFoundOnAnotherRelease) {
   write_moved_ldem(scratch / "moved.tif", 0.8, -0.6);
   const auto fused = [&](const char* name) {
     return fuse(site("moon", 20.0, 150.0, 300e3, 4e3,
-                     {{"cube", real_data() / "moon/ldem_4_reduced.cub", "auto", 30.0},
+                     {{"cube", data_folder() / "moon/ldem_4_reduced.cub", "auto", 30.0},
                       {"ldem", scratch / name, "auto", 10.0}}));
   };
   const auto in_place = fused("in_place.tif"), moved = fused("moved.tif");
@@ -227,14 +229,14 @@ TEST_F(RealData, LdemIsFoundOnAnotherRelease) {
 TEST_F(RealData, LdemHasNoStereoBoxes) {
   for (const double latitude : {20.0, -30.0}) {
     const auto fused = fuse(site("moon", latitude, 150.0, 1200e3, 8e3,
-                                 {{"ldem", real_data() / "moon/LDEM_4.LBL", "auto", 10.0}}));
+                                 {{"ldem", data_folder() / "moon/LDEM_4.LBL", "auto", 10.0}}));
     ASSERT_THAT(fused, Succeeds());
     EXPECT_TRUE(fused->sources[0].artefacts.boxes.empty()) << latitude;
   }
 }
 
 TEST_F(RealData, ShoemakerCleaned) {
-  const auto lola = real_data() / "moon/shoemaker_lola_5m.tif";
+  const auto lola = data_folder() / "moon/shoemaker_lola_5m.tif";
   const auto with = [&](Clean clean) {
     FuseRequest request =
         site("moon", -87.18351, 62.83502, 450, 1.0, {{"lola", lola, "auto", 0.5}});
@@ -276,7 +278,7 @@ TEST_F(RealData, ShoemakerCleaned) {
 }
 
 TEST_F(RealData, GaleCleaned) {
-  const auto hirise = real_data() / "mars/gale_hirise_1m.tif";
+  const auto hirise = data_folder() / "mars/gale_hirise_1m.tif";
   const auto with = [&](Clean clean) {
     FuseRequest request =
         site("mars", -4.66681, 137.37025, 150, 1.0, {{"hirise", hirise, "auto", 0.2}});
@@ -308,7 +310,7 @@ TEST_F(RealData, HiriseCubes) {
       {"DTM_Zumba_1m_forPDS_lowres.cub", -28.685, 226.931, 1000},
       {"Polar_Crater_1_1m_ngate_edited2_forPDS_lowres.cub", 83.477, -13.26, 800}};
   for (const auto& cube : cubes) {
-    const Source source{"dtm", real_data() / "mars/hirise_cubes" / cube.file};
+    const Source source{"dtm", data_folder() / "mars/hirise_cubes" / cube.file};
     EXPECT_THAT(fuse(site("mars", cube.lat, cube.lon, cube.half_width, 100, {source})),
                 FailsWith(kAllVoid))
         << cube.file;
@@ -324,7 +326,7 @@ TEST_F(RealData, HiriseCubes) {
 TEST_F(RealData, IsisCubeCutShort) {
   const ScratchFolder scratch;
   // 480 x 240 int16 after a label of 65536 bytes; what follows is history.
-  const auto cube = *read_file(real_data() / "moon/ldem_4_reduced.cub");
+  const auto cube = *read_file(data_folder() / "moon/ldem_4_reduced.cub");
   ASSERT_THAT(write_file(scratch / "a.cub", cube.substr(0, 65536 + 230400)), Succeeds());
   EXPECT_THAT(fuse(site("moon", 60, 10, 1000, 100, {{"cube", scratch / "a.cub"}})), Succeeds());
   ASSERT_THAT(write_file(scratch / "a.cub", cube.substr(0, 65536 + 230399)), Succeeds());
@@ -334,8 +336,8 @@ TEST_F(RealData, IsisCubeCutShort) {
 
 TEST_F(RealData, LdemCutShort) {
   const ScratchFolder scratch;
-  std::filesystem::copy_file(real_data() / "moon/LDEM_4.LBL", scratch / "LDEM_4.LBL");
-  const auto image = *read_file(real_data() / "moon/LDEM_4.IMG");
+  std::filesystem::copy_file(data_folder() / "moon/LDEM_4.LBL", scratch / "LDEM_4.LBL");
+  const auto image = *read_file(data_folder() / "moon/LDEM_4.IMG");
   ASSERT_THAT(write_file(scratch / "LDEM_4.IMG", image.substr(0, 1000000)), Succeeds());
   // The pixels around the site are in what is left: it is refused all the same.
   const auto fused = fuse(site("moon", 60, 10, 1000, 100, {{"ldem", scratch / "LDEM_4.LBL"}}));

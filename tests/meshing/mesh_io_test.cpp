@@ -35,6 +35,7 @@
 
 #include "core/files.hpp"
 #include "core/random.hpp"
+#include "support/folders.hpp"
 #include "support/gltf_text.hpp"
 #include "support/matchers.hpp"
 #include "support/mesh_properties.hpp"
@@ -711,11 +712,7 @@ INSTANTIATE_TEST_SUITE_P(Files, RealMesh,
                                            RealFile{"rock_SubTool3.stl", 23071}));
 
 TEST_P(RealMesh, IsReadInFull) {
-  const char* variable = std::getenv("MAQUETTE_DATA");
-  const fs::path data = variable != nullptr
-                            ? fs::path(variable)
-                            : fs::path(__FILE__).parent_path() / "../../../shared/data";
-  const fs::path path = data / "meshes" / GetParam().name;
+  const fs::path path = testing_support::data_folder() / "meshes" / GetParam().name;
   if (!fs::exists(path)) GTEST_SKIP() << path << " is not there; set MAQUETTE_DATA";
   const auto mesh = read_mesh(path);
   ASSERT_THAT(mesh, Succeeds());

@@ -27,6 +27,7 @@
 #include "scan/cloud_stream.hpp"
 #include "scan/detail/bit_pack.hpp"
 #include "scan/detail/crc32c.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "support/streamed_cloud.hpp"
 
@@ -335,11 +336,7 @@ TEST(E57, BringsAllStationsIntoOneFrame) {
 // ---- files of others -------------------------------------------------------
 
 std::filesystem::path shared_file(const char* name) {
-  const char* data = std::getenv("MAQUETTE_DATA");
-  const std::filesystem::path root =
-      data != nullptr ? std::filesystem::path(data)
-                      : std::filesystem::path(MAQUETTE_SOURCE) / ".." / "shared" / "data";
-  return root / "scans" / name;
+  return testing_support::data_folder() / "scans" / name;
 }
 
 TEST(E57Reference, TheBunnyIsReadAsDoublesAndAsIntegers) {

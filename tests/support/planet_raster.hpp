@@ -66,11 +66,4 @@ inline void write_planet_raster(const PlanetRaster& raster, const std::filesyste
   }
 }
 
-/// Folder of the real data; empty if there is none.
-inline std::filesystem::path real_data() {
-  if (const char* folder = std::getenv("MAQUETTE_DATA")) return folder;
-  const auto beside = std::filesystem::path(MAQUETTE_SOURCE_DIR).parent_path() / "shared" / "data";
-  return std::filesystem::exists(beside) ? beside : std::filesystem::path{};
-}
-
 }  // namespace maquette::testing_support

@@ -12,6 +12,8 @@
 #include <fmt/format.h>
 #include <sys/wait.h>
 
+#include "support/folders.hpp"
+
 namespace maquette::testing_support {
 
 struct Outcome {
@@ -36,8 +38,8 @@ inline Outcome run_program(const std::filesystem::path& scratch, const std::stri
                            const std::string& before = "") {
   const auto out = scratch / ".stdout", err = scratch / ".stderr";
   const int status =
-      std::system(fmt::format("{} '{}' {} >'{}' 2>'{}' </dev/null", before, MAQUETTE_PROGRAM,
-                              arguments, out.string(), err.string())
+      std::system(fmt::format("{} '{}' {} >'{}' 2>'{}' </dev/null", before,
+                              maquette_program().string(), arguments, out.string(), err.string())
                       .c_str());
   Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), slurp(out),
                   slurp(err)};

@@ -37,6 +37,7 @@
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
 #include "scan/cloud.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "support/program.hpp"
 
@@ -57,7 +58,8 @@ constexpr const char* kSmall =
     "--set export.lod_triangles=2000 --set mill.work_offset_per_band=true "
     "--set 'export.formats=[\"stl\", \"glb\", \"step\"]' ";
 
-const std::string kSite = std::string("run ") + MAQUETTE_SOURCE + "/assets/sites/default.toml";
+const std::string kSite =
+    "run " + testing_support::source_folder().string() + "/assets/sites/default.toml";
 
 std::map<std::string, std::string> hashes(const fs::path& out) {
   std::map<std::string, std::string> all;
@@ -467,8 +469,9 @@ TEST_F(Chain, GoesOnAfterAKill) {
     const pid_t child = ::fork();
     if (child == 0) {
       ::setpgid(0, 0);
-      const std::string command = fmt::format("exec '{}' {} {} --out '{}' >/dev/null 2>&1",
-                                              MAQUETTE_PROGRAM, kSite, kSmall, killed.string());
+      const std::string command =
+          fmt::format("exec '{}' {} {} --out '{}' >/dev/null 2>&1",
+                      testing_support::maquette_program().string(), kSite, kSmall, killed.string());
       ::execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
       ::_exit(127);
     }
@@ -506,7 +509,7 @@ TEST_F(Chain, ShardsAndMergeAreTheSame) {
 /// Four tools in three bands: each operation cuts what the former left, one certificate for all.
 TEST_F(Chain, OperationsOfASite) {
   const fs::path site = scratch() / "four.toml", four = scratch() / "four";
-  std::ofstream(site) << slurp(fs::path(MAQUETTE_SOURCE) / "assets/sites/default.toml")
+  std::ofstream(site) << slurp(testing_support::source_folder() / "assets/sites/default.toml")
                       << "\n[[operation]]\nstrategy = \"rough\"\n[[operation]]\nstrategy = "
                          "\"semi-finish\"\ntool = 5\ndiameter_mm = 8.0\n[[operation]]\nstrategy = "
                          "\"raster\"\nname = \"finish\"\n[[operation]]\nstrategy = \"rest\"\n"
@@ -561,7 +564,7 @@ TEST_F(Chain, SeatsMarksAndSpheresOfASite) {
   std::ofstream(scratch() / "spheres.toml")
       << "sphere_radius_mm = 6.0\nhole_radius_mm = 4.0\n[[sphere]]\nname = \"a\"\nat_mm = [-20.0, "
          "-20.0, 0.0]\n[[sphere]]\nname = \"b\"\nat_mm = [60.0, -20.0, 0.0]\n";
-  std::ofstream(site) << slurp(fs::path(MAQUETTE_SOURCE) / "assets/sites/default.toml")
+  std::ofstream(site) << slurp(testing_support::source_folder() / "assets/sites/default.toml")
                       << "\n[spheres]\nfile = \"spheres.toml\"\n"
                          "[[operation]]\nstrategy = \"rough\"\n[[operation]]\nstrategy = "
                          "\"raster\"\n[[operation]]\nstrategy = \"seats\"\ngap_mm = 0.8\nbed_mm "
@@ -716,10 +719,7 @@ TEST(SettledStones, GoThroughTheChain) {
 class RealSites : public testing::TestWithParam<const char*> {};
 
 TEST_P(RealSites, RunThroughTheWholeChain) {
-  const char* variable = std::getenv("MAQUETTE_DATA");
-  const fs::path data = variable != nullptr
-                            ? fs::path(variable)
-                            : fs::path(MAQUETTE_SOURCE).parent_path() / "shared" / "data";
+  const fs::path data = testing_support::data_folder();
   if (!fs::exists(data / "mars"))
     GTEST_SKIP() << "no real data in " << data << "; set MAQUETTE_DATA to its folder";
   const ScratchFolder scratch;
@@ -729,7 +729,8 @@ TEST_P(RealSites, RunThroughTheWholeChain) {
       fmt::format("run '{}/assets/sites/{}.toml' --quiet --set size_mm=60 --set stones.count=3 "
                   "--set stones.min_diameter_m=1 --set stones.max_diameter_m=2 --set "
                   "scanner.max_points=60000 --out '{}'",
-                  MAQUETTE_SOURCE, GetParam(), (scratch / "out").string()),
+                  testing_support::source_folder().string(), GetParam(),
+                  (scratch / "out").string()),
       fmt::format("MAQUETTE_DATA='{}'", data.string()));
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(fs::exists(scratch / "out/report.html"));

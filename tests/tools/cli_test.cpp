@@ -19,6 +19,7 @@
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
 #include "meshing/stones.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "support/placed_stones.hpp"
 #include "support/program.hpp"
@@ -526,7 +527,8 @@ TEST_F(CommandLine, StrategiesSayWhatTheyLack) {
 }
 
 TEST_F(CommandLine, WorkBeyondTheMachinesTravel) {
-  std::string small = slurp(fs::path(MAQUETTE_SOURCE) / "assets/machines/portal_mill_2500.toml");
+  std::string small =
+      slurp(testing_support::source_folder() / "assets/machines/portal_mill_2500.toml");
   small.replace(small.find("[2500.0, 2500.0"), 15, "[2500.0, 15.0");  // the hill has 20
   const auto machine = file("small.toml", small).string();
   for (const char* strategy : {"raster", "rough", "semi-finish", "geodesic", "probe"})
@@ -820,9 +822,9 @@ TEST_F(CommandLine, DiskThatIsFull) {
     GTEST_SKIP() << "no small file system can be mounted here (unshare -r -m)";
   const auto d = design();
   std::ofstream(scratch / "full.sh")
-      << mount << "\n'" << MAQUETTE_PROGRAM << "' --quiet export '" << d.string()
-      << "' --format ply --out '" << tiny.string() << "'\ncode=$?\nls -A '" << tiny.string()
-      << "' | wc -l > '" << (scratch / "left").string() << "'\nexit $code\n";
+      << mount << "\n'" << testing_support::maquette_program().string() << "' --quiet export '"
+      << d.string() << "' --format ply --out '" << tiny.string() << "'\ncode=$?\nls -A '"
+      << tiny.string() << "' | wc -l > '" << (scratch / "left").string() << "'\nexit $code\n";
   const int status =
       std::system(fmt::format("unshare -r -m sh '{}' 2>'{}' >/dev/null",
                               (scratch / "full.sh").string(), (scratch / "err").string())
@@ -1303,7 +1305,7 @@ TEST_F(CommandLine, TilesAreHollowNumberedAndHeldByDowelsAndMagnets) {
 
 TEST_F(CommandLine, ASiteSaysHowItsSolidsAreShaped) {
   const std::string verb =
-      "run '" MAQUETTE_SOURCE
+      "run '" + testing_support::source_folder().string() +
       "/assets/sites/default.toml' --quiet --set size_mm=40 --set stones.count=3 "
       "--set bands.max_width_mm=21 --set bands.avoid_stones=false --set solid.hollow_mm=1.5 "
       "--set solid.rib_mm=1 "
@@ -1349,7 +1351,7 @@ TEST_F(CommandLine, ASiteSaysHowItsSolidsAreShaped) {
 
 TEST_F(CommandLine, LimitsOfWhatTheCutterReachesAreKeptOrNamed) {
   const std::string surface =
-      "run '" MAQUETTE_SOURCE
+      "run '" + testing_support::source_folder().string() +
       "/assets/sites/default.toml' --quiet --set size_mm=40 --stage products "
       "--stage fuse --stage reach --out '" +
       out.string() + "' ";

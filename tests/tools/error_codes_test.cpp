@@ -13,6 +13,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "support/folders.hpp"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -26,7 +28,8 @@ std::string slurp(const fs::path& path) {
 std::string all_of(const std::set<std::string>& folders, const std::set<std::string>& extensions) {
   std::string text;
   for (const std::string& folder : folders)
-    for (const auto& e : fs::recursive_directory_iterator(fs::path(MAQUETTE_SOURCE) / folder))
+    for (const auto& e :
+         fs::recursive_directory_iterator(maquette::testing_support::source_folder() / folder))
       if (extensions.contains(e.path().extension().string())) text += slurp(e.path());
   return text;
 }
@@ -51,7 +54,7 @@ std::map<std::string, Declared> declared() {
 }
 
 TEST(ErrorCodes, AreAllDocumentedWithTheirExitCode) {
-  const std::string doc = slurp(fs::path(MAQUETTE_SOURCE) / "docs" / "errors.md");
+  const std::string doc = slurp(maquette::testing_support::source_folder() / "docs" / "errors.md");
   std::map<std::string, int> documented;
   const std::regex row(R"re(\n\| ([A-Z][A-Z0-9_]+) \| (\d) \|)re");
   for (std::sregex_iterator m(doc.begin(), doc.end(), row), end; m != end; ++m)

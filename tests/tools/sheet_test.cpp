@@ -22,6 +22,7 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "meshing/mesh_io.hpp"
+#include "support/folders.hpp"
 #include "support/matchers.hpp"
 #include "tools/jobs.hpp"
 #include "tools/scene_file.hpp"
@@ -151,7 +152,7 @@ TEST_F(Sheet, IsRefusedWithoutAPicture) {
 }
 
 TEST(ShippedScenes, AreReadAndWhole) {
-  const fs::path scenes = fs::path(MAQUETTE_SOURCE) / "assets/scenes";
+  const fs::path scenes = testing_support::source_folder() / "assets/scenes";
   int read = 0, meshes = 0;
   for (const auto& entry : fs::directory_iterator(scenes)) {
     if (entry.path().extension() != ".toml") continue;

@@ -3,6 +3,8 @@
 
 // What the files of diagnosis/effects share.
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "diagnosis/effect.hpp"
@@ -24,6 +26,27 @@ inline constexpr const char* kAxisName[3] = {"x", "y", "z"};
            [moves](const Observation& o) { return dot(level_along(o), moves(o)); }};
   c.moves = std::move(moves);
   return c;
+}
+/// An instrument's error that moves points by of_one(o): one instrument for all scans, or, where
+/// there are several, for each its own and one of them in error.
+template <class Moves>
+[[nodiscard]] std::vector<Form> of_instruments(const Scene& scene, const std::string& law,
+                                               const std::string& key, const Parameter& parameter,
+                                               Moves of_one) {
+  std::vector<Form> forms;
+  const auto add = [&](std::string of, std::string its_key, auto is_its) {
+    forms.push_back(
+        {std::move(of), {moving_column(std::move(its_key), parameter, [=](const Observation& o) {
+           return o.has_station && is_its(o.set_up) ? of_one(o) : Vec3{};
+         })}});
+  };
+  add(law, key, [](std::uint32_t) { return true; });
+  if (std::count(scene.has_station.begin(), scene.has_station.end(), true) < 2) return forms;
+  for (std::uint32_t scan = 0; scan < scene.has_station.size(); ++scan)
+    if (scene.has_station[scan])
+      add(fmt::format("{}, in scan {} alone", law, scan + 1), fmt::format("{}_{}", key, scan + 1),
+          [scan](std::uint32_t s) { return s == scan; });
+  return forms;
 }
 /// What an even film of 1 mm moves: along the slope's normal, whatever the ridges do.
 [[nodiscard]] inline double film(const Observation& o) {

@@ -18,11 +18,9 @@ void add_scanner_range_bias(std::vector<Effect>& all) {
   e.unknown_shift = std::string("r");  // what registration has taken of it
   e.signature_error = 0.02;
   e.needs = Needs::station;
-  e.forms = [](const Scene&) {
-    return std::vector<Form>{
-        {"constant", {moving_column("range_bias", {"bias_mm", 1.0, 10.0}, [](const Observation& o) {
-           return o.has_station ? o.beam : Vec3{};
-         })}}};
+  e.forms = [](const Scene& scene) {
+    return of_instruments(scene, "constant", "range_bias", {"bias_mm", 1.0, 10.0},
+                          [](const Observation& o) { return o.beam; });
   };
   all.push_back(std::move(e));
 }

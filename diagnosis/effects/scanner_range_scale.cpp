@@ -20,12 +20,9 @@ void add_scanner_range_scale(std::vector<Effect>& all) {
   e.needs = Needs::station;
   e.forms = [](const Scene& scene) {
     const double half = scene.half_mm();
-    return std::vector<Form>{{"proportional",
-                              {moving_column("range_scale", {"error_um_per_m", 1e6 / half, 5000.0},
-                                             [=](const Observation& o) {
-                                               return o.has_station ? (o.range_mm / half) * o.beam
-                                                                    : Vec3{};
-                                             })}}};
+    return of_instruments(scene, "proportional", "range_scale",
+                          {"error_um_per_m", 1e6 / half, 5000.0},
+                          [half](const Observation& o) { return (o.range_mm / half) * o.beam; });
   };
   all.push_back(std::move(e));
 }

@@ -41,6 +41,7 @@
 #include "diagnosis/detail/wrong_signatures.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
+#include "diagnosis/extended_model.hpp"
 
 namespace maquette::diagnosis {
 namespace {
@@ -906,6 +907,32 @@ TEST(Inference, ACircleReadWrongOnceATurnMovesNoScan) {
     ASSERT_EQ(d->causes.size(), 1U) << seed << ":\n" << told(*d);
     EXPECT_EQ(d->causes[0].effect, "scanner.encoder_eccentricity") << seed;
     EXPECT_EQ(d->causes[0].law, "horizontal circle, once a turn, same in all scans") << seed;
+  }
+}
+
+TEST(Inference, ARangeScaleOfOneOfTwoInstrumentsIsOfItsScanAlone) {
+  constexpr double kScale = 1.2e-3;
+  const auto m = part(57, {0.05, 0.0, 20.0, 0.004}, [](const Observation& o) {
+    return o.set_up == 1 ? kScale * o.range_mm * dot(o.along, o.beam) : 0.0;
+  });
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "scanner.range_scale");
+  EXPECT_EQ(c.law, "proportional, in scan 2 alone");
+  EXPECT_NEAR(c.parameters.at(0).value, 1e6 * kScale, 4.0 * c.parameters.at(0).sigma);
+  // Read back, it is of that scan.
+  const auto known = restore({as_known(c)}, m.scene, centres_of(m));
+  ASSERT_TRUE(known.has_value());
+  for (std::size_t i = 0; i < m.observations.size(); i += 1000) {
+    const Observation& o = m.observations[i];
+    const double moved = moved_mm(o, *known, m.scene.ball_radius_mm);
+    if (o.set_up == 0)
+      EXPECT_EQ(moved, 0.0);
+    else
+      EXPECT_NEAR(moved, 1e-6 * c.parameters[0].value * o.range_mm * dot(level_along(o), o.beam),
+                  1e-9);
   }
 }
 

@@ -17,13 +17,13 @@ if(MAQUETTE_SANITIZE)
   target_link_options(maquette_flags INTERFACE -fsanitize=${MAQUETTE_SANITIZE})
 endif()
 
-# ccache makes the second build of the same text free; the sloppiness is what its
-# manual asks for with precompiled headers.
+# ccache makes the second build of the same text free, in another checkout too (paths are hashed
+# from its base folder on); the sloppiness is what its manual asks for with precompiled headers.
 find_program(CCACHE ccache)
 if(CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   set(CMAKE_CXX_COMPILER_LAUNCHER
-    ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros CCACHE_PCH_EXTSUM=true
-    ${CCACHE})
+    ${CMAKE_COMMAND} -E env "CCACHE_BASEDIR=${PROJECT_SOURCE_DIR}"
+    CCACHE_SLOPPINESS=pch_defines,time_macros CCACHE_PCH_EXTSUM=true ${CCACHE})
 endif()
 if(MAQUETTE_PCH)
   add_compile_options($<$<CXX_COMPILER_ID:GNU>:-fpch-preprocess>)

@@ -12,6 +12,7 @@
 
 #include "camera/detail/render_checks.hpp"
 #include "camera/detail/shader.hpp"
+#include "camera/detail/thin_lens.hpp"
 #include "camera/disc_samples.hpp"
 #include "camera/ray_scene.hpp"
 #include "core/check.hpp"
@@ -29,7 +30,14 @@ constexpr int kFirstLook = 16;  ///< samples before noise is judged
 constexpr double kDark = 0.02;  ///< of white: below, noise is measured against this
 
 /// Streams of random numbers of one pixel.
-enum Stream : std::uint64_t { kPlace = 0, kLens = 1, kGather = 64, kBounce = 65, kPass = 128 };
+enum Stream : std::uint64_t {
+  kPlace = 0,
+  kLens = 1,
+  kGather = 64,
+  kBounce = 65,
+  kOpening = 66,
+  kPass = 128
+};
 
 struct View {
   Vec3 eye;
@@ -126,18 +134,20 @@ struct Block {
   std::array<std::size_t, kLanes> of;
   std::array<detail::Seen, kLanes> seen;
   std::array<detail::Lit, kLanes> arrived;
-  bool open = true;                          ///< wants more samples
-  std::vector<std::vector<DiscPoint>> lens;  ///< points of one pass, per light and lane
+  bool open = true;                                    ///< wants more samples
+  std::vector<std::vector<DiscPoint>> lens;            ///< points of one pass, per light and lane
+  std::array<std::vector<DiscPoint>, kLanes> opening;  ///< of the camera, per lane
   std::vector<DiscPoint> points;
 };
 
 class Renderer {
  public:
   Renderer(const RayScene& scene, const detail::Shader& shader, const View& view,
-           const RenderOptions& options)
+           const detail::ThinLens& lens, const RenderOptions& options)
       : scene_(scene),
         shader_(shader),
         view_(view),
+        lens_(lens),
         options_(options),
         side_(static_cast<int>(std::lround(std::sqrt(options.samples_per_pixel)))) {}
 
@@ -220,7 +230,7 @@ class Renderer {
   [[nodiscard]] bool lit_by_sample() const {
     const auto& lights = shader_.lights();
     const auto marked = static_cast<std::ptrdiff_t>(std::min(kLitLamps, lights.size()));
-    return side_ == 1 && options_.noise_target <= 0.0 && !lights.empty() &&
+    return side_ == 1 && !lens_.open() && options_.noise_target <= 0.0 && !lights.empty() &&
            std::none_of(lights.begin(), lights.begin() + marked,
                         [](const Light& light) { return light.extended(); });
   }
@@ -261,11 +271,14 @@ class Renderer {
         if (lights[l].extended())
           stratified_disc(options_.samples_per_pixel * options_.lamp_samples,
                           stream(b, i, pass, kLens + l), b.lens[l * kLanes + i]);
+    if (!lens_.open()) return;
+    for (std::size_t i = 0; i < b.lanes; ++i)
+      stratified_disc(options_.samples_per_pixel, stream(b, i, pass, kOpening), b.opening[i]);
   }
 
   /// Sample s of pass `pass` of every pixel.
   void sample(Block& b, int pass, int s) const {
-    if (side_ > 1 || pass > 0) {
+    if (side_ > 1 || pass > 0 || lens_.open()) {
       const auto draw = 2 * static_cast<std::uint64_t>(s);
       std::array<double, kLanes> x{}, y{}, z;
       for (std::size_t i = 0; i < b.lanes; ++i) {
@@ -275,14 +288,18 @@ class Renderer {
             static_cast<double>(b.row[i]) + (s / side_ + random_uniform(place, draw + 1)) / side_;
       }
       view_.directions(x, y, z);
-      for (std::size_t i = 0; i < b.lanes; ++i) b.rays[i].direction = {x[i], y[i], z[i]};
+      for (std::size_t i = 0; i < b.lanes; ++i) {
+        const Vec3 way{x[i], y[i], z[i]};
+        b.rays[i] = lens_.open() ? lens_.through(b.opening[i][static_cast<std::size_t>(s)], way)
+                                 : RayScene::Ray{view_.eye, way};
+      }
       trace(b);
     }
     shine(b, s);
     for (std::size_t i = 0; i < b.lanes; ++i) {
       if (b.hits[i] && shader_.gathers()) gather(b, i, pass, s);
       const Bands value =
-          b.hits[i] ? b.light[i] : shader_.background(view_.eye, b.rays[i].direction);
+          b.hits[i] ? b.light[i] : shader_.background(b.rays[i].origin_mm, b.rays[i].direction);
       for (std::size_t k = 0; k < 3; ++k) b.sum[i][k] += value[k];
       b.square[i] += value[1] * value[1];
       ++b.samples[i];
@@ -346,9 +363,30 @@ class Renderer {
   const RayScene& scene_;
   const detail::Shader& shader_;
   const View& view_;
+  const detail::ThinLens& lens_;
   const RenderOptions& options_;
   int side_;
 };
+
+/// The lens of a camera, focused.
+Result<detail::ThinLens> focused(const CameraModel& camera, const RigidTransform& pose,
+                                 const View& view, const RayScene& scene) {
+  if (camera.lens.f_number == 0.0) return detail::ThinLens();
+  double focus = camera.lens.focus_mm;
+  if (focus == 0.0) {
+    const Vec3 way = view.direction(0.5 * camera.width_px, 0.5 * camera.height_px);
+    const auto hit = scene.first_hit(view.eye, way);
+    focus = hit ? hit->distance_mm * dot(way, pose.direction({0.0, 0.0, -1.0})) : INFINITY;
+  }
+  if (!(focus > camera.focal_length_mm))
+    return fail(kCameraOutOfRange,
+                fmt::format("the lens is focused at {:.3f} mm, nearer than its focal length of {} "
+                            "mm; give a focus farther away",
+                            focus, camera.focal_length_mm));
+  const detail::ThinLens lens(camera, pose, focus);
+  MAQUETTE_TRY_VOID(detail::check_lens_above_ground(scene, lens));
+  return lens;
+}
 
 }  // namespace
 
@@ -399,13 +437,14 @@ Result<Image> PreparedScene::render(const CameraModel& camera,
   const RayScene& scene = state_->scene;
   const detail::Shader shader(scene, state_->materials, lighting, options);
   MAQUETTE_TRY_VOID(detail::check_above_ground(scene, view.eye));
+  MAQUETTE_TRY(const auto lens, focused(camera, model_from_camera, view, scene));
   for (const Light& light : shader.lights())
     MAQUETTE_TRY_VOID(detail::check_lamp_in_the_open(scene, light));
 
   const bool grey = state_->grey && is_grey(lighting) && is_grey(options.white_balance);
   Image image = empty_image(camera, grey, options.geometry);
   const std::ptrdiff_t rows = camera.height_px, cols = camera.width_px;
-  const Renderer renderer(scene, shader, view, options);
+  const Renderer renderer(scene, shader, view, lens, options);
   const std::ptrdiff_t tiles_across = (cols + kTile - 1) / kTile;
   const std::ptrdiff_t tiles = tiles_across * ((rows + kTile - 1) / kTile);
   std::atomic<std::ptrdiff_t> done{0};

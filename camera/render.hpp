@@ -2,7 +2,8 @@
 #pragma once
 
 /// @file render.hpp
-/// What a pinhole camera sees of terrain, stones and spacecraft under lamps: linear radiance.
+/// What a pinhole or a thin lens sees of terrain, stones and spacecraft under lamps: linear
+/// radiance.
 ///
 /// Room    camera:  scene (own terrain tracer, Embree for meshes) -> [render] -> effects ->
 /// image_io Takes   height fields and closed meshes in the model frame, lamps, surroundings,
@@ -12,11 +13,13 @@
 ///
 /// Camera: looks along -z of its own frame, y up; pixel (0, 0) is the upper left,
 /// centres at half integers, principal point in the middle unless given. No distortion: `expose`
-/// bends. Light: direct light of each lamp; soft shadows by stratified samples of the lens (Shirley
-/// and Chiu 1997, doi:10.1080/10867651.1997.10487479). Light of the surroundings (a room, panels)
-/// and, if asked for, one diffuse bounce by rays spread with the cosine; mirror-like foil sends
-/// them where its facets reflect. Shading is in double on the triangles' own normals; a face seen
-/// from its back is black.
+/// bends. With a lens' opening each sample goes through a point of its own of it, stratified like
+/// the lamps' (detail/thin_lens.hpp); depth, lit and geometry stay those of the middle's ray.
+/// Light: direct light of each lamp; soft shadows by stratified samples of the lens (Shirley and
+/// Chiu 1997, doi:10.1080/10867651.1997.10487479). Light of the surroundings (a room, panels) and,
+/// if asked for, one diffuse bounce by rays spread with the cosine; mirror-like foil sends them
+/// where its facets reflect. Shading is in double on the triangles' own normals; a face seen from
+/// its back is black.
 ///
 /// The same bits for any number of threads: every random number is a function of
 /// (seed, pixel, sample).
@@ -46,6 +49,16 @@ inline constexpr ErrorCode kLampInSurface{"CAMERA_LAMP_IN_SURFACE"};
 inline constexpr ErrorCode kCameraOutOfRange{"CAMERA_OPTION_OUT_OF_RANGE"};
 inline constexpr ErrorCode kEmptyScene{"CAMERA_EMPTY_SCENE"};
 
+/// Rays go through points of the lens' opening: what is out of focus is blurred, and what a blurred
+/// edge hides is seen past it, without the approximations of effects/depth_of_field.hpp.
+struct LensOpening {
+  double f_number = 0.0;  ///< 0: a pinhole, all is sharp
+  /// As of DepthOfField: along the axis; infinite allowed; 0: what the picture's middle sees.
+  double focus_mm = 0.0;
+  int blades = 0;  ///< 0: round; else 3 to 30: a regular polygon of the same area
+  double rotation_deg = 0.0;
+};
+
 struct CameraModel {
   int width_px = 1024, height_px = 768;
   double pixel_pitch_um = 8.45;
@@ -54,6 +67,7 @@ struct CameraModel {
   double principal_x_px = NAN, principal_y_px = NAN;
   double aspect = 1.0;   ///< fy / fx
   double skew_px = 0.0;  ///< entry (0, 1) of K
+  LensOpening lens{};
 };
 
 /// A mesh or a terrain with its material. A mesh that several objects have is kept once. What is
@@ -125,10 +139,12 @@ class PreparedScene {
   PreparedScene& operator=(PreparedScene&&) noexcept;
   ~PreparedScene();
 
-  /// @return the image or one of the codes above (CAMERA_UNDER_GROUND: camera inside the
-  ///         solid, on its surface, or below its underside; CAMERA_LAMP_IN_SURFACE: the
-  ///         lens' centre or rim is inside; CAMERA_INTRINSICS: a field of view, skew or principal
-  ///         point that no camera has: effects/frame.hpp); CORE_CANCELLED
+  /// @return the image or one of the codes above (CAMERA_UNDER_GROUND: camera or the rim of
+  ///         its lens inside the solid, on its surface, or below its underside;
+  ///         CAMERA_LAMP_IN_SURFACE: the lens' centre or rim is inside; CAMERA_INTRINSICS: a field
+  ///         of view, skew or principal point that no camera has: effects/frame.hpp;
+  ///         CAMERA_OPTION_OUT_OF_RANGE: with it a lens that is focused nearer than its focal
+  ///         length); CORE_CANCELLED
   [[nodiscard]] Result<Image> render(const CameraModel& camera,
                                      const RigidTransform& model_from_camera,
                                      const Lighting& lighting, const RenderOptions& options = {},

@@ -35,6 +35,10 @@ Result<CameraFile> camera_of(const ExposeJob& job, RenderedLight& light) {
     std::erase_if(file.stack,
                   [&](const camera::Effect& e) { return camera::info(e).name == effect; });
   }
+  if (has_depth_of_field(light))
+    std::erase_if(file.stack, [](const camera::Effect& e) {
+      return std::holds_alternative<camera::DepthOfField>(e);
+    });
   MAQUETTE_TRY(const auto time, time_of(light));
   file.shot.time_s = job.time_s ? *job.time_s : time.value_or(0.0);
   file.shot.seed = job.seed;
@@ -202,6 +206,7 @@ Result<JobResult> expose_job(const ExposeJob& job, const fs::path& out, const Ru
   };
   auto file = camera_of(job, light);
   if (!file) return within(std::move(file.error()));
+  const bool through_lens = has_depth_of_field(light);
   auto picture = camera::expose(file->stack, file->shot, std::move(light.frame), run);
   if (!picture) return within(std::move(picture.error()));
   MAQUETTE_TRY(const camera::Metadata metadata,
@@ -240,6 +245,7 @@ Result<JobResult> expose_job(const ExposeJob& job, const fs::path& out, const Ru
                          {"height_px", picture->bands[0].rows()},
                          {"bands", picture->bands.size()},
                          {"time_s", file->shot.time_s},
+                         {"depth_of_field_as_rendered", through_lens},
                          {"signal", std::string(camera::name_of(picture->signal))}};
   figures["mean"] = nlohmann::json::array();
   for (const auto& [name, grid] : bands) {
@@ -250,6 +256,7 @@ Result<JobResult> expose_job(const ExposeJob& job, const fs::path& out, const Ru
   result.figures_json = figures.dump();
   result.note = fmt::format("{} x {} pixels through {} effects of {}", picture->bands[0].cols(),
                             picture->bands[0].rows(), file->stack.size(), file->name);
+  if (through_lens) result.note += "; depth of field as rendered";
   return result;
 }
 

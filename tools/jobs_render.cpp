@@ -9,6 +9,7 @@
 #include "camera/image_io.hpp"
 #include "core/files.hpp"
 #include "tools/jobs.hpp"
+#include "tools/rendered_light.hpp"
 #include "tools/scene_loading.hpp"
 #include "tools/trajectory_file.hpp"
 #include "tools/trajectory_motion.hpp"
@@ -95,6 +96,7 @@ std::optional<camera::Bands> radiance_of_one(const LoadedScene& loaded,
 
 /// What a picture file says about how it was made.
 camera::Metadata metadata_of(const std::string& scene_text, const Frame& frame,
+                             const camera::LensOpening& lens,
                              const std::optional<camera::Bands>& one, const camera::Image& image) {
   const RigidTransform& t = frame.model_from_camera;
   camera::Metadata m{
@@ -113,6 +115,7 @@ camera::Metadata metadata_of(const std::string& scene_text, const Frame& frame,
     m.emplace_back("maquette:velocity_mm_s", fmt::format("[{}, {}, {}]", v.x, v.y, v.z));
     m.emplace_back("maquette:angular_rate_deg_s", fmt::format("[{}, {}, {}]", w.x, w.y, w.z));
   }
+  if (lens.f_number > 0.0) m.emplace_back(kLensKey, fmt::format("{}", lens.f_number));
   if (one)
     m.emplace_back("maquette:white_radiance_w_m2_sr",
                    fmt::format("[{}, {}, {}]", (*one)[0], (*one)[1], (*one)[2]));
@@ -153,9 +156,9 @@ Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
 Result<std::string> key_of(const Scene& s, const std::string& scene_text) {
   std::string all = fmt::format("{}\n{}\n", kVersion, scene_text);
   if (!s.camera.empty())
-    all +=
-        fmt::format("{} {} {} {} {} {}\n", fmt::join(s.resolution_px, " "), s.pixel_pitch_um,
-                    s.focal_length_mm, fmt::join(s.principal_point_px, " "), s.aspect, s.skew_px);
+    all += fmt::format("{} {} {} {} {} {} {} {} {} {}\n", fmt::join(s.resolution_px, " "),
+                       s.pixel_pitch_um, s.focal_length_mm, fmt::join(s.principal_point_px, " "),
+                       s.aspect, s.skew_px, s.f_number, s.focus_mm, s.blades, s.blade_rotation_deg);
   std::vector<fs::path> files{s.surface,        s.corrections,   s.stones, s.trajectory,
                               s.lamp_intensity, s.lamp_spectrum, s.filters};
   for (const SceneMesh& o : s.parts.objects) files.push_back(o.mesh);
@@ -241,7 +244,7 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
                         ? std::move(image.error()).within(fmt::format("picture {}", i + 1))
                         : std::move(image.error()));
     const auto metadata =
-        metadata_of(scene_text, frame, radiance_of_one(**loaded, options), *image);
+        metadata_of(scene_text, frame, camera.lens, radiance_of_one(**loaded, options), *image);
     if (exr) MAQUETTE_TRY_VOID(write_picture(*image, frame.path, metadata));
     MAQUETTE_TRY_VOID(write_preview(*image, exr ? png : frame.path, metadata));
     samples += image->mean_samples;

@@ -94,6 +94,10 @@ Result<void> take_radiance(RenderedLight& light, CameraFile& file) {
   return {};
 }
 
+bool has_depth_of_field(const RenderedLight& light) {
+  return !camera::text_in(light.metadata, kLensKey).empty();
+}
+
 Result<void> take_motion(const RenderedLight& light, camera::Shot& shot) {
   if (norm(shot.velocity_mm_s) > 0.0 || norm(shot.angular_rate_rad_s) > 0.0) return {};
   MAQUETTE_TRY(const auto v, numbers_in(light, "maquette:velocity_mm_s", 3));

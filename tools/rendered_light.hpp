@@ -17,6 +17,9 @@ namespace maquette::tools {
 /// Only pictures that a camera has exposed have this key: radiance no longer.
 inline constexpr const char* kExposedKey = "maquette:signal";
 
+/// The f-number of a rendering by rays through the lens' opening, which is out of focus already.
+inline constexpr const char* kLensKey = "maquette:lens_f_number";
+
 struct RenderedLight {
   camera::Frame frame;
   camera::Metadata metadata;
@@ -25,6 +28,9 @@ struct RenderedLight {
 /// R, G, B or Y of a file, and Z and lit where it has them.
 /// CAMERA_FRAME: other channels, 8 bits, exposed already; what read_image() returns
 [[nodiscard]] Result<RenderedLight> read_rendered_light(const std::filesystem::path& path);
+
+/// Rendered by rays through the lens' opening: depth_of_field is in it and not to act again.
+[[nodiscard]] bool has_depth_of_field(const RenderedLight& light);
 
 // CAMERA_FRAME from the three that follow: metadata that are no numbers.
 

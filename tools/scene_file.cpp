@@ -46,6 +46,18 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   t.add({"principal_point_px", &s.principal_point_px, "the middle unless given", -1e6, 1e6});
   t.add({"pixel_pitch_um", &s.pixel_pitch_um, "", 0.01, 1000});
   t.add({"focal_length_mm", &s.focal_length_mm, "", 0.1, 100000});
+  t.add({"through_lens", &s.through_lens,
+         "rays through the lens' opening instead of a pinhole: what is out of focus is blurred"});
+  t.add({"f_number", &s.f_number, "with through_lens; `camera`'s, or 8", 0.5, 1000});
+  t.add(
+      {"focus_mm", &s.focus_mm,
+       "with through_lens: distance in focus along the axis; 0: what the middle sees; `camera`'s, "
+       "or 0",
+       0, kInf});
+  t.add({"blades", &s.blades, "with through_lens: of the opening; 0: round; `camera`'s, or 0", 0,
+         30});
+  t.add({"blade_rotation_deg", &s.blade_rotation_deg, "with through_lens; `camera`'s, or 0", -360,
+         360});
   t.add({"camera_position_mm", &s.camera_position_mm, ""});
   t.add({"camera_quaternion_wxyz", &s.camera_quaternion_wxyz,
          "model_from_camera, camera looks along -z, y up", -1, 1});
@@ -113,8 +125,21 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
   if (!s.poses.empty() && !s.trajectory.empty())
     return fail(kConfigInvalid, fmt::format("{}: a trajectory and [[pose]] tables; either expected",
                                             path.string()));
+  for (const auto& [key, given] : {std::pair{"f_number", !std::isnan(s.f_number)},
+                                   {"focus_mm", !std::isnan(s.focus_mm)},
+                                   {"blades", s.blades >= 0},
+                                   {"blade_rotation_deg", !std::isnan(s.blade_rotation_deg)}})
+    if (given && !s.through_lens)
+      return fail(kConfigInvalid,
+                  fmt::format("{}: {} without through_lens = true, without which all is sharp",
+                              path.string(), key));
+  camera::LensOpening lens{8.0, 0.0, 0, 0.0};
   if (!s.camera.empty()) {
     MAQUETTE_TRY(const CameraFile file, camera_of(s.camera, path));
+    lens.f_number = file.shot.f_number;
+    for (const camera::Effect& e : file.stack)
+      if (const auto* blur = std::get_if<camera::DepthOfField>(&e))
+        lens = {lens.f_number, blur->focus_mm, blur->blades, blur->rotation_deg};
     const camera::Shot& shot = file.shot;
     const camera::Intrinsics& k = shot.intrinsics;
     s.resolution_px = {1.0 * k.width_px, 1.0 * k.height_px};
@@ -122,6 +147,10 @@ Result<std::unique_ptr<Scene>> read_scene(const std::filesystem::path& path) {
     s.principal_point_px = {k.cx_px, k.cy_px};
     s.aspect = k.fy_px / k.fx_px, s.skew_px = k.skew_px;
   }
+  if (std::isnan(s.f_number)) s.f_number = lens.f_number;
+  if (std::isnan(s.focus_mm)) s.focus_mm = lens.focus_mm;
+  if (s.blades < 0) s.blades = lens.blades;
+  if (std::isnan(s.blade_rotation_deg)) s.blade_rotation_deg = lens.rotation_deg;
   return scene;
 }
 

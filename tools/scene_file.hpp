@@ -38,6 +38,9 @@ struct Scene {
   double pixel_pitch_um = 8.45, focal_length_mm = 35.0;
   std::vector<double> principal_point_px;  ///< empty: the middle
   double aspect = 1.0, skew_px = 0.0;      ///< of `camera`
+  bool through_lens = false;               ///< rays through the lens' opening, not a pinhole
+  double f_number = NAN, focus_mm = NAN, blade_rotation_deg = NAN;  ///< NaN: the camera's
+  std::int64_t blades = -1;                                         ///< -1: the camera's
   Vec3 camera_position_mm{100.0, -400.0, 700.0};
   Quaternion camera_quaternion_wxyz{1, 0, 0, 0};
   Vec3 camera_target_mm{NAN, NAN, NAN};  ///< instead of the quaternion

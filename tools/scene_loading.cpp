@@ -181,7 +181,10 @@ camera::CameraModel camera_of(const Scene& s) {
           middle ? NAN : s.principal_point_px[0],
           middle ? NAN : s.principal_point_px[1],
           s.aspect,
-          s.skew_px};
+          s.skew_px,
+          s.through_lens ? camera::LensOpening{s.f_number, s.focus_mm, static_cast<int>(s.blades),
+                                               s.blade_rotation_deg}
+                         : camera::LensOpening{}};
 }
 
 RigidTransform pose_of(const Scene& s) {

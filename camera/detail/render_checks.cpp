@@ -59,6 +59,16 @@ Result<void> check_camera(const CameraModel& camera, const RigidTransform& pose)
   if (!std::isnan(camera.principal_x_px)) k.cx_px = camera.principal_x_px;
   if (!std::isnan(camera.principal_y_px)) k.cy_px = camera.principal_y_px;
   MAQUETTE_TRY_VOID(check(k));
+  const LensOpening& lens = camera.lens;
+  if (!(lens.f_number >= 0.0) || !std::isfinite(lens.f_number) || !(lens.focus_mm >= 0.0) ||
+      !std::isfinite(lens.rotation_deg))
+    return fail(kCameraOutOfRange,
+                fmt::format("a lens of f-number {}, focused at {} mm, turned by {} degrees; finite "
+                            "numbers of 0 or more expected",
+                            lens.f_number, lens.focus_mm, lens.rotation_deg));
+  if (lens.blades != 0 && (lens.blades < 3 || lens.blades > 30))
+    return fail(kCameraOutOfRange,
+                fmt::format("a lens of {} blades: 0 (round) or 3 to 30 expected", lens.blades));
   const Quaternion& q = pose.rotation;
   const double length = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
   if (!finite(pose.translation_mm) || !std::isfinite(length))
@@ -130,6 +140,19 @@ Result<void> check_above_ground(const RayScene& scene, Vec3 eye) {
     return fail(kUnderGround,
                 place() + fmt::format(" is below the model, whose underside is {:.3f} mm above it",
                                       above->distance_mm));
+  return {};
+}
+
+Result<void> check_lens_above_ground(const RayScene& scene, const ThinLens& lens) {
+  for (int i = 0; i < kRimChecks; ++i) {
+    const double turn = 2.0 * std::numbers::pi * i / kRimChecks;
+    const Vec3 at = lens.place({std::cos(turn), std::sin(turn)});
+    if (scene.inside(at))
+      return fail(kUnderGround, fmt::format("the rim of the camera's lens at ({:.3f}, {:.3f}, "
+                                            "{:.3f}) mm reaches into the surface; move the camera, "
+                                            "or stop its lens down",
+                                            at.x, at.y, at.z));
+  }
   return {};
 }
 

@@ -4,6 +4,7 @@
 /// @file render_checks.hpp
 /// What render refuses before it starts.
 
+#include "camera/detail/thin_lens.hpp"
 #include "camera/lamp.hpp"
 #include "camera/ray_scene.hpp"
 #include "camera/render.hpp"
@@ -16,6 +17,7 @@ namespace maquette::camera::detail {
 /// The camera is where a camera can be: outside every solid and not under one that
 /// has no ground below it (a lander's deck overhead is fine).
 [[nodiscard]] Result<void> check_above_ground(const RayScene& scene, Vec3 eye);
+[[nodiscard]] Result<void> check_lens_above_ground(const RayScene& scene, const ThinLens& lens);
 [[nodiscard]] Result<void> check_lamp_in_the_open(const RayScene& scene, const Light& light);
 
 }  // namespace maquette::camera::detail

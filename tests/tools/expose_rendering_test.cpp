@@ -387,6 +387,45 @@ TEST_F(ExposeRendering, BlursAFrameAsItsTrajectoryMoves) {
   EXPECT_NEAR(std::sqrt(12.0 * (variance - 1.0 / 6.0)), 5.0, 0.1);
 }
 
+TEST_F(ExposeRendering, LeavesTheDepthOfFieldOfALensAsItIs) {
+  // At f/2 ten millimetres from the focus, 100 mm away: circles of confusion of 5 pixels.
+  const std::string lens = "through_lens = true\nf_number = 2\nfocus_mm = 90\n";
+  ASSERT_THAT(render(scene(), "sharp.exr"), Succeeds());
+  ASSERT_THAT(render(scene(lens), "lens.exr"), Succeeds());
+  EXPECT_EQ(text("sharp.exr", "lens_f_number"), "");
+  EXPECT_EQ(text("lens.exr", "lens_f_number"), "2");
+  EXPECT_NE(bytes("sharp.exr"), bytes("lens.exr"));
+  ExposeJob with = job("lens.exr", "nikon_d700_55deg");
+  with.fit_sensor = true;
+  with.set = {"depth_of_field.focus_mm=90", "lens.f_number=2"};
+  ExposeJob without = with;
+  without.without = {"depth_of_field"};
+  const auto done = expose_job(with, folder / "with.exr", {});
+  ASSERT_THAT(done, Succeeds());
+  EXPECT_THAT(done->note, HasSubstr("depth of field as rendered"));
+  ASSERT_THAT(expose_job(without, folder / "without.exr", {}), Succeeds());
+  const auto a = camera::read_image(folder / "with.exr"),
+             b = camera::read_image(folder / "without.exr");
+  ASSERT_THAT(a, Succeeds());
+  ASSERT_THAT(b, Succeeds());
+  for (const std::string band : {"R", "G", "B"})
+    EXPECT_TRUE(std::ranges::equal(channel(*a, band).cells(), channel(*b, band).cells())) << band;
+  // What the scene leaves open is as the camera's file has it.
+  write("own.toml",
+        "schema = \"maquette.camera/1\"\nname = \"own\"\n"
+        "effects = [\"depth_of_field\", \"exposure\", \"quantum_efficiency\"]\n"
+        "[sensor]\nwidth_px = 48\nheight_px = 36\npixel_pitch_um = 100\n"
+        "[lens]\nfocal_length_mm = 10\nf_number = 2\n"
+        "[depth_of_field]\nfocus_mm = 90\n");
+  ASSERT_THAT(render(scene("camera = \"own.toml\"\nthrough_lens = true\n"), "own.exr"), Succeeds());
+  const auto own = camera::read_image(folder / "own.exr"),
+             same = camera::read_image(folder / "lens.exr");
+  EXPECT_TRUE(std::ranges::equal(channel(*own, "Y").cells(), channel(*same, "Y").cells()));
+  const auto refused = render(scene("f_number = 2\n"), "refused.exr");
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("through_lens"));
+}
+
 TEST_F(ExposeRendering, HandsMasksOnToCompare) {
   // A camera above the edge of the part, so that there is background, and a low lamp.
   std::string text_of_scene = scene();

@@ -358,8 +358,8 @@ TEST(Photographs, AFocalLengthIsNoPose) {
   }
 }
 
-// Poses are stated to a tenth of a pixel or two: what is off by that is no cause, and leaves nothing
-// that would have to be explained.
+// Poses are stated to a tenth of a pixel or two: what is off by that is no cause, and leaves
+// nothing that would have to be explained.
 TEST(Photographs, APoseLessThanAQuarterOfAPixelOffHasNoName) {
   for (const auto& [pixels, named] : {std::pair{0.08, false}, {0.17, false}, {0.5, true}}) {
     Pictures p;

@@ -28,17 +28,17 @@ constexpr const char* kMasksEnding = ".masks.exr";
 Result<CameraFile> camera_of(const ExposeJob& job, RenderedLight& light) {
   MAQUETTE_TRY(CameraFile file, read_camera(job.camera, job.set));
   const auto names = camera::effect_names();
+  const auto leave_out = [&file](std::string_view effect) {
+    std::erase_if(file.stack,
+                  [&](const camera::Effect& e) { return camera::info(e).name == effect; });
+  };
   for (const std::string& effect : job.without) {
     if (std::find(names.begin(), names.end(), effect) == names.end())
       return fail(kUnknownName, fmt::format("--without {}: no such effect; there are {}", effect,
                                             fmt::join(names, ", ")));
-    std::erase_if(file.stack,
-                  [&](const camera::Effect& e) { return camera::info(e).name == effect; });
+    leave_out(effect);
   }
-  if (has_depth_of_field(light))
-    std::erase_if(file.stack, [](const camera::Effect& e) {
-      return std::holds_alternative<camera::DepthOfField>(e);
-    });
+  if (has_depth_of_field(light)) leave_out(camera::DepthOfField::kInfo.name);
   MAQUETTE_TRY(const auto time, time_of(light));
   file.shot.time_s = job.time_s ? *job.time_s : time.value_or(0.0);
   file.shot.seed = job.seed;

@@ -62,10 +62,11 @@ Result<void> check_camera(const CameraModel& camera, const RigidTransform& pose)
   const LensOpening& lens = camera.lens;
   if (!(lens.f_number >= 0.0) || !std::isfinite(lens.f_number) || !(lens.focus_mm >= 0.0) ||
       !std::isfinite(lens.rotation_deg))
-    return fail(kCameraOutOfRange,
-                fmt::format("a lens of f-number {}, focused at {} mm, turned by {} degrees; finite "
-                            "numbers of 0 or more expected",
-                            lens.f_number, lens.focus_mm, lens.rotation_deg));
+    return fail(
+        kCameraOutOfRange,
+        fmt::format("a lens of f-number {}, focused at {} mm, turned by {} degrees; a finite "
+                    "f-number and a distance of 0 or more and a finite turn expected",
+                    lens.f_number, lens.focus_mm, lens.rotation_deg));
   if (lens.blades != 0 && (lens.blades < 3 || lens.blades > 30))
     return fail(kCameraOutOfRange,
                 fmt::format("a lens of {} blades: 0 (round) or 3 to 30 expected", lens.blades));

@@ -32,6 +32,7 @@ namespace {
 using testing::HasSubstr;
 using testing_support::FailsWith;
 using testing_support::flat;
+using testing_support::second_moment_of_opening;
 using testing_support::shot_of;
 using testing_support::Succeeds;
 
@@ -319,14 +320,8 @@ TEST_P(Blades, SpreadAPointOverTheAperturesPicture) {
       lit += v > 0.5 * 1000.0 / (std::numbers::pi * radius * radius) ? 1 : 0;
     }
   EXPECT_NEAR(sum, 1000.0, 1e-2);
-  // Second moment of a disc R^2 / 2; of a polygon of the same area slightly more; pixels add 1/6.
-  double expected = 0.5 * radius * radius;
-  if (blades > 0) {
-    const double wedge = std::numbers::pi / blades;
-    const double apothem2 = std::numbers::pi * radius * radius / (blades * std::tan(wedge));
-    expected = 0.5 * apothem2 * (1.0 + std::pow(std::tan(wedge), 2.0) / 3.0);
-  }
-  EXPECT_NEAR(square / sum / expected, 1.0, 0.02);
+  // Pixels add 1/6.
+  EXPECT_NEAR(square / sum / second_moment_of_opening(radius, blades), 1.0, 0.02);
   EXPECT_NEAR(lit / (std::numbers::pi * radius * radius), 1.0, 0.03);
 }
 INSTANTIATE_TEST_SUITE_P(All, Blades, testing::Values(0, 5, 6, 9));

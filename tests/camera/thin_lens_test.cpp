@@ -8,7 +8,6 @@
 //   an edge .......... before and behind the focus: the closed form of a half plane's share of the
 //                      opening
 //   behind an edge ... what a pinhole cannot see is seen past it
-//   depth_of_field ... the effect on the pinhole's picture comes near
 //   focus 0 .......... what the middle sees
 //   refusals
 
@@ -24,6 +23,7 @@
 #include "camera/stack.hpp"
 #include "core/random.hpp"
 #include "support/matchers.hpp"
+#include "support/shots.hpp"
 #include "support/simple_solids.hpp"
 
 namespace maquette::camera {
@@ -31,6 +31,7 @@ namespace {
 
 using testing_support::box_solid;
 using testing_support::FailsWith;
+using testing_support::second_moment_of_opening;
 using testing_support::Succeeds;
 
 constexpr double kPi = std::numbers::pi;
@@ -76,6 +77,26 @@ double radius_px(double z_mm) {
   return 0.5e3 * circle_of_confusion_mm(kFocalMm, kFNumber, kFocusMm, z_mm) / kPitchUm;
 }
 
+/// What of a picture's light says how far it is spread about its middle, and which way a triangle
+/// of it points.
+struct Moments {
+  double sum = 0.0, second = 0.0;
+  std::array<double, 2> third{};
+};
+Moments moments_of(const Grid<float>& band) {
+  Moments m;
+  for (std::ptrdiff_t r = 0; r < band.rows(); ++r)
+    for (std::ptrdiff_t c = 0; c < band.cols(); ++c) {
+      const double v = static_cast<double>(band(r, c));
+      const double x = static_cast<double>(c) - 0.5 * static_cast<double>(band.cols() - 1),
+                   y = static_cast<double>(r) - 0.5 * static_cast<double>(band.rows() - 1);
+      m.sum += v, m.second += v * (x * x + y * y);
+      m.third[0] += v * (x * x * x - 3.0 * x * y * y);
+      m.third[1] += v * (3.0 * x * x * y - y * y * y);
+    }
+  return m;
+}
+
 TEST(ThinLens, RaysMeetAtThePointInFocus) {
   const auto pose = look_at({30, -40, 700}, {5, 10, 0});
   const Vec3 ahead = pose.direction({0, 0, -1});
@@ -105,15 +126,14 @@ TEST(ThinLens, HasTheAreaOfTheDiscForAnyNumberOfBlades) {
         farthest = std::fmax(farthest, norm(p));
       }
     const double radius = 0.5 * kFocalMm / 2.0;
-    double expected = 0.5 * radius * radius, corner = radius;
+    double corner = radius;
     if (blades > 0) {
       const double wedge = kPi / blades;
-      const double apothem2 = kPi * radius * radius / (blades * std::tan(wedge));
-      expected = 0.5 * apothem2 * (1.0 + std::pow(std::tan(wedge), 2) / 3.0);
-      corner = std::sqrt(apothem2) / std::cos(wedge);
+      corner = radius * std::sqrt(kPi / (blades * std::tan(wedge))) / std::cos(wedge);
     }
     // A raster of 400 x 400 points.
-    EXPECT_NEAR(square / (kSide * kSide) / expected, 1.0, 1e-3) << blades;
+    EXPECT_NEAR(square / (kSide * kSide) / second_moment_of_opening(radius, blades), 1.0, 1e-3)
+        << blades;
     EXPECT_NEAR(farthest / corner, 1.0, 5e-3) << blades;
   }
 }
@@ -140,27 +160,12 @@ TEST_P(Circles, SpreadASquareOverTheOpeningsPicture) {
   const Image image = picture({{&square, grey("square", 1.0)}},
                               camera_of(kSize, kSize, {kFNumber, kFocusMm, blades, 10.0}), 256);
   const double px_per_mm = kFocalMm / (1e-3 * kPitchUm) / z, radius = std::abs(radius_px(z));
-  double sum = 0.0, squares = 0.0;
-  std::array<double, 2> third{};  // its sign says how a triangle points
-  for (std::ptrdiff_t r = 0; r < kSize; ++r)
-    for (std::ptrdiff_t c = 0; c < kSize; ++c) {
-      const double v = static_cast<double>(image.bands[0](r, c));
-      const double x = static_cast<double>(c) - 60.0, y = static_cast<double>(r) - 60.0;
-      sum += v, squares += v * (x * x + y * y);
-      third[0] += v * (x * x * x - 3.0 * x * y * y);
-      third[1] += v * (3.0 * x * x * y - y * y * y);
-    }
+  const Moments found = moments_of(image.bands[0]);
   const double side = 2.0 * half * px_per_mm;
-  double expected = 0.5 * radius * radius;
-  if (blades > 0) {
-    const double wedge = kPi / blades;
-    const double apothem2 = kPi * radius * radius / (blades * std::tan(wedge));
-    expected = 0.5 * apothem2 * (1.0 + std::pow(std::tan(wedge), 2) / 3.0);
-  }
-  expected += side * side / 6.0 + 1.0 / 6.0;
+  const double expected = second_moment_of_opening(radius, blades) + side * side / 6.0 + 1.0 / 6.0;
   // 256 points of the opening a pixel, thousands of pixels.
-  EXPECT_NEAR(sum / (kLevel * side * side), 1.0, 0.01);
-  EXPECT_NEAR(squares / sum / expected, 1.0, 0.01);
+  EXPECT_NEAR(found.sum / (kLevel * side * side), 1.0, 0.01);
+  EXPECT_NEAR(found.second / found.sum / expected, 1.0, 0.01);
   if (blades != 3) return;
   // As the effect on the pinhole's picture turns it.
   Image sharp = picture({{&square, grey("square", 1.0)}}, camera_of(kSize, kSize, {}), 16);
@@ -171,18 +176,11 @@ TEST_P(Circles, SpreadASquareOverTheOpeningsPicture) {
   shot.intrinsics = intrinsics_of(kSize, kSize, kPitchUm, kFocalMm);
   shot.pixel_pitch_um = kPitchUm, shot.focal_length_mm = kFocalMm, shot.f_number = kFNumber;
   ASSERT_THAT(apply(DepthOfField{kFocusMm, blades, 10.0}, shot, frame), Succeeds());
-  std::array<double, 2> effects{};
-  for (std::ptrdiff_t r = 0; r < kSize; ++r)
-    for (std::ptrdiff_t c = 0; c < kSize; ++c) {
-      const double v = static_cast<double>(frame.bands[0](r, c));
-      const double x = static_cast<double>(c) - 60.0, y = static_cast<double>(r) - 60.0;
-      effects[0] += v * (x * x * x - 3.0 * x * y * y);
-      effects[1] += v * (3.0 * x * x * y - y * y * y);
-    }
+  const auto effects = moments_of(frame.bands[0]).third;
   const double size = std::hypot(effects[0], effects[1]);
   // The effect's edges are a pixel soft.
-  EXPECT_NEAR(third[0] / size, effects[0] / size, 0.05);
-  EXPECT_NEAR(third[1] / size, effects[1] / size, 0.05);
+  EXPECT_NEAR(found.third[0] / size, effects[0] / size, 0.05);
+  EXPECT_NEAR(found.third[1] / size, effects[1] / size, 0.05);
 }
 INSTANTIATE_TEST_SUITE_P(BeforeAndBehind, Circles,
                          testing::Combine(testing::Values(60.0, -90.0), testing::Values(0, 3, 6)));
@@ -215,8 +213,8 @@ TEST(Render, ThroughALensBlursAnEdgeByItsShareOfTheOpening) {
             near == 0.0 ? (x < 0.0 ? 1.0 : 0.0) : share_beyond(x / std::abs(radius));
         expected += kLevel * (0.3 + 0.5 * of_upper) / kParts;
       }
-      // 1024 stratified points: an edge through 32 cells' worth of them, 0.25 sqrt(32) / 1024 *
-      // 0.5.
+      // 1024 stratified points: an edge passes through at most 64 of their cells, 0.5 of brightness
+      // at a quarter of a cell each; five times that.
       EXPECT_NEAR(image.bands[0](2, c), expected, 5.0 * 0.5 * 0.25 * std::sqrt(64.0) / 1024.0)
           << near << ' ' << far << " column " << c;
     }
@@ -237,13 +235,20 @@ TEST(Render, ThroughALensSeesPastAnEdge) {
 }
 
 TEST(Render, ThroughALensIsFocusedOnWhatTheMiddleSees) {
-  const TriMesh slab = box_solid({-200, -200, 35}, {200, 200, 40});
+  const TriMesh white = box_solid({-200, -200, 35}, {0, 200, 40}),
+                dark = box_solid({0, -200, 35}, {200, 200, 40});
   const auto at = [&](double focus) {
-    return picture({{&slab, grey("slab", 0.5)}}, camera_of(24, 16, {kFNumber, focus}), 4);
+    return picture({{&white, grey("white", 0.8)}, {&dark, grey("dark", 0.2)}},
+                   camera_of(24, 16, {kFNumber, focus}), 4);
   };
-  const Image middle = at(0.0), given = at(960.0);
-  for (std::size_t i = 0; i < middle.bands[0].cells().size(); ++i)
-    EXPECT_NEAR(middle.bands[0].cells()[i], given.bands[0].cells()[i], 1e-6);
+  const Image middle = at(0.0), given = at(960.0), elsewhere = at(kFocusMm);
+  double apart = 0.0;
+  for (std::size_t i = 0; i < middle.bands[0].cells().size(); ++i) {
+    const double here = static_cast<double>(middle.bands[0].cells()[i]);
+    EXPECT_NEAR(here, given.bands[0].cells()[i], 1e-6);
+    apart = std::fmax(apart, std::abs(here - static_cast<double>(elsewhere.bands[0].cells()[i])));
+  }
+  EXPECT_GT(apart, 0.1);  // an edge out of focus is not the edge in focus
 }
 
 TEST(Render, ThroughALensRefusesWhatNoLensIs) {

@@ -107,20 +107,38 @@ double radius2(double u, double v, const PhotoInput& photo) {
   return (u * u + v * v) / (half * half);
 }
 
+namespace {
+
+double depth(Vec3 place, const PhotoInput& photo) {
+  return dot(place - photo.camera_position_mm,
+             rotate(photo.model_from_camera, Vec3{0.0, 0.0, -1.0}));
+}
+
+}  // namespace
+
 double nearness(Vec3 place, std::size_t photo, const PhotoScene& scene) {
-  const auto depth = [&](Vec3 at, const PhotoInput& of) {
-    return dot(at - of.camera_position_mm, rotate(of.model_from_camera, Vec3{0.0, 0.0, -1.0}));
-  };
   double mean = 0.0;
   for (const PhotoInput& of : scene.photos) mean += 1.0 / depth(scene.middle(), of);
   mean /= static_cast<double>(scene.photos.size());
   return 1.0 / (mean * depth(place, scene.photos[photo])) - 1.0;
 }
 
+double nearness_in_picture(Vec3 place, const PhotoInput& photo, const PhotoScene& scene) {
+  return depth(scene.middle(), photo) / depth(place, photo) - 1.0;
+}
+
+bool spreads_by_distance(const PhotoState& s) {
+  constexpr std::array<double, 3> kNone{};
+  return s.focus_px2 != kNone || s.focus_anew_px2 != kNone;
+}
+
 double focus_px2(Vec3 place, std::size_t photo, const PhotoState& s, const PhotoScene& scene) {
-  if (s.focus_px2 == std::array<double, 3>{}) return 0.0;
-  const double x = nearness(place, photo, scene);
-  return s.focus_px2[0] + x * (s.focus_px2[1] + x * s.focus_px2[2]);
+  if (!spreads_by_distance(s)) return 0.0;
+  const auto at = [](const std::array<double, 3>& of, double x) {
+    return of[0] + x * (of[1] + x * of[2]);
+  };
+  return at(s.focus_px2, nearness(place, photo, scene)) +
+         at(s.focus_anew_px2, nearness_in_picture(place, scene.photos[photo], scene));
 }
 
 std::array<double, 2> displacement(const PhotoPixel& p, int channel, const PhotoState& s,
@@ -207,7 +225,7 @@ bool same_places(const PhotoState& a, const PhotoState& b) {
 }
 
 bool same_sharpness(const PhotoState& a, const PhotoState& b) {
-  return a.focus_px2 == b.focus_px2 &&
+  return a.focus_px2 == b.focus_px2 && a.focus_anew_px2 == b.focus_anew_px2 &&
          std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(),
                     [](const PictureState& x, const PictureState& y) {
                       return x.blur_px2 == y.blur_px2 && x.smear_px2 == y.smear_px2;

@@ -101,6 +101,8 @@ struct PhotoState {
   /// Variance of the spread of a lens that is focused beside the part: of 1, nearness(), its
   /// square. A circle of confusion grows with the difference of two nearnesses.
   std::array<double, 3> focus_px2{};
+  /// The same of a lens that is focused anew for each picture, of nearness_in_picture().
+  std::array<double, 3> focus_anew_px2{};
   double focal = 0.0;                     ///< relative
   double radial_1 = 0.0, radial_2 = 0.0;  ///< Brown-Conrady, of u / focal length in pixels
   double red_scale = 0.0, blue_scale = 0.0;
@@ -155,6 +157,11 @@ struct PhotoPixel {
 /// Of a place to the camera along its axis: inverse of that depth over that of the scene's middle
 /// in all photographs, less 1.
 [[nodiscard]] double nearness(Vec3 place, std::size_t photo, const PhotoScene& scene);
+/// The same over that of the scene's middle in its own photograph, less 1.
+[[nodiscard]] double nearness_in_picture(Vec3 place, const PhotoInput& photo,
+                                         const PhotoScene& scene);
+/// Does the lens' focus spread places by their distance?
+[[nodiscard]] bool spreads_by_distance(const PhotoState& state);
 /// Variance that the lens' focus spreads a place by; below 0 where it is none (to first order).
 [[nodiscard]] double focus_px2(Vec3 place, std::size_t photo, const PhotoState& state,
                                const PhotoScene& scene);

@@ -259,7 +259,7 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
   // Variance that a square pixel has beyond that of its rays, of a pixel's square.
   constexpr double kPixelRest = 1.0 / (12.0 * kAcross * kAcross);
   blur(image, kPixelRest + own.blur_px2);
-  if (state_.focus_px2 != std::array<double, 3>{}) {
+  if (spreads_by_distance(state_)) {
     Grid<float> variance(image.rows(), image.cols(), 0.0F);
     for (std::ptrdiff_t r = 0; r < image.rows(); ++r)
       for (std::ptrdiff_t c = 0; c < image.cols(); ++c) {

@@ -251,16 +251,10 @@ void PhotoViews::see_lamp(std::size_t k) {
           square.of[i]->lamp = {square.blocked[i] ? 0.0F : 1.0F, 0.0F, 0.0F};
       });
   if (!(lamp.diameter_mm > 0.0)) return;
-  // Penumbras: where a neighbour within their width sees what this does not. Along the light a low
-  // lamp stretches them twice: the shadow, and the angle at which its edge meets the ground.
-  const PhotoInput& photo = scene_.photos[k];
-  const Vec3 from_target = lamp.position - photo.lamp_target_mm;
-  const double sine = std::fmax(0.1, from_target.z / norm(from_target));
+  // Penumbras: where a neighbour within their width sees what this does not.
   const auto reach = std::clamp<std::ptrdiff_t>(
-      static_cast<std::ptrdiff_t>(
-          std::ceil(kAcross * penumbra_px(lamp.diameter_mm) / (sine * sine))) +
-          1,
-      2, 400);
+      static_cast<std::ptrdiff_t>(std::ceil(kAcross * penumbra_px(lamp.diameter_mm, k))) + 1, 2,
+      400);
   const std::ptrdiff_t rows = view.samples.rows(), cols = view.samples.cols();
   // Summed over squares: is it all light or all shadow?
   Grid<std::int32_t> lit(rows + 1, cols + 1, 0), hit(rows + 1, cols + 1, 0);

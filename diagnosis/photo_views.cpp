@@ -446,10 +446,24 @@ std::vector<double> PhotoViews::light_by_photo() const {
 }
 
 double PhotoViews::penumbra_px(double diameter_mm) const {
-  const PhotoInput& photo = scene_.photos[0];
-  const double way = norm(photo.lamp_position_mm - photo.lamp_target_mm);
-  return diameter_mm * (scene_.box.max.z - scene_.box.min.z) / way * photo.focal_length_mm *
-         1000.0 / photo.pixel_pitch_um / norm(photo.camera_position_mm - photo.lamp_target_mm);
+  double widest = 0.0;
+  for (std::size_t k = 0; k < scene_.photos.size(); ++k)
+    widest = std::fmax(widest, penumbra_px(diameter_mm, k));
+  return widest;
+}
+
+double PhotoViews::penumbra_px(double diameter_mm, std::size_t k) const {
+  const PhotoInput& photo = scene_.photos[k];
+  const std::size_t l = scene_.lamp_of[k];
+  const Vec3 lamp = photo.lamp_position_mm + state_.lamp_mm[l] + state_.lamp_refocused_mm[l] -
+                    photo.lamp_target_mm;
+  const double way = norm(lamp);
+  // Along the light a low lamp stretches it twice: the shadow, and the angle at which its edge
+  // meets the ground.
+  const double sine = std::fmax(0.1, lamp.z / way);
+  return diameter_mm * (scene_.box.max.z - scene_.box.min.z) / (way * sine * sine) *
+         photo.focal_length_mm * 1000.0 / photo.pixel_pitch_um /
+         norm(photo.camera_position_mm - photo.lamp_target_mm);
 }
 
 double PhotoViews::roughness() const {

@@ -71,8 +71,10 @@ class PhotoViews {
   /// Robust spread of differences between neighbouring pixels, measured less rendered: of noise,
   /// and of what the surface between its nodes is taken for.
   [[nodiscard]] double roughness() const;
-  /// Widest penumbra that the relief can have under a lamp of that diameter, in the first picture.
+  /// Widest penumbra that the relief can have under a lamp of that diameter on level ground, in
+  /// any picture; in the k-th.
   [[nodiscard]] double penumbra_px(double diameter_mm) const;
+  [[nodiscard]] double penumbra_px(double diameter_mm, std::size_t k) const;
   /// Pixels on the surface, on a lattice over each picture; not at its rim, not saturated.
   [[nodiscard]] const std::vector<MeasuredPixel>& pixels() const { return pixels_; }
   /// Rows and columns from one pixel of the lattice to the next.

@@ -135,7 +135,7 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
       const double slope =
           std::hypot(static_cast<double>(p.du), static_cast<double>(p.dv)) +
           0.3 * (std::abs(static_cast<double>(p.duu)) + std::abs(static_cast<double>(p.dvv)));
-      const double sigma = std::sqrt(static_cast<double>(p.variance[ch]) +
+      const double sigma = std::sqrt(static_cast<double>(p.variance_around[ch]) +
                                      std::pow(kEdge_px * slope, 2) + std::pow(kLight * y, 2));
       out.sigma(row) = static_cast<float>(sigma);
       out.residual(row) =
@@ -388,6 +388,7 @@ double PhotoScatter::off() const {
 PhotoScatter scatter_of(const PhotoViews& views) {
   // Differences to the next pixel: what the simulation gets wrong is nearly alike in both.
   std::vector<std::pair<double, double>> by_sigma;
+  std::vector<double> own;
   const std::size_t channels = views.channels();
   // A file of numbers from 0 up cuts off half of the noise in the dark, and what a tone curve does
   // to numbers below 0 nobody knows.
@@ -410,6 +411,7 @@ PhotoScatter scatter_of(const PhotoViews& views) {
       const double difference =
           (static_cast<double>(p.next[ch]) - next) - (static_cast<double>(p.measured[ch]) - here);
       by_sigma.emplace_back(sigma, std::abs(difference) / (std::sqrt(2.0) * sigma));
+      own.push_back(std::abs(static_cast<double>(p.measured[ch]) - here) / sigma);
     }
   }
   PhotoScatter s;
@@ -427,6 +429,7 @@ PhotoScatter scatter_of(const PhotoViews& views) {
   s.sigma = 1.17 / std::sqrt(static_cast<double>(n));
   s.sigma_of_third = std::sqrt(3.0) * s.sigma;
   s.factor = of(0, n);
+  s.own = kMadToSigma * median(std::move(own));
   s.dark = of(0, n / 3);
   s.light = of(n - n / 3, n);
   return s;

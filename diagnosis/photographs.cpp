@@ -261,8 +261,8 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.rms_after = rms_of(after, kReport, nullptr);
     scatter = detail::scatter_of(views);
     d.rms_noise = noise_rms(views, scatter.factor);
-    d.remainder =
-        detail::judge_photographs(after, views, layout, fit.noise.factor, 255.0 * kSmooth * light);
+    d.remainder = detail::judge_photographs(after, views, layout, fit.noise.factor, scatter,
+                                            255.0 * kSmooth * light);
     const std::size_t drop = d.remainder.found
                                  ? beside_unknown(after, members, d, d.rms_noise / scatter.factor)
                                  : members.size();

@@ -93,6 +93,8 @@ struct PhotoScatter {
   /// Of the third of the pixels that scatter least as declared, and of those that do most: read
   /// noise tells in the dark, shot noise in the light.
   double dark = 1.0, light = 1.0, sigma_of_third = 1.0;
+  /// What one pixel has beside the model, where its neighbours differ by `factor`.
+  double own = 1.0;
   /// How far the farthest of the three is from 1, less four of its standard errors.
   [[nodiscard]] double off() const;
 };

@@ -33,10 +33,13 @@ enum class Normals { facets, patches, smooth, smoother };
 /// A pixel with what was measured there.
 struct MeasuredPixel : PhotoPixel {
   std::array<float, 3> measured{}, variance{};  ///< variance as declared, of the measured value
-  std::array<float, 3> next{};                  ///< measured at the next pixel of the row
-  std::array<float, 3> value_next{};            ///< behind the lens there, as rendered
-  std::uint32_t at = 0;                         ///< row times width plus column
-  double of_rays = 0.0;                         ///< mean radiance of its rays
+  /// Of what was measured around, as were all of it light and the numbers linear: models are
+  /// compared by that, and one shall not seem better for the noise it would have.
+  std::array<float, 3> variance_around{};
+  std::array<float, 3> next{};        ///< measured at the next pixel of the row
+  std::array<float, 3> value_next{};  ///< behind the lens there, as rendered
+  std::uint32_t at = 0;               ///< row times width plus column
+  double of_rays = 0.0;               ///< mean radiance of its rays
 };
 
 /// Red, green, blue: a picture in grey is green's.

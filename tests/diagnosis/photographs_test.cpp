@@ -477,6 +477,27 @@ TEST(Photographs, AFringeIsNoNoise) {
   expect_unexplained(p, "a wave in a picture");
 }
 
+// What a file was compressed to goes together in neighbours: random knots every three pixels, of
+// three times the noise, no lens and no sensor makes.
+TEST(Photographs, NoiseThatNeighboursShareIsUnexplained) {
+  Pictures p;
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        const auto knot = [&](double c, double r) {
+          return random_normal(kSeed + 7, static_cast<std::uint64_t>((r + 500.0) * 1000.0 + c) +
+                                              static_cast<std::uint64_t>(of.camera_position_mm.x));
+        };
+        const double c = std::floor(u / 3.0), r = std::floor(v / 3.0), a = u / 3.0 - c,
+                     b = v / 3.0 - r;
+        const double between = (1.0 - b) * ((1.0 - a) * knot(c, r) + a * knot(c + 1.0, r)) +
+                               b * ((1.0 - a) * knot(c, r + 1.0) + a * knot(c + 1.0, r + 1.0));
+        return light(of, u, v) * (1.0 + 0.03 * between);
+      },
+      as_it_is);
+  expect_unexplained(p, "noise that neighbours share");
+}
+
 // As much as nodes that beat with pixels leave where slopes between them are not as rendered: it
 // stands out of the noise, and took an even albedo its name.
 TEST(Photographs, AFringeOfATenthOfAPercentIsNone) {
@@ -654,6 +675,42 @@ TEST_F(Views, RenderThePixelsThatAreLookedAtAsBefore) {
   EXPECT_EQ(views_->pixels().size(), all.size());
 }
 
+// Else a model would seem the better for having more noise, or for which was rendered before it.
+TEST_F(Views, AreComparedByTheNoiseOfWhatWasMeasured) {
+  views_->render(nothing(), detail::Normals::smooth);
+  const auto as_stated = views_->pixels();
+  PhotoState with = nothing();
+  with.picture[0].black = 0.05;
+  with.albedo = -0.2;
+  views_->render(with, detail::Normals::smooth);
+  const auto& offset = views_->pixels();
+  ASSERT_EQ(offset.size(), as_stated.size());
+  // 0.3 of full scale everywhere.
+  const double sigma2 = (0.3 * 20000.0 + std::pow(scene_.photos[0].read_noise_e, 2)) / 4e8;
+  for (std::size_t i = 0; i < offset.size(); ++i) {
+    ASSERT_EQ(offset[i].variance_around[0], as_stated[i].variance_around[0]);
+    ASSERT_NEAR(offset[i].variance_around[0], sigma2, 1e-6 * sigma2);
+    ASSERT_NE(offset[i].variance[0], as_stated[i].variance[0]);
+  }
+}
+
+// Where rays from both ends of the disc over an edge of the relief's height meet level ground.
+TEST_F(Views, KnowHowFarALowLampStretchesAPenumbra) {
+  constexpr double kDiameter = 30.0, kHeight = 3.2;
+  const PhotoInput& of = scene_.photos[0];
+  const Vec3 lamp = of.lamp_position_mm - of.lamp_target_mm;
+  const double way = norm(lamp), across = std::hypot(lamp.x, lamp.y);
+  const auto shadow = [&](double end) {  // of the disc, which faces the target
+    const double z = lamp.z + end * across / way, x = across - end * lamp.z / way;
+    return kHeight * x / (z - kHeight);
+  };
+  const double wide = shadow(-0.5 * kDiameter) - shadow(0.5 * kDiameter);
+  const double pixel = of.pixel_pitch_um / 1000.0 / of.focal_length_mm *
+                       norm(of.camera_position_mm - of.lamp_target_mm);
+  views_->render(nothing(), detail::Normals::smooth);
+  EXPECT_NEAR(views_->penumbra_px(kDiameter), wide / pixel, 0.02 * wide / pixel);
+}
+
 TEST_F(Views, ShowASmallMoveByTheirDerivatives) {
   PhotoState turned = nothing();
   turned.picture[0].camera_rad = {0.0, 1e-4, 0.0};  // 1500 pixels of focal length: 0.15 pixels
@@ -776,6 +833,32 @@ TEST(PhotoChain, ALensFocusedBesideThePartSpreadsByDistance) {
     EXPECT_NEAR(PhotoChain(s, sharp, scene).value(p, 1, 0.0),
                 0.5 * disc * disc / 16.0 * (0.01 - 0.004), 1e-8);
   }
+}
+
+// Each picture at 0.93 of its own distance, whatever that is; a lens that is focused once has one.
+TEST(PhotoChain, ALensFocusedAnewSpreadsByTheDistanceInItsPicture) {
+  PhotoScene scene = one_photo();
+  scene.photos.push_back(scene.photos[0]);
+  scene.photos[1].camera_position_mm.z = 350.0;
+  scene.lamp_of = {0, 0};
+  constexpr double kRadius_px = 22.0, kShare = 0.93;
+  const auto forms = find_effect("photo.defocus")->photo_forms(scene);
+  const auto form = std::find_if(forms.begin(), forms.end(), [](const PhotoForm& f) {
+    return f.law == "by distance, of a lens focused anew for each picture";
+  });
+  ASSERT_NE(form, forms.end());
+  PhotoState s = nothing();
+  s.picture.resize(2);
+  const double near = 1.0 - kShare, quarter = kRadius_px * kRadius_px / 4.0;
+  const std::array<double, 3> values{quarter * near * near, -2.0 * quarter * near * kShare,
+                                     quarter * kShare * kShare};
+  for (std::size_t i = 0; i < values.size(); ++i) form->parameters[i].add(s, values[i]);
+  for (const std::size_t k : {0U, 1U})
+    for (const double z : {0.0, 5.0, 40.0}) {
+      const double camera = scene.photos[k].camera_position_mm.z, middle = camera - 5.0;
+      const double radius = kRadius_px * (1.0 - kShare * middle / (camera - z));
+      EXPECT_NEAR(focus_px2({30.0, -20.0, z}, k, s, scene), radius * radius / 4.0, 1e-9);
+    }
 }
 
 TEST(PhotoChain, TheSensorsStepsComeInTheirOrder) {

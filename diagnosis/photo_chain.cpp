@@ -83,6 +83,18 @@ double shine(Vec3 normal, Vec3 light, Vec3 view, const PhotoState& s) {
   return sum;
 }
 
+/// Of a place before the camera, along its axis.
+double depth(Vec3 place, const PhotoInput& photo) {
+  return dot(place - photo.camera_position_mm,
+             rotate(photo.model_from_camera, Vec3{0.0, 0.0, -1.0}));
+}
+
+constexpr std::array<double, 3> kInFocus{};
+
+double spread_at(const std::array<double, 3>& of, double x) {
+  return of[0] + x * (of[1] + x * of[2]);
+}
+
 }  // namespace
 
 std::array<Vec3, 2> across(Vec3 d) {
@@ -107,15 +119,6 @@ double radius2(double u, double v, const PhotoInput& photo) {
   return (u * u + v * v) / (half * half);
 }
 
-namespace {
-
-double depth(Vec3 place, const PhotoInput& photo) {
-  return dot(place - photo.camera_position_mm,
-             rotate(photo.model_from_camera, Vec3{0.0, 0.0, -1.0}));
-}
-
-}  // namespace
-
 double nearness(Vec3 place, std::size_t photo, const PhotoScene& scene) {
   double mean = 0.0;
   for (const PhotoInput& of : scene.photos) mean += 1.0 / depth(scene.middle(), of);
@@ -128,17 +131,15 @@ double nearness_in_picture(Vec3 place, const PhotoInput& photo, const PhotoScene
 }
 
 bool spreads_by_distance(const PhotoState& s) {
-  constexpr std::array<double, 3> kNone{};
-  return s.focus_px2 != kNone || s.focus_anew_px2 != kNone;
+  return s.focus_px2 != kInFocus || s.focus_anew_px2 != kInFocus;
 }
 
 double focus_px2(Vec3 place, std::size_t photo, const PhotoState& s, const PhotoScene& scene) {
-  if (!spreads_by_distance(s)) return 0.0;
-  const auto at = [](const std::array<double, 3>& of, double x) {
-    return of[0] + x * (of[1] + x * of[2]);
-  };
-  return at(s.focus_px2, nearness(place, photo, scene)) +
-         at(s.focus_anew_px2, nearness_in_picture(place, scene.photos[photo], scene));
+  double sum = 0.0;
+  if (s.focus_px2 != kInFocus) sum += spread_at(s.focus_px2, nearness(place, photo, scene));
+  if (s.focus_anew_px2 != kInFocus)
+    sum += spread_at(s.focus_anew_px2, nearness_in_picture(place, scene.photos[photo], scene));
+  return sum;
 }
 
 std::array<double, 2> displacement(const PhotoPixel& p, int channel, const PhotoState& s,

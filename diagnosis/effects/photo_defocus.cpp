@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <tuple>
+
 #include "diagnosis/detail/photo_forms.hpp"
 
 namespace maquette::diagnosis::detail {

@@ -21,7 +21,9 @@
 
 #include "camera/image_io.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/photo_fit.hpp"
 #include "diagnosis/detail/photo_views.hpp"
+#include "diagnosis/detail/sums.hpp"
 #include "heightmap/field_io.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -692,6 +694,23 @@ TEST_F(Views, AreComparedByTheNoiseOfWhatWasMeasured) {
     ASSERT_NEAR(offset[i].variance_around[0], sigma2, 1e-6 * sigma2);
     ASSERT_NE(offset[i].variance[0], as_stated[i].variance[0]);
   }
+}
+
+// Light that a model adds has shot noise, which the measured value has or not whatever the model.
+TEST_F(Views, WeighPixelsAlikeUnderModelsOfMoreOrLessLight) {
+  const detail::Layout layout = detail::lay_out(scene_.box, kSeed, false);
+  detail::PhotoFit fit(*views_, layout);
+  const Effect* ambient = find_effect("lamp.ambient");
+  const auto forms = ambient->photo_forms(scene_);
+  const std::vector<const PhotoParameter*> by{&forms[0].parameters[0]};  // each rendered as a whole
+  const detail::PhotoLinear dark = fit.about({}, by);
+  const detail::PhotoLinear lit =
+      fit.about({{ambient, forms[0], std::vector<double>(forms[0].parameters.size(), 0.05)}}, by);
+  ASSERT_EQ(lit.sigma.size(), dark.sigma.size());
+  EXPECT_GT((dark.residual - lit.residual).cwiseAbs().minCoeff(), 1.0F);  // the light is seen
+  // What light may be rendered wrong by, 0.2 % of it, is 2.5 % of this; the model's own shot noise
+  // would be 10.
+  EXPECT_LT((lit.sigma.cwiseQuotient(dark.sigma).array() - 1.0F).abs().maxCoeff(), 0.03F);
 }
 
 // Where rays from both ends of the disc over an edge of the relief's height meet level ground.

@@ -67,7 +67,8 @@ SeenLamp seen(const PhotoPixel& p, double diameter_mm, double rendered_mm,
 /// Radiance factor of the lobes. Of facets: D F G / (4 mu0 mu), Torrance & Sparrow, J. Opt. Soc.
 /// Am. 57 (1967) 1105, doi:10.1364/JOSA.57.001105, with Blinn's distribution, grooves that are
 /// mirrors of a dielectric (n = 1.5: Schlick, Comput. Graph. Forum 13 (1994) 233), over what it is
-/// where light, view and normal are one.
+/// where light, view and normal are one; or with the distribution GGX and Smith's masking, Walter
+/// et al., Eurographics Symposium on Rendering 2007, equations 33 and 34.
 double shine(Vec3 normal, Vec3 light, Vec3 view, const PhotoState& s) {
   constexpr double kNormalReflectance = 0.04;
   const Vec3 half = normalized(light + view);
@@ -80,6 +81,18 @@ double shine(Vec3 normal, Vec3 light, Vec3 view, const PhotoState& s) {
     if (s.specular[k] != 0.0 || s.facets[k] != 0.0)
       sum += (s.specular[k] * mu0 + s.facets[k] * fresnel * open / mu) *
              std::pow(h, kLobeExponents[k]);
+  if (std::all_of(s.ggx.begin(), s.ggx.end(), [](double g) { return g == 0.0; })) return sum;
+  const double to_light = std::fmax(1e-6, mu0);
+  for (std::size_t k = 0; k < kFacetSlopes.size(); ++k) {
+    if (s.ggx[k] == 0.0) continue;
+    const double a2 = kFacetSlopes[k] * kFacetSlopes[k];
+    // Shares of the facets that are seen from one side, 1 upright.
+    const auto seen_from = [&](double c) {
+      return 2.0 * c / (c + std::sqrt(a2 + (1.0 - a2) * c * c));
+    };
+    sum += s.ggx[k] * fresnel * seen_from(to_light) * seen_from(mu) / mu *
+           std::pow(a2 / (1.0 + h * h * (a2 - 1.0)), 2);
+  }
   return sum;
 }
 
@@ -198,7 +211,7 @@ double before_sensor(double number, int channel, std::size_t photo, const PhotoS
 bool same_light(const PhotoState& a, const PhotoState& b) {
   return a.albedo == b.albedo && a.albedo_map == b.albedo_map &&
          a.roughness_rad2 == b.roughness_rad2 && a.roughness_short_rad2 == b.roughness_short_rad2 &&
-         a.surge == b.surge && a.specular == b.specular && a.facets == b.facets &&
+         a.surge == b.surge && a.specular == b.specular && a.facets == b.facets && a.ggx == b.ggx &&
          a.bounce == b.bounce && a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
          a.lamp_refocused_mm == b.lamp_refocused_mm && a.lamp_diameter_mm == b.lamp_diameter_mm &&
          a.falloff == b.falloff && a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
@@ -257,7 +270,7 @@ PhotoChain::PhotoChain(const PhotoState& state, const PhotoState& rendered, cons
     return std::any_of(values.begin(), values.end(), [](double v) { return v != 0.0; });
   };
   surge_ = any(state.surge);
-  specular_ = any(state.specular) || any(state.facets);
+  specular_ = any(state.specular) || any(state.facets) || any(state.ggx);
 }
 
 double PhotoChain::albedo_map(Vec3 place) const {

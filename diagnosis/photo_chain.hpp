@@ -55,6 +55,8 @@ inline constexpr std::array<double, 9> kSurgeWidths{0.02, 0.03, 0.045, 0.07, 0.1
                                                     0.15, 0.2,  0.28,  0.4};
 inline constexpr std::array<double, 11> kLobeExponents{4.0,  6.0,   10.0,  16.0,  25.0, 40.0,
                                                        60.0, 100.0, 150.0, 250.0, 400.0};
+/// Slopes (alpha) of facets whose distribution has a long tail.
+inline constexpr std::array<double, 7> kFacetSlopes{0.1, 0.15, 0.21, 0.29, 0.38, 0.48, 0.6};
 /// Diameters of the lamp for which pixels know how much of it they see.
 inline constexpr std::size_t kLampSizes = 6;
 
@@ -81,6 +83,7 @@ struct PhotoState {
   std::array<double, kSurgeWidths.size()> surge{};
   std::array<double, kLobeExponents.size()> specular{};  ///< about the half vector, as it is
   std::array<double, kLobeExponents.size()> facets{};    ///< of facets that mask each other
+  std::array<double, kFacetSlopes.size()> ggx{};         ///< the same, distributed as GGX
   double bounce = 0.0;                                   ///< share of the once interreflected light
   double bounce_all = 0.0;                               ///< share of all of it, however often
   // lamp
@@ -244,6 +247,7 @@ struct PhotoForm {
   int sign = 0;  ///< 1 or -1: of the first parameter, the only physical one
   /// Of the first parameter: less is not told from what a rendering may be wrong by.
   double least = 0.0;
+  bool all_of_sign = false;  ///< `sign` is that of all parameters
 };
 
 }  // namespace maquette::diagnosis

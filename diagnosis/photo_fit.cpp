@@ -259,7 +259,7 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
     for (PhotoMember& m : model)
       for (std::size_t k = 0; k < m.values.size(); ++k) {
         m.values[k] += step(linear.index.at(m.form.parameters[k].key));
-        if (k == 0 && m.form.sign != 0 && m.values[0] * m.form.sign < 0.0) m.values[0] = 0.0;
+        if ((k == 0 || m.form.all_of_sign) && m.values[k] * m.form.sign < 0.0) m.values[k] = 0.0;
       }
     if (gain < 0.5) return model;  // so small a step is as good as its prediction
   }

@@ -75,6 +75,8 @@ std::vector<PhotoSearch::Trial> PhotoSearch::trials(const PhotoLinear& linear,
       }
       Eigen::VectorXd values;
       const double gain = gain_of(g, model, at, form.sign, &values) / unit;
+      if (mine == members.end() && form.all_of_sign && (form.sign * values.array() < 0.0).any())
+        continue;
       Trial t{c, f, gain - price_of(form) + less, gain, {}};
       if (mine == members.end()) t.values.assign(values.data(), values.data() + values.size());
       best.push_back(std::move(t));

@@ -26,6 +26,14 @@ inline constexpr double kLeastBrightness = 0.003;
           },
           [member](PhotoState& s, double v) { s.*member += v; }};
 }
+/// A law whose width is between two that are tried: some of both.
+[[nodiscard]] inline PhotoForm between(std::string law, PhotoParameter narrow, PhotoParameter wide,
+                                       std::vector<std::pair<std::string, double>> fixed) {
+  PhotoForm form{std::move(law), {}, std::move(fixed), 1};
+  form.parameters = {std::move(narrow), std::move(wide)};
+  form.all_of_sign = true;
+  return form;
+}
 /// Photographs that a cause of lens or sensor acts on.
 struct Scope {
   std::string says;  ///< beside the law

@@ -16,15 +16,21 @@ void add_surface_opposition(std::vector<Effect>& all) {
   e.needs = Needs::photograph;
   e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
     std::vector<PhotoForm> forms;
-    for (std::size_t k = 0; k < kSurgeWidths.size(); ++k)
-      forms.push_back({fmt::format("h = {}", kSurgeWidths[k]),
-                       {{fmt::format("surge{}", k), "b0",
-                         [](const PhotoState&, const PhotoScene&) {
-                           return std::pair{0.0, 0.05};
-                         },
-                         [k](PhotoState& state, double v) { state.surge[k] += v; }}},
-                       {{"h", kSurgeWidths[k]}},
-                       1});
+    const auto surge = [](std::size_t k, const char* name) {
+      return PhotoParameter{fmt::format("surge{}", k), name,
+                            [](const PhotoState&, const PhotoScene&) {
+                              return std::pair{0.0, 0.05};
+                            },
+                            [k](PhotoState& state, double v) { state.surge[k] += v; }};
+    };
+    for (std::size_t k = 0; k < kSurgeWidths.size(); ++k) {
+      forms.push_back(
+          {fmt::format("h = {}", kSurgeWidths[k]), {surge(k, "b0")}, {{"h", kSurgeWidths[k]}}, 1});
+      if (k == 0) continue;
+      forms.push_back(between(fmt::format("h = {} to {}", kSurgeWidths[k - 1], kSurgeWidths[k]),
+                              surge(k - 1, "b0_narrow"), surge(k, "b0_wide"),
+                              {{"h_narrow", kSurgeWidths[k - 1]}, {"h_wide", kSurgeWidths[k]}}));
+    }
     return forms;
   };
   all.push_back(std::move(e));

@@ -8,6 +8,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/median.hpp"
+#include "diagnosis/detail/cut_off.hpp"
 #include "diagnosis/detail/ridge.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -131,7 +132,8 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
       q.value[static_cast<std::size_t>(channel)] = p.value[ch];
       q.mean[static_cast<std::size_t>(channel)] = p.mean[ch];
       const auto row = static_cast<Eigen::Index>(i * channels + ch);
-      const double y = chain.value(q, channel, p.light);
+      const auto cut_sigma = static_cast<double>(p.cut_sigma[ch]);
+      const auto [y, share] = cut_off(chain.value(q, channel, p.light), cut_sigma);
       const double slope =
           std::hypot(static_cast<double>(p.du), static_cast<double>(p.dv)) +
           0.3 * (std::abs(static_cast<double>(p.duu)) + std::abs(static_cast<double>(p.dvv)));
@@ -145,7 +147,7 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
       const double by_light = !maps ? 0.0
                                     : (chain.value(q, channel, (1.0 + kLightStep) * p.light) -
                                        chain.value(q, channel, (1.0 - kLightStep) * p.light)) /
-                                          (2.0 * kLightStep * sigma);
+                                          (2.0 * kLightStep * sigma) * share;
       for (Eigen::Index k = 0; k < cols; ++k) {
         const auto at = static_cast<std::size_t>(k);
         const Step& s = steps[at];
@@ -156,7 +158,7 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
         const double d = s.of->of_light ? by_light * by_map[at]
                                         : (chains[at][1].value(q, channel, light[at][1]) -
                                            chains[at][0].value(q, channel, light[at][0])) /
-                                              (s.span * sigma);
+                                              (s.span * sigma) * share;
         out.columns(row, k) = std::isfinite(d) ? static_cast<float>(d) : 0.0F;
       }
       out.set[static_cast<std::size_t>(row)] = set;
@@ -407,7 +409,9 @@ PhotoScatter scatter_of(const PhotoViews& views) {
       if (0.1 * slope > 0.3 * sigma) continue;
       const double here = views.number_of(p, ch, p.value[ch]),
                    next = views.number_of(p, ch, p.value_next[ch]);
-      if (from_zero[p.photo] != 0 && std::fmin(here, next) < kCutOff * sigma) continue;
+      if (from_zero[p.photo] != 0 &&
+          std::fmin(here, next) < kCutOff * std::fmax(sigma, static_cast<double>(p.cut_sigma[ch])))
+        continue;
       const double difference =
           (static_cast<double>(p.next[ch]) - next) - (static_cast<double>(p.measured[ch]) - here);
       by_sigma.emplace_back(sigma, std::abs(difference) / (std::sqrt(2.0) * sigma));

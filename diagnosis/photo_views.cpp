@@ -14,6 +14,7 @@
 #include "camera/srgb.hpp"
 #include "core/median.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/cut_off.hpp"
 #include "diagnosis/detail/pictures.hpp"
 #include "diagnosis/photographs.hpp"
 
@@ -98,6 +99,7 @@ PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photogra
                     [&](const PhotoInput& p) { return p.held_out == held_out_; }));
   const std::size_t most = kMostPixels / std::max<std::size_t>(1, shown);
   views_.resize(scene_.photos.size());
+  dark_.resize(scene_.photos.size());
   for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
     if (!shows(k)) continue;
     const PhotoInput& photo = scene_.photos[k];
@@ -369,8 +371,16 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
                photo.full_well_e;
       };
       const double sigma = sigma_of(linear - own.black);
-      double variance = sigma * sigma,
-             around = std::pow(sigma_of(mean_around(taken.value[ch], r, c)), 2);
+      const double near = mean_around(taken.value[ch], r, c);
+      double variance = sigma * sigma, around = std::pow(sigma_of(near), 2);
+      if (const Dark& dark = dark_[k][ch]; dark.sigma > 0.0F) {
+        around =
+            std::pow(static_cast<double>(dark.sigma), 2) + std::fmax(0.0, near) / photo.full_well_e;
+        if (dark.cut)
+          p.cut_sigma[ch] =
+              static_cast<float>(std::sqrt(std::pow(static_cast<double>(dark.sigma), 2) +
+                                           std::fmax(0.0, linear - own.black) / photo.full_well_e));
+      }
       if (state_.gamma != 0.0) {
         const auto toned = [&](double v) { return std::copysign(std::pow(std::abs(v), power), v); };
         variance = std::pow(0.5 * (toned(linear + sigma) - toned(linear - sigma)), 2);
@@ -488,6 +498,34 @@ double PhotoViews::penumbra_px(double diameter_mm, std::size_t k) const {
          norm(photo.camera_position_mm - photo.lamp_target_mm);
 }
 
+/// What noise there is where no light comes: the declared read noise may be wrong, and a file
+/// without numbers below 0 has a light there that is none.
+void PhotoViews::look_into_the_dark() {
+  constexpr std::size_t kLeast = 200;
+  constexpr double kAsDeclared = 1.2;
+  for (std::size_t k = 0; k < photographs_.size(); ++k)
+    for (std::size_t ch = 0; ch < photographs_[k].value.size(); ++ch) {
+      if (photographs_[k].quantum > 0.0) continue;
+      std::vector<float> numbers;
+      std::vector<double> differences;
+      for (const MeasuredPixel& p : pixels_) {
+        if (p.photo != k || p.lamp.share > 0.0F) continue;
+        numbers.push_back(p.measured[ch]);
+        differences.push_back(
+            static_cast<double>((p.next[ch] - p.value_next[ch]) - (p.measured[ch] - p.value[ch])));
+      }
+      if (numbers.size() < kLeast) continue;
+      const PhotoInput& photo = scene_.photos[k];
+      Dark& dark = dark_[k][ch];
+      dark.cut = *std::min_element(numbers.begin(), numbers.end()) >= 0.0F;
+      const double sigma = dark.cut ? sigma_of_cut(std::move(numbers))
+                                    : nmad(std::move(differences)) / std::numbers::sqrt2;
+      dark.cut &= sigma > 0.0;
+      if (dark.cut || sigma > kAsDeclared * photo.read_noise_e / photo.full_well_e)
+        dark.sigma = static_cast<float>(sigma);
+    }
+}
+
 double PhotoViews::roughness() const {
   std::vector<double> difference;
   for (const MeasuredPixel& p : pixels_)
@@ -544,6 +582,13 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
     }
     take_pixels(k, lamp_sizes, pixels_);
   }
+  if (first) {
+    look_into_the_dark();
+    pixels_.clear();
+    selected_ = true;
+    for (std::size_t k = 0; k < scene_.photos.size(); ++k)
+      if (shows(k)) take_pixels(k, lamp_sizes, pixels_);
+  }
   traced_ = state_;
   looks_anew_ = false;
   selected_ = true;
@@ -552,10 +597,16 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
   light_before_ = light_by_photo();
 }
 
-double PhotoViews::number_of(const MeasuredPixel& p, std::size_t channel, float behind_lens) const {
+double PhotoViews::before_cut(const MeasuredPixel& p, std::size_t channel,
+                              float behind_lens) const {
   return exposed(static_cast<double>(behind_lens), static_cast<double>(p.mean[channel]),
                  radius2(p.u, p.v, scene_.photos[p.photo]), channel_of(channel, channels()),
                  p.photo, state_);
+}
+
+double PhotoViews::number_of(const MeasuredPixel& p, std::size_t channel, float behind_lens) const {
+  return cut_off(before_cut(p, channel, behind_lens), static_cast<double>(p.cut_sigma[channel]))
+      .mean;
 }
 
 void PhotoViews::simulate(const PhotoState& state, Normals normals, double noise_factor,
@@ -569,9 +620,12 @@ void PhotoViews::simulate(const PhotoState& state, Normals normals, double noise
     auto& taken = photographs_[p.photo].value;
     for (std::size_t ch = 0; ch < taken.size(); ++ch) {
       const auto of = [&](float behind_lens, std::uint64_t draw) {
-        return static_cast<float>(number_of(p, ch, behind_lens) +
-                                  noise_factor * std::sqrt(static_cast<double>(p.variance[ch])) *
-                                      random_normal(seed, 2 * (3 * i + ch) + draw));
+        const auto cut_sigma = static_cast<double>(p.cut_sigma[ch]);
+        const double sigma =
+            std::fmax(cut_sigma, noise_factor * std::sqrt(static_cast<double>(p.variance[ch])));
+        const double number =
+            before_cut(p, ch, behind_lens) + sigma * random_normal(seed, 2 * (3 * i + ch) + draw);
+        return static_cast<float>(cut_sigma > 0.0 ? std::fmax(0.0, number) : number);
       };
       taken[ch](r, c) = p.measured[ch] = of(p.value[ch], 0);
       taken[ch](r, c + 1) = p.next[ch] = of(p.value_next[ch], 1);

@@ -36,6 +36,7 @@ struct MeasuredPixel : PhotoPixel {
   /// Of what was measured around, as were all of it light and the numbers linear: models are
   /// compared by that, and one shall not seem better for the noise it would have.
   std::array<float, 3> variance_around{};
+  std::array<float, 3> cut_sigma{};   ///< of its noise, where the file cuts it off at 0
   std::array<float, 3> next{};        ///< measured at the next pixel of the row
   std::array<float, 3> value_next{};  ///< behind the lens there, as rendered
   std::uint32_t at = 0;               ///< row times width plus column
@@ -85,7 +86,7 @@ class PhotoViews {
   [[nodiscard]] const PhotoScene& scene() const { return scene_; }
   [[nodiscard]] const PhotoState& state() const { return state_; }
   [[nodiscard]] std::size_t channels() const { return scene_.colour ? 3 : 1; }
-  /// What the sensor makes of light behind the lens at a pixel, in the rendered state.
+  /// What the sensor makes of light behind the lens at a pixel, in the rendered state, on average.
   [[nodiscard]] double number_of(const MeasuredPixel& pixel, std::size_t channel,
                                  float behind_lens) const;
 
@@ -120,7 +121,10 @@ class PhotoViews {
     }
   };
 
+  [[nodiscard]] double before_cut(const MeasuredPixel& pixel, std::size_t channel,
+                                  float behind_lens) const;
   void take_slopes();
+  void look_into_the_dark();
   void find_near(std::size_t photo);
   void trace(std::size_t photo);
   void see_lamp(std::size_t photo);
@@ -154,6 +158,12 @@ class PhotoViews {
   std::vector<Grid<std::uint8_t>> left_out_;
   bool held_out_;
   std::vector<Photograph> photographs_;
+  /// Of noise in full shadow, by photograph and channel.
+  struct Dark {
+    float sigma = 0.0F;  ///< 0: not known, or as declared
+    bool cut = false;    ///< numbers below 0 are missing
+  };
+  std::vector<std::array<Dark, 3>> dark_;
   std::vector<const heightmap::ModelField*> surfaces_;
   std::vector<std::size_t> tracer_of_;
   std::vector<heightmap::FieldTracer> tracers_;

@@ -126,7 +126,8 @@ Wave clearest_wave(const Grid<double>& residual) {
 }  // namespace
 
 Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, const Layout& layout,
-                            double factor, const PhotoScatter& scatter, double smooth_255) {
+                            double factor, const PhotoScatter& scatter, double smooth_255,
+                            double finer_255) {
   Remainder rest;
   const auto& pixels = views.pixels();
   const std::size_t channels = views.channels();
@@ -252,7 +253,8 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
         255.0 * std::sqrt(std::fmax(0.0, products / pairs) * all / std::fmax(1.0, n));
   }
   if (scatter.own > kSharedNoise * scatter.factor) note("noise that neighbours share");
-  if (rest.structured_rms > smooth_255 && rest.p_white < kSmoothLevel) note("smooth over the part");
+  if (rest.structured_rms > std::hypot(smooth_255, finer_255) && rest.p_white < kSmoothLevel)
+    note("smooth over the part");
   if (rest.found) rest.share = 1.0;
   return rest;
 }

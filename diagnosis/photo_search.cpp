@@ -131,7 +131,7 @@ double PhotoSearch::whole_score(const PhotoMembers& members) {
 
 bool PhotoSearch::too_small(const PhotoLinear& linear, PhotoMembers members,
                             PhotoMember added) const {
-  if (added.form.least > 0.0 && std::abs(added.values[0]) < 0.5 * added.form.least) return true;
+  if (!is_large_enough(fit_, added, 0.5)) return true;
   members.push_back(std::move(added));
   const std::size_t k = members.size() - 1;
   return moved_by(linear, members[k]) * own_share(linear, members, k) <

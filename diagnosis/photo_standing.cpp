@@ -26,6 +26,9 @@ constexpr double kFloorShareOfMap = 0.03, kFloorShareOfSky = 0.06;
 /// pixels off beside a matt surface taken for Lambert's was a twelfth of what that moved, a spread
 /// of 1.4 pixels beside lamps 80 mm off a thirteenth.
 constexpr double kFloorShareElsewhere = 0.03;
+/// Light that bounced is sharp in creases, and is rendered on cells of a millimetre or two, where
+/// another renderer has others: a spread of 0.7 pixels that was not there was an eighth of it.
+constexpr double kFloorShareOfBounces = 0.16;
 /// Penumbras whose widest is narrower are not told from shadows' steps between rays, pixels: most
 /// shadows have a small part of that. Rough ground without a cause had 5, lamps of 140 mm 13.
 constexpr double kPenumbra_px = 8.0;
@@ -206,6 +209,21 @@ std::vector<const PhotoParameter*> parameters_of(const PhotoMembers& members) {
   return all;
 }
 
+bool is_large_enough(const PhotoFit& fit, const PhotoMember& m, double share) {
+  if (!(m.form.least > 0.0)) return true;
+  const PhotoState state = fit.state_of({m});
+  if (!spreads_by_distance(state)) return std::abs(m.values[0]) >= share * m.form.least;
+  constexpr double kWide = 0.9;  // of the pixels have less
+  std::vector<double> spread;
+  for (const MeasuredPixel& p : fit.views().pixels())
+    spread.push_back(focus_px2(p.place, p.photo, state, fit.views().scene()));
+  if (spread.empty()) return false;
+  const auto at =
+      spread.begin() + static_cast<std::ptrdiff_t>(kWide * static_cast<double>(spread.size() - 1));
+  std::nth_element(spread.begin(), at, spread.end());
+  return *at >= share * m.form.least;
+}
+
 std::vector<int> columns_of(const PhotoLinear& linear, const PhotoMembers& members,
                             std::size_t but) {
   std::vector<int> all;
@@ -248,7 +266,9 @@ double others_wrong(const PhotoFit& fit, const PhotoLinear& linear, const PhotoM
   const bool at_edges = shows_at_edges(fit, members[but]);
   const auto share = [&](const PhotoMember& m) {
     if (m.effect->acts_on == "sensor") return kFloorShareOfSensor;
-    if (at_edges && !shows_at_edges(fit, m)) return kFloorShareElsewhere;
+    if (at_edges && !shows_at_edges(fit, m))
+      return m.effect->name == "surface.interreflection" ? kFloorShareOfBounces
+                                                         : kFloorShareElsewhere;
     if (is_map(m.form)) return kFloorShareOfMap;
     return m.effect->name == "lamp.ambient" ? kFloorShareOfSky : kFloorShare;
   };
@@ -308,11 +328,9 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
       p_values.push_back(std::fmax(p, 1e-300));
       const double floor = std::fmax(kPhotoFloor * light, others_wrong(fit, linear, members, k));
       const double own = moved_by(linear, members[k]) * own_share(linear, members, k);
-      const PhotoForm& form = members[k].form;
       if (members[k].effect->name == "photo.pose" && displaced_px(fit, members[k]) < kPose_px)
         small_pose = k;
-      const bool small = !(own > floor) ||
-                         (form.least > 0.0 && std::abs(members[k].values[0]) < form.least) ||
+      const bool small = !(own > floor) || !is_large_enough(fit, members[k], 1.0) ||
                          (members[k].effect->name == "lamp.size" &&
                           fit.views().penumbra_px(fit.views().scene().photos[0].lamp_diameter_mm +
                                                   members[k].values[0]) < kPenumbra_px) ||

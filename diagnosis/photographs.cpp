@@ -207,7 +207,7 @@ std::size_t beside_unknown(const PhotoLinear& linear, const PhotoMembers& member
 }
 
 /// The same with an offset of the numbers in the place of ambient light, fitted, where that does as
-/// well; else empty.
+/// well (to a hundredth of what it gains, as equivalent names do); else empty.
 PhotoMembers offset_for_light(PhotoMembers members, const std::vector<PhotoCandidate>& candidates,
                               PhotoFit& fit) {
   const auto light = std::find_if(members.begin(), members.end(), [](const PhotoMember& m) {
@@ -218,10 +218,22 @@ PhotoMembers offset_for_light(PhotoMembers members, const std::vector<PhotoCandi
                    [](const PhotoCandidate& c) { return c.effect->name == "photo.black_level"; });
   if (light == members.end() || offset == candidates.end() || offset->forms.empty()) return {};
   const double before = fit.objective(members, kAll);
+  const auto at = static_cast<std::size_t>(light - members.begin());
+  const double missed = fit.objective(fit.fitted(detail::without(members, at)), kAll);
   *light = {offset->effect, offset->forms[0],
             std::vector<double>(offset->forms[0].parameters.size(), 0.0)};
   members = fit.fitted(std::move(members));
-  return fit.objective(members, kAll) < before + detail::kEquivalent ? members : PhotoMembers{};
+  const double close = std::fmax(detail::kEquivalent, 0.01 * (missed - before));
+  return fit.objective(members, kAll) < before + close ? members : PhotoMembers{};
+}
+
+/// rms of what is finer than the waves of a map: it is as uneven, and no cause of its own.
+double finer_than_maps(const PhotoLinear& linear, const PhotoMembers& members) {
+  constexpr double kFiner = 0.25;  // of what the map moves; blotches of a centimetre: 0.17 to 0.24
+  double sum = 0.0;
+  for (const PhotoMember& m : members)
+    if (detail::is_map(m.form)) sum = std::hypot(sum, kFiner * moved_by(linear, m));
+  return sum;
 }
 
 bool knows(const std::vector<KnownCause>& known, const std::string& effect) {
@@ -261,8 +273,9 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.rms_after = rms_of(after, kReport, nullptr);
     scatter = detail::scatter_of(views);
     d.rms_noise = noise_rms(views, scatter.factor);
-    d.remainder = detail::judge_photographs(after, views, layout, fit.noise.factor, scatter,
-                                            255.0 * kSmooth * light);
+    d.remainder =
+        detail::judge_photographs(after, views, layout, fit.noise.factor, scatter,
+                                  255.0 * kSmooth * light, 255.0 * finer_than_maps(after, members));
     const std::size_t drop = d.remainder.found
                                  ? beside_unknown(after, members, d, d.rms_noise / scatter.factor)
                                  : members.size();

@@ -29,6 +29,10 @@ inline constexpr double kPhotoFloor = 1e-3;
 /// Share of what a member moves (its rms) that the others could not move in its place.
 [[nodiscard]] double own_share(const PhotoLinear& linear, const PhotoMembers& members,
                                std::size_t k);
+/// Whether it is large enough to be told from what a rendering may be wrong by (PhotoForm::least).
+/// A blur by distance is none where the lens is in focus: it counts where it is widest.
+/// @param share  of what is needed
+[[nodiscard]] bool is_large_enough(const PhotoFit& fit, const PhotoMember& member, double share);
 /// By how much what the others move, rms, may be wrong in a way that could be taken for a member.
 [[nodiscard]] double others_wrong(const PhotoFit& fit, const PhotoLinear& linear,
                                   const PhotoMembers& members, std::size_t but);

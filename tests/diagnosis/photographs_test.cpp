@@ -21,7 +21,9 @@
 
 #include "camera/image_io.hpp"
 #include "core/random.hpp"
+#include "diagnosis/detail/cut_off.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
+#include "diagnosis/detail/photo_standing.hpp"
 #include "diagnosis/detail/photo_views.hpp"
 #include "diagnosis/detail/sums.hpp"
 #include "heightmap/field_io.hpp"
@@ -543,6 +545,34 @@ TEST(Photographs, PaintThatShinesByFacetsIsSpecular) {
   EXPECT_THAT(d->causes[0].law, ::testing::HasSubstr("facets"));
 }
 
+// Of a half width between those that are tried, of which none fits: a factor for each picture stood
+// in the place of such a surge.
+TEST(Photographs, ASurgeMayHaveAnyWidth) {
+  const auto surge = [](const PhotoInput& of, double u, double v) {
+    const double matt = light(of, u, v);
+    if (matt <= 0.0) return 0.0;
+    const Vec3 at = place_at(of, u, v);
+    const double c =
+        dot(normalized(of.lamp_position_mm - at), normalized(of.camera_position_mm - at));
+    return matt * (1.0 + 0.15 / (1.0 + std::tan(0.5 * std::acos(c)) / 0.085));
+  };
+  Pictures p;
+  take(p, surge, as_it_is, 1.0, [](PhotoInput& of, int k) {
+    if (k != 1) return;
+    // Before the lamp.
+    of.camera_position_mm =
+        Vec3{20.0, 20.0, 0.0} + 260.0 * normalized(of.lamp_position_mm - Vec3{20.0, 20.0, 0.0});
+    look_at_the_middle(of);
+  });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"surface.opposition"});
+  double sum = 0.0;
+  for (const Estimate& b : d->causes[0].parameters) sum += b.value;
+  // Some of both is off by 3 % where both are highest, the nearer alone by 5.
+  EXPECT_NEAR(sum, 0.15, 0.0055) << d->causes[0].law;
+}
+
 TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {
   Pictures p;
   // 1.5 % of the light, 22 rows a period: as much as the noise of a pixel, in all of a row.
@@ -730,6 +760,91 @@ TEST_F(Views, KnowHowFarALowLampStretchesAPenumbra) {
   EXPECT_NEAR(views_->penumbra_px(kDiameter), wide / pixel, 0.02 * wide / pixel);
 }
 
+// Twice the stated read noise in shadow, in a file of numbers from 0 up: what is dark is not
+// lighter than it was for that.
+TEST_F(Views, KnowTheNoiseOfTheDarkAndWhatIsCutOffThere) {
+  constexpr double kSigma = 0.002;
+  scene_.photos[0].lamp_position_mm = {900.0, 100.0, 250.0};  // low: a part is in shadow
+  for (const bool cut : {false, true}) {
+    detail::Photograph dark;
+    dark.value.push_back(Grid<float>(192, 256, 0.0F));
+    for (std::size_t i = 0; i < dark.value[0].cells().size(); ++i) {
+      const double number = kSigma * random_normal(kSeed, i);
+      dark.value[0].cells()[i] = static_cast<float>(cut ? std::fmax(0.0, number) : number);
+    }
+    detail::PhotoViews views(scene_, {dark}, {&field_});
+    views.render(nothing(), detail::Normals::smooth);
+    double seen = 0.0;
+    for (const auto& p : views.pixels()) {
+      if (p.lamp.share > 0.0F) continue;
+      seen += 1.0;
+      // A quantile of some thousand numbers: 3 %.
+      if (cut) {
+        EXPECT_NEAR(p.cut_sigma[0], kSigma, 0.08 * kSigma);
+        EXPECT_NEAR(views.number_of(p, 0, 0.0F), kSigma / std::sqrt(2.0 * std::numbers::pi),
+                    0.08 * 0.4 * kSigma);
+      } else {
+        EXPECT_EQ(p.cut_sigma[0], 0.0F);
+        EXPECT_EQ(views.number_of(p, 0, 0.0F), 0.0);
+        EXPECT_NEAR(std::sqrt(p.variance_around[0]), kSigma, 0.1 * kSigma);
+      }
+    }
+    EXPECT_GT(seen, 500.0);
+  }
+}
+
+// In focus at the part's middle, and more than a pixel off beside it.
+TEST_F(Views, ABlurByDistanceCountsWhereItIsWidest) {
+  views_->render(nothing(), detail::Normals::smooth);
+  const detail::PhotoFit fit(*views_, detail::lay_out(scene_.box, kSeed, false));
+  const Effect* defocus = find_effect("photo.defocus");
+  for (const PhotoForm& form : defocus->photo_forms(scene_)) {
+    if (form.law != "by distance, of a lens focused elsewhere") continue;
+    double widest = 0.0;
+    PhotoState state = nothing();
+    form.parameters[2].add(state, 1.0);
+    for (const auto& p : views_->pixels())
+      widest = std::fmax(widest, focus_px2(p.place, 0, state, scene_));
+    // Nine tenths of the pixels have less than is asked for; then nearly all of those have more.
+    EXPECT_FALSE(
+        detail::is_large_enough(fit, {defocus, form, {0.0, 0.0, form.least / widest}}, 1.0));
+    EXPECT_TRUE(
+        detail::is_large_enough(fit, {defocus, form, {0.0, 0.0, 10.0 * form.least / widest}}, 1.0));
+    return;
+  }
+  FAIL() << "no such law";
+}
+
+TEST(CutOff, HasTheMeanOfWhatIsLeft) {
+  // Against sums over the normal distribution.
+  for (const double y : {-0.5, 0.0, 0.3, 1.0, 2.5, 6.0}) {
+    double mean = 0.0, more = 0.0, all = 0.0;
+    constexpr double kStep = 1e-4, kChange = 1e-3;
+    for (double t = -8.0; t < 8.0; t += kStep) {
+      const double w = std::exp(-0.5 * t * t);
+      all += w;
+      mean += w * std::fmax(0.0, y + t);
+      more += w * std::fmax(0.0, y + kChange + t);
+    }
+    EXPECT_NEAR(detail::cut_off(3.0 * y, 3.0).mean, 3.0 * mean / all, 1e-5);
+    EXPECT_NEAR(detail::cut_off(3.0 * y, 3.0).slope, (more - mean) / all / kChange, 1e-3);
+  }
+  EXPECT_EQ(detail::cut_off(-0.1, 0.0).mean, -0.1);  // nothing is cut off
+}
+
+TEST(CutOff, TellsTheNoiseByItsZeros) {
+  for (const double offset : {-0.5, 0.0, 0.7}) {
+    std::vector<float> numbers;
+    for (std::uint64_t i = 0; i < 4000; ++i)
+      numbers.push_back(
+          static_cast<float>(std::fmax(0.0, 2.0 * (offset + random_normal(kSeed, i)))));
+    // A median of two thousand and a share of zeros: 3 %.
+    EXPECT_NEAR(detail::sigma_of_cut(numbers), 2.0, 0.15) << offset;
+    for (float& x : numbers) x += 20.0F;
+    EXPECT_EQ(detail::sigma_of_cut(numbers), 0.0);
+  }
+}
+
 TEST_F(Views, ShowASmallMoveByTheirDerivatives) {
   PhotoState turned = nothing();
   turned.picture[0].camera_rad = {0.0, 1e-4, 0.0};  // 1500 pixels of focal length: 0.15 pixels
@@ -788,6 +903,37 @@ TEST(PhotoChain, APlaneOfADeclaredLawHasItsPublishedValue) {
   EXPECT_NEAR(plain / photo.exposure_scale, 0.0832883, 1e-6);
   s.albedo = 0.02;  // all of it brighter
   EXPECT_NEAR(PhotoChain(s, s, scene).radiance(p), 1.02 * plain, 1e-12);
+}
+
+// D F G / (4 mu0 mu) with GGX in tangents (Walter et al. 2007, equations 33 and 34), over what it
+// is where light, view and normal are one.
+TEST(PhotoChain, FacetsWithALongTailFollowTheirLaw) {
+  PhotoScene scene = one_photo();
+  PhotoPixel p;
+  p.normal = normalized(Vec3{0.1, -0.2, 1.0});
+  const PhotoState none = nothing();
+  for (std::size_t k = 0; k < kFacetSlopes.size(); ++k)
+    for (const Vec3 camera : {Vec3{0.0, 0.0, 500.0}, Vec3{-400.0, 100.0, 350.0}}) {
+      scene.photos[0].camera_position_mm = camera;
+      PhotoState s = nothing();
+      s.ggx[k] = 0.02;
+      const Vec3 l = normalized(scene.photos[0].lamp_position_mm), e = normalized(camera),
+                 h = normalized(l + e);
+      const double mu0 = dot(p.normal, l), mu = dot(p.normal, e), c = dot(p.normal, h),
+                   a2 = kFacetSlopes[k] * kFacetSlopes[k];
+      const auto tan2 = [](double cosine) { return 1.0 / (cosine * cosine) - 1.0; };
+      const auto masked = [&](double cosine) {
+        return 2.0 / (1.0 + std::sqrt(1.0 + a2 * tan2(cosine)));
+      };
+      const double d = std::pow(a2 / (c * c * (a2 + tan2(c))), 2),  // over that at 0
+          fresnel = (0.04 + 0.96 * std::pow(1.0 - dot(e, h), 5)) / 0.04;
+      const double distance = norm(scene.photos[0].lamp_position_mm);
+      ASSERT_NEAR(distance, 500.0, 1e-9);  // the place is the target: irradiance across light is 1
+      EXPECT_NEAR(
+          PhotoChain(s, s, scene).radiance(p) - PhotoChain(none, none, scene).radiance(p),
+          scene.photos[0].exposure_scale * 0.02 * d * fresnel * masked(mu0) * masked(mu) / mu, 1e-9)
+          << k;
+    }
 }
 
 TEST(PhotoChain, PlacesMoveAsAPinholeProjectsThem) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <set>
 
@@ -127,7 +128,8 @@ double settle(Loaded& scan, const SimulatedSurface& surface, const Box3& box, do
 }
 
 /// Points that stand alone far from their neighbours: mixed pixels, dust.
-std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
+/// @return their places
+std::vector<Vec3> drop_lonely(std::vector<Observation>& all, std::size_t from) {
   constexpr double kSquare_mm = 2.0;
   std::vector<std::pair<std::uint64_t, std::size_t>> order;
   for (std::size_t i = from; i < all.size(); ++i)
@@ -147,11 +149,64 @@ std::size_t drop_lonely(std::vector<Observation>& all, std::size_t from) {
   for (std::size_t i = from; i < all.size(); ++i) spread.push_back(about[i]);
   const double limit = 6.0 * std::fmax(1e-4, nmad(spread));
   std::size_t kept = from;
+  std::vector<Vec3> dropped;
   for (std::size_t i = from; i < all.size(); ++i)
-    if (std::abs(about[i]) <= limit) all[kept++] = all[i];
-  const std::size_t dropped = all.size() - kept;
+    if (std::abs(about[i]) <= limit)
+      all[kept++] = all[i];
+    else
+      dropped.push_back(all[i].place);
   all.resize(kept);
   return dropped;
+}
+
+/// Squares of the part where many points of a scan stray, unlike the rest.
+struct Gathered {
+  Vec3 place;
+  double share = 0.0, elsewhere = 0.0;  ///< of the points there; in the typical square
+};
+/// Dust and mixed pixels are a few in a thousand, and as many everywhere; a smudge, a wet place or
+/// a reflex makes many in one.
+std::optional<Gathered> where_strays_gather(const std::vector<Observation>& all, std::size_t from,
+                                            const std::vector<Vec3>& strays, const Box3& box) {
+  constexpr double kSquares = 16.0;  // along the longer side
+  constexpr double kFewest = 100.0, kShare = 0.04, kOverTypical = 8.0;
+  constexpr std::size_t kSquaresWanted = 3;
+  const double side = std::fmax(box.max.x - box.min.x, box.max.y - box.min.y) / kSquares;
+  struct Square {
+    double points = 0.0, strays = 0.0;
+    Vec3 sum;
+  };
+  std::map<std::pair<int, int>, Square> squares;
+  const auto at = [&](Vec3 p) -> Square& {
+    return squares[{static_cast<int>((p.y - box.min.y) / side),
+                    static_cast<int>((p.x - box.min.x) / side)}];
+  };
+  for (std::size_t i = from; i < all.size(); ++i) at(all[i].place).points += 1.0;
+  for (const Vec3& p : strays) {
+    Square& s = at(p);
+    s.points += 1.0;
+    s.strays += 1.0;
+    s.sum += p;
+  }
+  std::vector<double> shares;
+  for (const auto& [key, s] : squares)
+    if (s.points >= kFewest) shares.push_back(s.strays / s.points);
+  if (shares.size() < 30) return std::nullopt;
+  Gathered out{{}, 0.0, median(shares)};
+  const double limit = std::fmax(kShare, kOverTypical * out.elsewhere);
+  Square all_of_it;
+  std::size_t many = 0;
+  for (const auto& [key, s] : squares) {
+    if (s.points < kFewest || s.strays < limit * s.points) continue;
+    ++many;
+    all_of_it.points += s.points;
+    all_of_it.strays += s.strays;
+    all_of_it.sum += s.sum;
+  }
+  if (many < kSquaresWanted) return std::nullopt;
+  out.share = all_of_it.strays / all_of_it.points;
+  out.place = (1.0 / all_of_it.strays) * all_of_it.sum;
+  return out;
 }
 
 /// Two directions along a surface, in the planes of x and of y.
@@ -482,7 +537,17 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
         centre += made[i].place;
       }
     const std::size_t on_part = m.observations.size() - from;
-    set_up.far = l.points.size() - on_part + drop_lonely(m.observations, from);
+    const auto strays = drop_lonely(m.observations, from);
+    set_up.far = l.points.size() - on_part + strays.size();
+    if (const auto there = where_strays_gather(m.observations, from, strays, m.scene.box)) {
+      m.strays_gather = true;
+      m.notes.push_back(
+          fmt::format("{}: {:.0f} % of the points about ({:.0f}, {:.0f}) mm stray from the rest "
+                      "there, elsewhere "
+                      "{:.1f} %: a smudge, a reflex or a wet place? They are not used",
+                      set_up.name, 100.0 * there->share, there->place.x, there->place.y,
+                      100.0 * there->elsewhere));
+    }
     set_up.used = m.observations.size() - from;
     set_up.centre_mm = (1.0 / static_cast<double>(std::max<std::size_t>(1, on_part))) * centre;
     m.scene.has_station.push_back(station.has_value());

@@ -73,7 +73,8 @@ struct Measurements {
   Scene scene;
   std::vector<SetUp> set_ups;
   std::vector<Observation> observations;
-  std::vector<std::string> notes;            ///< what could not be used and why
+  std::vector<std::string> notes;  ///< what could not be used and why
+  bool strays_gather = false;  ///< of a scan many points of one place are far from the rest there
   std::shared_ptr<const StonesSeen> stones;  ///< null: the case has none, or no plan of them
 };
 

@@ -166,6 +166,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
                           const RunContext& run) {
   Controls c;
   Measurements few = m;
+  few.strays_gather = false;
   const std::size_t all = m.observations.size();
   const std::size_t kept = std::min(all, kControlPoints);
   few.notes.clear();

@@ -313,6 +313,10 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   // Poses of a model that does not hold are those of the misfit.
   if (!d.remainder.found) detail::add_pose_causes(m, bank, named, search.candidates, of_poses, d);
   MAQUETTE_TRY_VOID(detail::add_stone_causes(m, d, run));
+  if (m.strays_gather) {
+    d.remainder.found = true;
+    d.remainder.kinds.emplace_back("stray points in one place");
+  }
   d.map = detail::draw(m.observations, r_before, r_after, scene.box);
   d.dependences = detail::dependences(m.observations, r_before, r_after);
   d.verdict = verdict_of(d);

@@ -2,6 +2,7 @@
 
 // From files to observations, and what is refused.
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 
@@ -132,6 +133,29 @@ TEST(Measure, GivesResidualsAlongTheNormal) {
   }
   EXPECT_NEAR(std::sqrt(squares / static_cast<double>(m->observations.size())), 0.02, 0.001);
   ASSERT_EQ(m->notes.size(), 2U) << "no program, and the rim: said";
+}
+
+// An eighth of the points of one place: dust and mixed pixels stray everywhere, and less.
+TEST(Measure, SaysWhereStraysGather) {
+  for (const bool gathered : {false, true}) {
+    Files f;
+    auto cloud = points_on(f.design, 60'000, 1, 0.03);
+    for (std::size_t i = 0; i < cloud.points_mm.size(); ++i) {
+      Vec3& q = cloud.points_mm[i];
+      const bool there = std::hypot(q.x - 35.0, q.y - 22.0) < 9.0;
+      const double share = gathered ? (there ? 0.125 : 0.002) : 0.01;
+      if (random_uniform(77, i) < share) q.z += 0.5 + random_uniform(78, i);
+    }
+    f.scan(std::move(cloud));
+    const auto m = measure(f.input);
+    ASSERT_THAT(m, Succeeds());
+    EXPECT_EQ(m->strays_gather, gathered);
+    EXPECT_EQ(std::count_if(m->notes.begin(), m->notes.end(),
+                            [](const std::string& note) {
+                              return note.find("stray from the rest there") != std::string::npos;
+                            }),
+              gathered ? 1 : 0);
+  }
 }
 
 TEST(Measure, SaysWhatAScanWithoutStationCannotTell) {

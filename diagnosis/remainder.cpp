@@ -25,8 +25,9 @@ constexpr double kMostUneven_mm = 0.045, kUnevenCells = 2.0;
 constexpr double kApart_mm = 0.012;
 constexpr double kEdge = 7.5;
 /// Of a straight line of cells that differ from those across it. Where nothing is left the clearest
-/// has 3.5 to 5.2; a patch of 0.054 mm under noise and roughness of 0.07 has 6.0.
-constexpr double kLongEdge = 5.6;
+/// has 3.5 to 5.2; a patch of 0.054 mm under noise and roughness of 0.07 has 6.0. Of one that runs
+/// between rows and columns of cells, of which there are three times as many.
+constexpr double kLongEdge = 5.6, kLongObliqueEdge = 6.0;
 constexpr double kLine = 22.0;  // over the mean of its ring; exponential: e^-22 each
 constexpr double kRing = 7.0;   // standard deviations of a ring's mean
 /// rms of a wave, or of rings, over all of the part. Where a scanner's columns beat with the
@@ -95,51 +96,62 @@ Scores scored(const std::vector<double>& value, const std::vector<double>& infor
   return s;
 }
 
-/// The clearest straight edge along x or y: sums of steps across lines of cells, over their own
-/// robust spread (cells that agree with their neighbours make sums wider than steps say). A patch
-/// whose border is no wider than the noise at any single place shows so.
-double clearest_edge(const Means& m, double enough) {
-  constexpr std::ptrdiff_t kCells[] = {5, 7, 8, 10, 12};
-  constexpr std::ptrdiff_t kApart = 2;  // wherever in the cell between the border lies
-  constexpr double kMost = 4.0;         // no single step speaks louder, spreads
-  constexpr std::size_t kLines = 200;   // fewer have no spread
-  double clearest = 0.0;
-  for (const bool along_x : {true, false}) {
-    const std::ptrdiff_t lines = (along_x ? m.value.rows() : m.value.cols()) - kApart,
-                         cells = along_x ? m.value.cols() : m.value.rows();
-    if (lines < 1) continue;
-    Grid<double> steps(lines, cells, NAN);
-    std::vector<double> sizes;
-    for (std::ptrdiff_t line = 0; line < lines; ++line)
-      for (std::ptrdiff_t k = 0; k < cells; ++k) {
-        const std::ptrdiff_t r = along_x ? line : k, c = along_x ? k : line,
-                             r1 = along_x ? r + kApart : r, c1 = along_x ? c : c + kApart;
-        if (m.count(r, c) < enough || m.count(r1, c1) < enough) continue;
-        steps(line, k) = m.value(r1, c1) - m.value(r, c);
-        sizes.push_back(std::abs(steps(line, k)));
-      }
-    if (sizes.size() < kLines) continue;
-    const double spread = std::fmax(1e-12, kMadToSigma * median(std::move(sizes)));
-    for (const std::ptrdiff_t length : kCells) {
-      std::vector<double> sums;
-      for (std::ptrdiff_t line = 0; line < lines; ++line)
-        for (std::ptrdiff_t first = 0; first + length <= cells; ++first) {
-          double sum = 0.0, count = 0.0;
-          for (std::ptrdiff_t k = first; k < first + length; ++k)
-            if (const double s = steps(line, k) / spread; std::isfinite(s)) {
-              sum += std::clamp(s, -kMost, kMost);
-              count += 1.0;
-            }
-          if (count >= 0.8 * static_cast<double>(length))
-            sums.push_back(std::abs(sum) / std::sqrt(count));
-        }
-      if (sums.size() < kLines) continue;
-      const double largest = *std::max_element(sums.begin(), sums.end());
-      clearest =
-          std::fmax(clearest, largest / std::fmax(1.0, kMadToSigma * median(std::move(sums))));
+/// The clearest straight edge: sums of steps across lines of cells, over their own robust spread
+/// (cells that agree with their neighbours make sums wider than steps say). A patch whose border is
+/// no wider than the noise at any single place shows so, and a crack that runs where it likes.
+/// @param row_step, col_step  from one cell of a line to the next
+double clearest_edge(const Means& m, double enough, std::ptrdiff_t row_step,
+                     std::ptrdiff_t col_step) {
+  constexpr std::ptrdiff_t kCells[] = {5, 7, 8, 10, 12, 24};
+  constexpr double kMost = 4.0;        // no single step speaks louder, spreads
+  constexpr std::size_t kLines = 200;  // fewer have no spread
+  // Wherever in the cell between two the border lies.
+  const std::ptrdiff_t apart = row_step == 0 || col_step == 0 ? 2 : 1;
+  const std::ptrdiff_t dr = -apart * col_step, dc = apart * row_step;
+  const std::ptrdiff_t rows = m.value.rows(), cols = m.value.cols();
+  Grid<double> steps(rows, cols, NAN);
+  std::vector<double> sizes;
+  for (std::ptrdiff_t r = 0; r < rows; ++r)
+    for (std::ptrdiff_t c = 0; c < cols; ++c) {
+      if (!m.value.contains(r + dr, c + dc) || m.count(r, c) < enough ||
+          m.count(r + dr, c + dc) < enough)
+        continue;
+      steps(r, c) = m.value(r + dr, c + dc) - m.value(r, c);
+      sizes.push_back(std::abs(steps(r, c)));
     }
+  if (sizes.size() < kLines) return 0.0;
+  const double spread = std::fmax(1e-12, kMadToSigma * median(std::move(sizes)));
+  double clearest = 0.0;
+  for (const std::ptrdiff_t length : kCells) {
+    std::vector<double> sums;
+    for (std::ptrdiff_t r = 0; r < rows; ++r)
+      for (std::ptrdiff_t c = 0; c < cols; ++c) {
+        if (!steps.contains(r + (length - 1) * row_step, c + (length - 1) * col_step)) continue;
+        double sum = 0.0, count = 0.0;
+        for (std::ptrdiff_t k = 0; k < length; ++k)
+          if (const double s = steps(r + k * row_step, c + k * col_step) / spread;
+              std::isfinite(s)) {
+            sum += std::clamp(s, -kMost, kMost);
+            count += 1.0;
+          }
+        if (count >= 0.8 * static_cast<double>(length))
+          sums.push_back(std::abs(sum) / std::sqrt(count));
+      }
+    if (sums.size() < kLines) continue;
+    const double largest = *std::max_element(sums.begin(), sums.end());
+    clearest = std::fmax(clearest, largest / std::fmax(1.0, kMadToSigma * median(std::move(sums))));
   }
   return clearest;
+}
+
+/// Along a row, a column, and between them.
+bool has_a_long_edge(const Means& m, double enough) {
+  for (const auto& [row, col] : {std::pair<std::ptrdiff_t, std::ptrdiff_t>{0, 1}, {1, 0}})
+    if (clearest_edge(m, enough, row, col) > kLongEdge) return true;
+  for (const auto& [row, col] :
+       {std::pair<std::ptrdiff_t, std::ptrdiff_t>{1, 1}, {-1, 1}, {1, 2}, {-1, 2}, {2, 1}, {-2, 1}})
+    if (clearest_edge(m, enough, row, col) > kLongObliqueEdge) return true;
+  return false;
 }
 
 /// Ridges between passes as most places have them, mm rms: what is levelled over the shortest
@@ -228,7 +240,7 @@ Remainder judge(const std::vector<Observation>& all, const std::vector<double>& 
     std::size_t sharp = 0;
     for (std::size_t i = 0; i < edges.score.size(); ++i)
       sharp += edges.score[i] > kEdge && edges.of(step_but_one[i], step_information[i]) > kEdge;
-    if (sharp >= 2 || (share == 0.5 && clearest_edge(m, enough) > kLongEdge)) note("edges");
+    if (sharp >= 2 || (share == 0.5 && has_a_long_edge(m, enough))) note("edges");
     if (pairs > 0.0) structured = std::fmax(structured, products / pairs);
     if (share == 0.25 && squares > 0.0) {
       rest.morans_i = products / squares;

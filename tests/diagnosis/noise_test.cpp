@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -7,6 +8,7 @@
 #include "core/chi_squared.hpp"
 #include "core/random.hpp"
 #include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/remainder.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "support/smooth_part.hpp"
 
@@ -162,6 +164,31 @@ TEST(SmoothNoise, IsFittedAsWellWithMoreColumns) {
       }
     }
   }
+}
+
+// A crack of 0.15 mm that runs obliquely over a part under a rough coat: a process of some length
+// took it for unevenness, and along rows and columns of cells no edge is clear.
+TEST(SmoothNoise, IsNoCrack) {
+  constexpr std::uint64_t kSeed = 90;
+  for (const double crack_mm : {0.0, 0.15})
+    for (const double azimuth : {0.25, 0.79, 2.2}) {
+      auto m = noise_alone(kSeed, 0.05, 0.006, 34.0);
+      const auto coat = field(kSeed + 5, 0.04, 1.8);
+      std::vector<double> left;
+      for (Observation& o : m.observations) {
+        const double side =
+            std::cos(azimuth) * (o.place.y - 85.0) - std::sin(azimuth) * (o.place.x - 70.0);
+        o.residual_mm += (coat(o.place.x, o.place.y) + (side > 0.0 ? crack_mm : 0.0)) * o.normal.z;
+        left.push_back(o.residual_mm - 0.5 * crack_mm * o.normal.z);
+      }
+      const auto layout = laid_out(m, 1);
+      const auto bank = detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout);
+      const auto f = detail::fit(bank, detail::columns_of(bank, {}), kAll);
+      detail::Squares odd;
+      const auto rest = detail::judge(m.observations, left, layout, bank, f, odd);
+      EXPECT_EQ(std::count(rest.kinds.begin(), rest.kinds.end(), "edges"), crack_mm > 0.0 ? 1 : 0)
+          << azimuth << ", seed " << kSeed;
+    }
 }
 
 // A process of a few cells' length leaves nothing to details that means of cells do not tell.

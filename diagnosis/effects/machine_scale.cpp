@@ -23,7 +23,7 @@ void add_machine_scale(std::vector<Effect>& all) {
     e.forms = [axis, a](const Scene& scene) {
       const double half = scene.half_mm(), c = component(scene.centre(), axis);
       return std::vector<Form>{{"proportional",
-                                {tip_column("scale_" + a, {"error_um_per_m", 1e6 / half, 30'000.0},
+                                {tip_column("scale_" + a, {"error_um_per_m", 1e6 / half, 100'000.0},
                                             [=](const CutState& s) {
                                               return along_axis(
                                                   axis, (component(s.tip, axis) - c) / half);

@@ -29,7 +29,7 @@ void add_machine_squareness(std::vector<Effect>& all) {
       const double half = scene.half_mm(), c = component(scene.centre(), p.by);
       return std::vector<Form>{
           {"shear",
-           {tip_column(std::string("square_") + p.name, {"angle_urad", 1e6 / half, 30'000.0},
+           {tip_column(std::string("square_") + p.name, {"angle_urad", 1e6 / half, 100'000.0},
                        [=](const CutState& s) {
                          return along_axis(p.moved, (component(s.tip, p.by) - c) / half);
                        })}}};

@@ -21,7 +21,7 @@ void add_scanner_range_scale(std::vector<Effect>& all) {
   e.forms = [](const Scene& scene) {
     const double half = scene.half_mm();
     return of_instruments(scene, "proportional", "range_scale",
-                          {"error_um_per_m", 1e6 / half, 5000.0},
+                          {"error_um_per_m", 1e6 / half, 20'000.0},
                           [half](const Observation& o) { return (o.range_mm / half) * o.beam; });
   };
   all.push_back(std::move(e));

@@ -543,8 +543,8 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
       m.strays_gather = true;
       m.notes.push_back(
           fmt::format("{}: {:.0f} % of the points about ({:.0f}, {:.0f}) mm stray from the rest "
-                      "there, elsewhere "
-                      "{:.1f} %: a smudge, a reflex or a wet place? They are not used",
+                      "there, elsewhere {:.1f} %: a smudge, a reflex or a wet place? They are not "
+                      "used",
                       set_up.name, 100.0 * there->share, there->place.x, there->place.y,
                       100.0 * there->elsewhere));
     }

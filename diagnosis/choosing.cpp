@@ -185,6 +185,7 @@ std::vector<Members> by_another_law(const Members& with, const Search& search, c
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
                   const RunContext& run) {
+  const double null = residuals.score({});
   for (int round = 0; round < kRounds && !run.stopped(); ++round) {
     double best = residuals.score(with);
     Members better;
@@ -211,7 +212,7 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
       }
     // Of one cause less much may be missed to first order: a warm-up in two bands, of which the
     // first is cold, had an edge of 0.1 mm where the ball of one reaches over to the other.
-    const double missed = std::fmax(kClose, kMissed * (residuals.score({}) - best));
+    const double missed = std::fmax(kClose, kMissed * (null - best));
     for (Members& fewer : by_another_law(with, search, bank, residuals, best + missed))
       try_it(std::move(fewer), 0.0);
     if (better.empty()) break;

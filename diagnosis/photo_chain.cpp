@@ -81,7 +81,6 @@ double shine(Vec3 normal, Vec3 light, Vec3 view, const PhotoState& s) {
     if (s.specular[k] != 0.0 || s.facets[k] != 0.0)
       sum += (s.specular[k] * mu0 + s.facets[k] * fresnel * open / mu) *
              std::pow(h, kLobeExponents[k]);
-  if (std::all_of(s.ggx.begin(), s.ggx.end(), [](double g) { return g == 0.0; })) return sum;
   const double to_light = std::fmax(1e-6, mu0);
   for (std::size_t k = 0; k < kFacetSlopes.size(); ++k) {
     if (s.ggx[k] == 0.0) continue;

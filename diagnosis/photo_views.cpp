@@ -365,22 +365,17 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
       // what it makes of the scatter as a whole, for in the dark it bends within it.
       const double power = 1.0 + state_.gamma,
                    linear = std::copysign(std::pow(std::abs(model), 1.0 / power), model);
-      const auto sigma_of = [&](double light) {
-        return std::sqrt(std::fmax(0.0, light) * photo.full_well_e +
-                         photo.read_noise_e * photo.read_noise_e) /
+      const auto sigma_of = [&](double light, double read_e) {
+        return std::sqrt(std::fmax(0.0, light) * photo.full_well_e + read_e * read_e) /
                photo.full_well_e;
       };
-      const double sigma = sigma_of(linear - own.black);
-      const double near = mean_around(taken.value[ch], r, c);
-      double variance = sigma * sigma, around = std::pow(sigma_of(near), 2);
-      if (const Dark& dark = dark_[k][ch]; dark.sigma > 0.0F) {
-        around =
-            std::pow(static_cast<double>(dark.sigma), 2) + std::fmax(0.0, near) / photo.full_well_e;
-        if (dark.cut)
-          p.cut_sigma[ch] =
-              static_cast<float>(std::sqrt(std::pow(static_cast<double>(dark.sigma), 2) +
-                                           std::fmax(0.0, linear - own.black) / photo.full_well_e));
-      }
+      const double sigma = sigma_of(linear - own.black, photo.read_noise_e);
+      const Dark& dark = dark_[k][ch];
+      const double read_e = dark.sigma > 0.0F ? static_cast<double>(dark.sigma) * photo.full_well_e
+                                              : photo.read_noise_e;
+      double variance = sigma * sigma,
+             around = std::pow(sigma_of(mean_around(taken.value[ch], r, c), read_e), 2);
+      if (dark.cut) p.cut_sigma[ch] = static_cast<float>(sigma_of(linear - own.black, read_e));
       if (state_.gamma != 0.0) {
         const auto toned = [&](double v) { return std::copysign(std::pow(std::abs(v), power), v); };
         variance = std::pow(0.5 * (toned(linear + sigma) - toned(linear - sigma)), 2);
@@ -500,7 +495,9 @@ double PhotoViews::penumbra_px(double diameter_mm, std::size_t k) const {
 
 /// What noise there is where no light comes: the declared read noise may be wrong, and a file
 /// without numbers below 0 has a light there that is none.
-void PhotoViews::look_into_the_dark() {
+/// @return whether anything is known now that pixels were not taken with
+bool PhotoViews::look_into_the_dark() {
+  bool news = false;
   constexpr std::size_t kLeast = 200;
   constexpr double kAsDeclared = 1.2;
   for (std::size_t k = 0; k < photographs_.size(); ++k)
@@ -523,7 +520,9 @@ void PhotoViews::look_into_the_dark() {
       dark.cut &= sigma > 0.0;
       if (dark.cut || sigma > kAsDeclared * photo.read_noise_e / photo.full_well_e)
         dark.sigma = static_cast<float>(sigma);
+      news |= dark.sigma > 0.0F;
     }
+  return news;
 }
 
 double PhotoViews::roughness() const {
@@ -582,8 +581,7 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
     }
     take_pixels(k, lamp_sizes, pixels_);
   }
-  if (first) {
-    look_into_the_dark();
+  if (first && look_into_the_dark()) {
     pixels_.clear();
     selected_ = true;
     for (std::size_t k = 0; k < scene_.photos.size(); ++k)

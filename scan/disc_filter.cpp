@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/median.hpp"
+#include "core/normal_quantile.hpp"
 
 namespace maquette::scan::detail {
 namespace {
@@ -191,16 +192,6 @@ class Pass {
   double inflation_ = 1.0;  ///< what correlation between points makes of the sigmas
 };
 
-/// |z| of which a share `p` of a normal distribution lies beyond.
-double two_sided_quantile(double p) {
-  double low = 0.0, high = 40.0;
-  for (int i = 0; i < 100; ++i) {
-    const double middle = 0.5 * (low + high);
-    (std::erfc(middle / std::numbers::sqrt2) > p ? low : high) = middle;
-  }
-  return high;
-}
-
 double points_per_mm2(const Layer& layer) {
   std::vector<double> counts;
   for (const Cell& c : layer.cells.cells())
@@ -241,7 +232,7 @@ DiscSearch search_discs(std::span<const Layer> layers, double typical, double le
     }
   }
   if (discs == 0.0) return result;
-  result.threshold = two_sided_quantile(level / discs);
+  result.threshold = two_sided_normal_quantile(level / discs);
   std::erase_if(candidates, [&](const Disc& d) { return std::abs(d.z) < result.threshold; });
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Disc& a, const Disc& b) { return std::abs(a.z) > std::abs(b.z); });

@@ -9,8 +9,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <numeric>
 #include <vector>
+
+#include "core/normal_quantile.hpp"
 
 namespace maquette::diagnosis::detail {
 
@@ -44,12 +45,8 @@ struct CutOff {
   const double value = static_cast<double>(numbers[static_cast<std::size_t>(middle * n)]);
   // Where the normal distribution reaches a share.
   const auto reaches = [](double share) {
-    double low = -8.0, high = 8.0;
-    for (int i = 0; i < 60; ++i) {
-      const double t = std::midpoint(low, high);
-      (0.5 * std::erfc(-t / std::numbers::sqrt2) < share ? low : high) = t;
-    }
-    return low;
+    return share < 0.5 ? -two_sided_normal_quantile(2.0 * share)
+                       : two_sided_normal_quantile(2.0 * (1.0 - share));
   };
   return value / (reaches(middle) - reaches(zeros));
 }

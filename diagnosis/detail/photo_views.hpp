@@ -124,7 +124,7 @@ class PhotoViews {
   [[nodiscard]] double before_cut(const MeasuredPixel& pixel, std::size_t channel,
                                   float behind_lens) const;
   void take_slopes();
-  void look_into_the_dark();
+  [[nodiscard]] bool look_into_the_dark();
   void find_near(std::size_t photo);
   void trace(std::size_t photo);
   void see_lamp(std::size_t photo);

@@ -96,7 +96,9 @@ Result<void> write_png_grid(const Grid<Pixel>& image, const fs::path& path,
 }
 
 /// What our own writers have put into it.
+/// @param path  empty: the bytes come from memory
 Metadata metadata_in(const OIIO::ImageSpec& spec, std::string_view format, const fs::path& path) {
+  if (path.empty()) return {};
   if (format == "jpeg") return detail::metadata_of_text(detail::jpeg_comment(path));
   if (format == "tiff") return detail::metadata_of_text(detail::tiff_description(path));
   Metadata metadata;
@@ -238,41 +240,28 @@ std::string_view text_in(const Metadata& metadata, std::string_view key) {
   return {};
 }
 
-Result<LoadedImage> read_image(const fs::path& path) {
-  std::error_code ignored;
-  if (!fs::exists(path, ignored))
-    return fail(kFileNotFound, fmt::format("{}: no such file", path.string()));
-  const auto because = [&](const std::string& reason) {
-    return fail(kImageNotReadable,
-                fmt::format("{}: OpenImageIO: {}; a PNG, TIFF, OpenEXR or raw image was expected",
-                            path.string(), reason));
-  };
-  OIIO::ImageSpec wish;
-  wish.attribute("oiio:UnassociatedAlpha", 1);  // values as in the file, not multiplied by alpha
-  // Raw files: light in proportion, white where the sensor ends, whatever the picture shows.
-  wish.attribute("raw:ColorSpace", "linear");
-  wish.attribute("raw:use_camera_wb", 1);
-  wish.attribute("raw:auto_bright", 0);
-  wish.attribute("raw:adjust_maximum_thr", 0.0F);
-  auto in = OIIO::ImageInput::open(path.string(), &wish);
-  if (!in) {
-    const std::string reason = OIIO::geterror();
-    return because(reads_raw() ? reason
-                               : reason +
-                                     " (it was built without libraw: raw files of cameras are "
-                                     "not read; convert this to a linear TIFF if it is one)");
-  }
-  const OIIO::ImageSpec spec = in->spec();
+namespace {
+
+tl::unexpected<Error> no_image(const std::string& name, const std::string& reason) {
+  return fail(kImageNotReadable,
+              fmt::format("{}: OpenImageIO: {}; a PNG, TIFF, OpenEXR or raw image was expected",
+                          name, reason));
+}
+
+/// @param path  where metadata of some formats are; empty: they are not read
+Result<LoadedImage> read_opened(OIIO::ImageInput& in, const std::string& name,
+                                const fs::path& path) {
+  const OIIO::ImageSpec spec = in.spec();
   if (spec.width < 1 || spec.height < 1 || spec.depth > 1 || spec.deep || spec.nchannels < 1 ||
       std::int64_t{spec.width} * spec.height > kMaxPixels)
     return fail(kImageFormat, fmt::format("{}: {} x {} x {} pixels with {} channels{}: a flat "
                                           "image of at most {} pixels was expected",
-                                          path.string(), spec.width, spec.height, spec.depth,
-                                          spec.nchannels, spec.deep ? ", deep" : "", kMaxPixels));
+                                          name, spec.width, spec.height, spec.depth, spec.nchannels,
+                                          spec.deep ? ", deep" : "", kMaxPixels));
   const auto count = static_cast<std::size_t>(spec.nchannels);
   LoadedImage image;
   image.eight_bit = spec.format == OIIO::TypeDesc::UINT8;
-  image.metadata = metadata_in(spec, in->format_name(), path);
+  image.metadata = metadata_in(spec, in.format_name(), path);
   if (!spec.format.is_floating_point())
     image.highest = std::ldexp(1.0, 8 * static_cast<int>(spec.format.size())) - 1.0;
   for (std::size_t k = 0; k < count; ++k) {
@@ -287,10 +276,10 @@ Result<LoadedImage> read_image(const fs::path& path) {
     const int end = std::min(top + step, spec.height);
     const bool read =
         spec.tile_width > 0
-            ? in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data())
-            : in->read_scanlines(0, 0, spec.y + top, spec.y + end, 0, 0, spec.nchannels,
-                                 OIIO::TypeDesc::FLOAT, pixels.data());
-    if (!read) return because(in->geterror());
+            ? in.read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data())
+            : in.read_scanlines(0, 0, spec.y + top, spec.y + end, 0, 0, spec.nchannels,
+                                OIIO::TypeDesc::FLOAT, pixels.data());
+    if (!read) return no_image(name, in.geterror());
     const std::size_t first = static_cast<std::size_t>(top) * static_cast<std::size_t>(spec.width);
     const std::size_t n =
         static_cast<std::size_t>(end - top) * static_cast<std::size_t>(spec.width);
@@ -300,8 +289,45 @@ Result<LoadedImage> read_image(const fs::path& path) {
       for (std::size_t i = 0; i < n; ++i) to[i] = from[i * count];
     }
   }
-  in->close();
+  in.close();
   return image;
+}
+
+}  // namespace
+
+Result<LoadedImage> read_image(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored))
+    return fail(kFileNotFound, fmt::format("{}: no such file", path.string()));
+  OIIO::ImageSpec wish;
+  wish.attribute("oiio:UnassociatedAlpha", 1);  // values as in the file, not multiplied by alpha
+  // Raw files: light in proportion, white where the sensor ends, whatever the picture shows.
+  wish.attribute("raw:ColorSpace", "linear");
+  wish.attribute("raw:use_camera_wb", 1);
+  wish.attribute("raw:auto_bright", 0);
+  wish.attribute("raw:adjust_maximum_thr", 0.0F);
+  auto in = OIIO::ImageInput::open(path.string(), &wish);
+  if (!in) {
+    const std::string reason = OIIO::geterror();
+    return no_image(path.string(),
+                    reads_raw() ? reason
+                                : reason +
+                                      " (it was built without libraw: raw files of cameras are "
+                                      "not read; convert this to a linear TIFF if it is one)");
+  }
+  return read_opened(*in, path.string(), path);
+}
+
+Result<LoadedImage> read_image(std::string_view bytes, const std::string& name) {
+  OIIO::ImageSpec wish;
+  wish.attribute("oiio:UnassociatedAlpha", 1);
+  OIIO::Filesystem::IOMemReader memory(bytes.data(), bytes.size());
+  const bool png = bytes.starts_with("\x89PNG");
+  if (!png && !bytes.starts_with("\xff\xd8"))
+    return fail(kImageFormat, fmt::format("{}: bytes of a PNG or JPEG expected", name));
+  auto in = OIIO::ImageInput::open(png ? "picture.png" : "picture.jpg", &wish, &memory);
+  if (!in) return no_image(name, OIIO::geterror());
+  return read_opened(*in, name, {});
 }
 
 }  // namespace maquette::camera

@@ -69,5 +69,8 @@ struct LoadedImage {
 /// CAMERA_IMAGE_FORMAT: a deep, volume or too large image. Alpha is a channel like any
 /// other and multiplies nothing.
 [[nodiscard]] Result<LoadedImage> read_image(const std::filesystem::path& path);
+/// The same of a PNG or JPEG in memory, without its metadata.
+/// @param name  for messages
+[[nodiscard]] Result<LoadedImage> read_image(std::string_view bytes, const std::string& name);
 
 }  // namespace maquette::camera

@@ -72,6 +72,9 @@ struct View {
 bool is_grey(const Bands& b) {
   return b[0] == b[1] && b[1] == b[2];
 }
+bool is_grey(const std::array<Grid<float>, 3>& factor) {
+  return factor[0] == factor[1] && factor[1] == factor[2];
+}
 bool is_grey(const Material& m) {
   struct Grey {
     bool operator()(const Lambert& l) const { return is_grey(l.albedo); }
@@ -86,8 +89,7 @@ bool is_grey(const Material& m) {
       return true;
     }
   };
-  if (m.map && !(m.map->factor[0] == m.map->factor[1] && m.map->factor[1] == m.map->factor[2]))
-    return false;
+  if (m.map && !is_grey(m.map->factor)) return false;
   return std::visit(Grey{}, m.law);
 }
 bool is_grey(const Lighting& lighting) {
@@ -392,7 +394,7 @@ Result<detail::ThinLens> focused(const CameraModel& camera, const RigidTransform
 
 struct PreparedScene::State {
   RayScene scene;
-  std::vector<Material> materials;
+  std::vector<SceneObject> objects;
   bool grey;
 };
 
@@ -404,26 +406,33 @@ PreparedScene::~PreparedScene() = default;
 Result<PreparedScene> PreparedScene::build(const std::vector<SceneObject>& objects,
                                            const RunContext& run) {
   std::vector<RayObject> bodies;
-  std::vector<Material> materials;
   bool grey = true, anything = false;
-  for (const SceneObject& object : objects) {
-    MAQUETTE_TRY_VOID(check_material(object.material));
-    const double most = largest_albedo(object.material.law);
+  const auto look_at_material = [&](const Material& material) {
+    const double most = largest_albedo(material.law);
     if (most > 1.0 + 1e-2)
       run.warn(fmt::format("material {}: gives back up to {:.2f} of the light it gets",
-                           object.material.name, most));
+                           material.name, most));
+    grey = grey && is_grey(material);
+  };
+  for (const SceneObject& object : objects) {
     const bool mesh = object.mesh != nullptr && !object.mesh->triangles.empty();
+    if (object.cover != nullptr && mesh) {
+      MAQUETTE_TRY_VOID(check_cover(*object.cover, *object.mesh));
+      for (const Material& material : object.cover->materials) look_at_material(material);
+      for (const auto& picture : object.cover->pictures)
+        grey = grey && (picture == nullptr || is_grey(picture->factor));
+    } else {
+      MAQUETTE_TRY_VOID(check_material(object.material));
+      look_at_material(object.material);
+    }
     bodies.push_back({mesh ? object.mesh : nullptr, object.field, object.base_mm,
                       object.model_from_mesh, object.scale});
-    materials.push_back(object.material);
-    grey = grey && is_grey(object.material);
     anything = anything || mesh || object.field != nullptr;
   }
   if (!anything)
     return fail(kEmptyScene, "the scene has no triangle; give at least one mesh or field");
   MAQUETTE_TRY(auto scene, RayScene::build(bodies, run));
-  return PreparedScene(
-      std::make_unique<State>(State{std::move(scene), std::move(materials), grey}));
+  return PreparedScene(std::make_unique<State>(State{std::move(scene), objects, grey}));
 }
 
 Result<Image> PreparedScene::render(const CameraModel& camera,
@@ -435,7 +444,7 @@ Result<Image> PreparedScene::render(const CameraModel& camera,
   MAQUETTE_TRY_VOID(detail::check_options(options));
   const View view(camera, model_from_camera);
   const RayScene& scene = state_->scene;
-  const detail::Shader shader(scene, state_->materials, lighting, options);
+  const detail::Shader shader(scene, state_->objects, lighting, options);
   MAQUETTE_TRY_VOID(detail::check_above_ground(scene, view.eye));
   MAQUETTE_TRY(const auto lens, focused(camera, model_from_camera, view, scene));
   for (const Light& light : shader.lights())

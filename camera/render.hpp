@@ -32,6 +32,7 @@
 #include <vector>
 
 #include "camera/lamp.hpp"
+#include "camera/mesh_cover.hpp"
 #include "camera/reflectance.hpp"
 #include "core/grid.hpp"
 #include "core/result.hpp"
@@ -79,7 +80,8 @@ struct SceneObject {
   const heightmap::ModelField* field = nullptr;  ///< instead of a mesh
   /// Where the terrain's walls end, mm; NaN: a sheet without walls.
   double base_mm = std::numeric_limits<double>::quiet_NaN();
-  double scale = 1.0;  ///< of a mesh, before it is moved; positive
+  double scale = 1.0;                        ///< of a mesh, before it is moved; positive
+  std::shared_ptr<const MeshCover> cover{};  ///< of a mesh, in place of `material`; may be null
 };
 
 /// An evenly bright rectangle of the room: corner and two sides. Seen and shining from both faces;

@@ -86,25 +86,47 @@ bool has_nul(std::string_view text) {
   return text.substr(0, 1024).find('\0') != std::string_view::npos;
 }
 
-Result<TriMesh> read_by_content(std::string_view bytes, const std::filesystem::path& folder,
-                                const RunContext& run) {
-  if (detail::looks_like_gltf(bytes)) return detail::read_gltf(bytes, folder, run);
-  if (starts_with_word(bytes, "ply")) return detail::read_ply(bytes, run);
+Result<PaintedMesh> read_by_content(std::string_view bytes, const std::filesystem::path& folder,
+                                    bool looks, const RunContext& run) {
+  const auto bare = [](Result<TriMesh> mesh) -> Result<PaintedMesh> {
+    if (!mesh) return tl::unexpected(std::move(mesh).error());
+    PaintedMesh whole;
+    whole.mesh = std::move(*mesh);
+    return whole;
+  };
+  if (detail::looks_like_gltf(bytes)) return detail::read_gltf(bytes, folder, looks, run);
+  if (starts_with_word(bytes, "ply")) return bare(detail::read_ply(bytes, run));
   // Some binary STL files begin with "solid"; the length of the file tells.
   if (bytes.size() >= 84) {
     std::uint32_t triangles = 0;
     std::memcpy(&triangles, bytes.data() + 80, sizeof triangles);
     if (bytes.size() == 84 + 50 * std::size_t{triangles})
-      return detail::read_binary_stl(bytes, run);
+      return bare(detail::read_binary_stl(bytes, run));
   }
   const auto first = std::min(bytes.find_first_not_of(" \t\r\n"), bytes.size());
   if (!has_nul(bytes)) {
-    if (starts_with_word(bytes.substr(first), "solid")) return detail::read_ascii_stl(bytes, run);
-    if (first < bytes.size()) return detail::read_obj(bytes, run);
+    if (starts_with_word(bytes.substr(first), "solid"))
+      return bare(detail::read_ascii_stl(bytes, run));
+    if (first < bytes.size()) return detail::read_obj(bytes, folder, looks, run);
   } else if (bytes.size() >= 84) {
-    return detail::read_binary_stl(bytes, run);  // truncated: says by how much
+    return bare(detail::read_binary_stl(bytes, run));  // truncated: says by how much
   }
   return fail(kMeshFormat, "neither PLY, STL, OBJ nor glTF");
+}
+
+Result<PaintedMesh> read_file_of(const std::filesystem::path& path, bool looks,
+                                 const RunContext& run) {
+  MAQUETTE_TRY(const auto file, MappedFile::open(path));
+  auto read = read_by_content(file.bytes(), path.parent_path(), looks, run);
+  if (read && read->mesh.triangles.empty())
+    read = fail(kMeshEmpty, "contains no triangle; a surface mesh is expected");
+  const auto nothing = [](const Paint& p) { return !p.described && p.name.empty(); };
+  if (read && looks && std::all_of(read->paints.begin(), read->paints.end(), nothing))
+    read = fail(kNoPaint,
+                "has no materials of its own; name one of the scene's, or give an OBJ with its "
+                ".mtl or a glTF");
+  if (!read) return tl::unexpected(std::move(read).error().within(path.string()));
+  return read;
 }
 
 }  // namespace
@@ -157,12 +179,12 @@ Result<void> write_ply(const MeshStream& mesh, const std::filesystem::path& path
 }
 
 Result<TriMesh> read_mesh(const std::filesystem::path& path, const RunContext& run) {
-  MAQUETTE_TRY(const auto file, MappedFile::open(path));
-  auto mesh = read_by_content(file.bytes(), path.parent_path(), run);
-  if (mesh && mesh->triangles.empty())
-    mesh = fail(kMeshEmpty, "contains no triangle; a surface mesh is expected");
-  if (!mesh) return tl::unexpected(std::move(mesh).error().within(path.string()));
-  return mesh;
+  MAQUETTE_TRY(auto read, read_file_of(path, false, run));
+  return std::move(read.mesh);
+}
+
+Result<PaintedMesh> read_painted_mesh(const std::filesystem::path& path, const RunContext& run) {
+  return read_file_of(path, true, run);
 }
 
 Result<bool> is_gltf(const std::filesystem::path& path) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// glTF 2.0 (ISO/IEC 12113:2022), binary or text: the triangles of a scene, nothing of its looks.
+// glTF 2.0 (ISO/IEC 12113:2022), binary or text: the triangles of a scene and, where
+// asked for, the colours and pictures of its materials.
 // By JSON and Draco, which are here anyway. Assimp, which reads glTF too, was weighed: of 1500
 // files with a few bytes changed it did not come back from one within ten seconds, and what is
 // wrong with a file it says without the place.
@@ -37,15 +38,16 @@ std::uint32_t u32_at(std::string_view bytes, std::size_t at) {
 
 class GltfReader {
  public:
-  GltfReader(std::filesystem::path folder, const RunContext& run)
-      : folder_(std::move(folder)), run_(run), weld_(mesh_.vertices_mm) {}
+  GltfReader(std::filesystem::path folder, bool looks, const RunContext& run)
+      : folder_(std::move(folder)), looks_(looks), run_(run), weld_(whole_.mesh.vertices_mm) {}
 
-  Result<TriMesh> read(std::string_view bytes) {
+  Result<PaintedMesh> read(std::string_view bytes) {
     MAQUETTE_TRY_VOID(open(bytes));
     MAQUETTE_TRY_VOID(check_header());
     MAQUETTE_TRY_VOID(load_buffers());
+    if (looks_) MAQUETTE_TRY_VOID(read_materials());
     MAQUETTE_TRY_VOID(walk_nodes());
-    return std::move(mesh_);
+    return std::move(whole_);
   }
 
  private:
@@ -136,14 +138,148 @@ class GltfReader {
     return buffers_[buffer].bytes().substr(offset, length);
   }
 
+  // ---- looks ---------------------------------------------------------------------------
+
+  /// Where a material's picture lies: which coordinates, and how they are bent.
+  struct PictureUse {
+    bool has = false;
+    std::uint64_t set = 0;
+    std::array<double, 2> shift{0.0, 0.0}, scale{1.0, 1.0};
+    double rotation_rad = 0.0;
+  };
+
+  Result<void> read_materials() {
+    const Node list = root_.at("materials");
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      const Node material = list.at(i), pbr = material.at("pbrMetallicRoughness");
+      Paint paint;
+      paint.name = material.at("name").text();
+      MAQUETTE_TRY(const auto colour, numbers<4>(pbr.at("baseColorFactor"), {1, 1, 1, 1}));
+      MAQUETTE_TRY(paint.metallic, share(pbr.at("metallicFactor"), 1.0));
+      MAQUETTE_TRY(paint.roughness, share(pbr.at("roughnessFactor"), 1.0));
+      for (std::size_t b = 0; b < 3; ++b) {
+        if (colour[b] < 0.0 || colour[b] > 1.0)
+          return bad(pbr.at("baseColorFactor"), "numbers from 0 to 1");
+        paint.colour[b] = colour[b];
+      }
+      PictureUse use;
+      const Node texture = pbr.at("baseColorTexture");
+      if (texture.given()) {
+        MAQUETTE_TRY_VOID(read_picture(texture, paint));
+        MAQUETTE_TRY(use, use_of(texture));
+      }
+      whole_.paints.push_back(std::move(paint));
+      uses_.push_back(use);
+    }
+    return {};
+  }
+
+  static Result<double> share(const Node& node, double absent) {
+    if (!node.given()) return absent;
+    const double x = node.value->is_number() ? node.value->get<double>() : -1.0;
+    if (!(x >= 0.0 && x <= 1.0)) return bad(node, "a number from 0 to 1");
+    return x;
+  }
+
+  Result<PictureUse> use_of(const Node& texture) {
+    PictureUse use;
+    use.has = true;
+    MAQUETTE_TRY(use.set, whole(texture.at("texCoord"), 0));
+    const Node bent = texture.at("extensions").at("KHR_texture_transform");
+    if (!bent.given()) return use;
+    MAQUETTE_TRY(use.shift, numbers<2>(bent.at("offset"), {0, 0}));
+    MAQUETTE_TRY(use.scale, numbers<2>(bent.at("scale"), {1, 1}));
+    MAQUETTE_TRY(use.rotation_rad, real(bent.at("rotation")));
+    MAQUETTE_TRY(use.set, whole(bent.at("texCoord"), static_cast<std::int64_t>(use.set)));
+    return use;
+  }
+
+  static Result<double> real(const Node& node) {
+    if (!node.given()) return 0.0;
+    if (!node.value->is_number() || !std::isfinite(node.value->get<double>()))
+      return bad(node, "a finite number");
+    return node.value->get<double>();
+  }
+
+  Result<void> read_picture(const Node& use, Paint& paint) {
+    MAQUETTE_TRY(const Node texture, element(root_.at("textures"), use.at("index")));
+    if (texture.at("sampler").given()) {
+      MAQUETTE_TRY(const Node sampler, element(root_.at("samplers"), texture.at("sampler")));
+      MAQUETTE_TRY(paint.beyond[0], beyond(sampler.at("wrapS")));
+      MAQUETTE_TRY(paint.beyond[1], beyond(sampler.at("wrapT")));
+    }
+    if (!texture.at("source").given())
+      return fail(kMeshFormat,
+                  fmt::format("{}/source: a PNG or JPEG expected; pictures that only an extension "
+                              "knows are not read, write it with plain ones",
+                              texture.path));
+    MAQUETTE_TRY(const Node image, element(root_.at("images"), texture.at("source")));
+    const Node uri = image.at("uri");
+    if (!uri.given()) {
+      MAQUETTE_TRY(const std::string_view bytes, view(image.at("bufferView")));
+      paint.picture = bytes;
+    } else if (uri.text().starts_with("data:")) {
+      const std::string text = uri.text();
+      const std::size_t comma = text.find(";base64,");
+      auto bytes = comma == std::string::npos
+                       ? std::nullopt
+                       : from_base64(std::string_view(text).substr(comma + 8));
+      if (!bytes) return bad(uri, "data in base 64");
+      paint.picture = std::move(*bytes);
+    } else {
+      paint.picture_file = folder_ / from_percent(uri.text());
+      whole_.files.push_back(paint.picture_file);
+    }
+    if (!paint.has_picture()) return bad(image, "a picture that is not empty");
+    return {};
+  }
+
+  static Result<Beyond> beyond(const Node& node) {
+    MAQUETTE_TRY(const std::uint64_t how, whole(node, 10497));
+    if (how == 10497) return Beyond::repeats;
+    if (how == 33071) return Beyond::edge;
+    if (how == 33648) return Beyond::mirrored;
+    return bad(node, "10497, 33071 or 33648");
+  }
+
+  /// The paint of a primitive; one that has none gets the format's own.
+  Result<std::size_t> paint_of(const Node& primitive) {
+    if (primitive.at("material").given()) {
+      MAQUETTE_TRY(const std::uint64_t i, whole(primitive.at("material")));
+      if (i >= whole_.paints.size() || (plain_paint_ && i >= *plain_paint_))
+        return bad(primitive.at("material"), "a material that is there");
+      return static_cast<std::size_t>(i);
+    }
+    if (!plain_paint_) {
+      plain_paint_ = whole_.paints.size();
+      Paint paint;
+      paint.metallic = 1.0;
+      whole_.paints.push_back(std::move(paint));
+      uses_.emplace_back();
+    }
+    return *plain_paint_;
+  }
+
+  /// Where coordinates are in a picture: scaled, turned (from its right side to its upper one),
+  /// shifted, as KHR_texture_transform has it.
+  static std::array<float, 2> bent(const PictureUse& use, double u, double v) {
+    const double x = use.scale[0] * u, y = use.scale[1] * v;
+    const double c = std::cos(use.rotation_rad), s = std::sin(use.rotation_rad);
+    return {static_cast<float>(c * x + s * y + use.shift[0]),
+            static_cast<float>(-s * x + c * y + use.shift[1])};
+  }
+
+  // ---- triangles -----------------------------------------------------------------------
+
   /// Numbers of an accessor, `width` each, to double; integers as they are, or as shares of their
   /// range where they are normalised.
   Result<std::vector<double>> accessor(const Node& place, std::size_t width) {
     MAQUETTE_TRY(const Node a, element(root_.at("accessors"), place));
     if (a.at("sparse").given())
       return fail(kMeshFormat, a.path + "/sparse: sparse accessors are not read; write it plain");
-    if (a.at("type").text() != (width == 3 ? "VEC3" : "SCALAR"))
-      return bad(a.at("type"), width == 3 ? "\"VEC3\"" : "\"SCALAR\"");
+    const std::string_view type_name = width == 3 ? "VEC3" : width == 2 ? "VEC2" : "SCALAR";
+    if (a.at("type").text() != type_name)
+      return bad(a.at("type"), fmt::format("\"{}\"", type_name));
     MAQUETTE_TRY(const std::uint64_t count, whole(a.at("count")));
     MAQUETTE_TRY(const std::uint64_t type, whole(a.at("componentType")));
     MAQUETTE_TRY(const std::uint64_t offset, whole(a.at("byteOffset"), 0));
@@ -204,9 +340,11 @@ class GltfReader {
   struct Part {
     std::vector<Vec3> points;
     std::vector<std::uint64_t> corners;
+    std::vector<std::array<double, 2>> at;  ///< by point, in a picture; empty: not known
   };
 
-  Result<Part> packed(const Node& draco) {
+  /// @param coordinates  key of the attribute that says where points lie in a picture; empty: none
+  Result<Part> packed(const Node& draco, const std::string& coordinates) {
     MAQUETTE_TRY(const std::string_view bytes, view(draco.at("bufferView")));
     MAQUETTE_TRY(const std::uint64_t id, whole(draco.at("attributes").at("POSITION")));
     draco::DecoderBuffer buffer;
@@ -227,13 +365,27 @@ class GltfReader {
         return bad(draco.at("attributes").at("POSITION"), "three numbers a point");
       part.points.push_back({p[0], p[1], p[2]});
     }
+    if (!coordinates.empty() && draco.at("attributes").at(coordinates).given()) {
+      const Node place = draco.at("attributes").at(coordinates);
+      MAQUETTE_TRY(const std::uint64_t uv_id, whole(place));
+      const draco::PointAttribute* uv =
+          mesh.GetAttributeByUniqueId(static_cast<std::uint32_t>(uv_id));
+      if (uv == nullptr || uv->num_components() != 2)
+        return bad(place, "an attribute of two numbers");
+      for (std::uint32_t i = 0; i < mesh.num_points(); ++i) {
+        std::array<float, 2> p{};
+        if (!uv->ConvertValue<float, 2>(uv->mapped_index(draco::PointIndex(i)), p.data()))
+          return bad(place, "two numbers a point");
+        part.at.push_back({p[0], p[1]});
+      }
+    }
     for (std::uint32_t f = 0; f < mesh.num_faces(); ++f)
       for (const draco::PointIndex& corner : mesh.face(draco::FaceIndex(f)))
         part.corners.push_back(corner.value());
     return part;
   }
 
-  Result<Part> plain(const Node& primitive) {
+  Result<Part> plain(const Node& primitive, const std::string& coordinates) {
     MAQUETTE_TRY(const auto xyz, accessor(primitive.at("attributes").at("POSITION"), 3));
     Part part;
     for (std::size_t i = 0; i + 2 < xyz.size(); i += 3)
@@ -244,6 +396,12 @@ class GltfReader {
     } else {
       for (std::size_t i = 0; i < part.points.size(); ++i) part.corners.push_back(i);
     }
+    if (!coordinates.empty() && primitive.at("attributes").at(coordinates).given()) {
+      const Node place = primitive.at("attributes").at(coordinates);
+      MAQUETTE_TRY(const auto uv, accessor(place, 2));
+      if (uv.size() != 2 * part.points.size()) return bad(place, "as many as there are points");
+      for (std::size_t i = 0; i + 1 < uv.size(); i += 2) part.at.push_back({uv[i], uv[i + 1]});
+    }
     return part;
   }
 
@@ -253,7 +411,19 @@ class GltfReader {
     if (mode > 6) return bad(primitive.at("mode"), "0 to 6");
     if (mode < 4) return {};  // points and lines have no surface
     const Node draco = primitive.at("extensions").at(kDraco);
-    MAQUETTE_TRY(const Part part, draco.given() ? packed(draco) : plain(primitive));
+    std::size_t paint = 0;
+    std::string coordinates;
+    if (looks_) {
+      MAQUETTE_TRY(paint, paint_of(primitive));
+      if (uses_[paint].has) coordinates = fmt::format("TEXCOORD_{}", uses_[paint].set);
+    }
+    MAQUETTE_TRY(const Part part,
+                 draco.given() ? packed(draco, coordinates) : plain(primitive, coordinates));
+    if (!coordinates.empty() && part.at.empty())
+      return fail(kNoPaint,
+                  fmt::format("{}: material '{}' has a picture, but the triangles do not "
+                              "say where they lie in it ({})",
+                              primitive.path, shown(whole_.paints[paint].name), coordinates));
     for (const std::uint64_t c : part.corners)
       if (c >= part.points.size())
         return fail(kMeshFormat, fmt::format("{}: a triangle names vertex {}, but there are {}",
@@ -269,7 +439,7 @@ class GltfReader {
       if (!std::isfinite(q.x) || !std::isfinite(q.y) || !std::isfinite(q.z))
         return fail(kMeshFormat,
                     fmt::format("{}: vertex {} is not finite", primitive.path, number.size()));
-      if (mesh_.vertices_mm.size() >= kMostVertices)
+      if (whole_.mesh.vertices_mm.size() >= kMostVertices)
         return fail(kMeshFormat,
                     fmt::format("{}: more than {} vertices", primitive.path, kMostVertices));
       number.push_back(weld_.number_of({q.x, -q.z, q.y}));
@@ -279,8 +449,20 @@ class GltfReader {
       const std::size_t first = mode == 6 ? 0 : i;
       std::array<std::uint32_t, 3> t{number[part.corners[first]], number[part.corners[i + 1]],
                                      number[part.corners[i + 2]]};
-      if (pose.mirrors() != (mode == 5 && i % 2 == 1)) std::swap(t[1], t[2]);
-      mesh_.triangles.push_back(t);
+      const bool turned = pose.mirrors() != (mode == 5 && i % 2 == 1);
+      if (turned) std::swap(t[1], t[2]);
+      whole_.mesh.triangles.push_back(t);
+      if (!looks_) continue;
+      whole_.paint_of.push_back(static_cast<std::uint32_t>(paint));
+      std::array<std::array<float, 2>, 3> at{kNowhere, kNowhere, kNowhere};
+      if (!part.at.empty()) {
+        const std::array<std::uint64_t, 3> corner{part.corners[first], part.corners[i + 1],
+                                                  part.corners[i + 2]};
+        for (std::size_t k = 0; k < 3; ++k)
+          at[k] = bent(uses_[paint], part.at[corner[k]][0], part.at[corner[k]][1]);
+      }
+      if (turned) std::swap(at[1], at[2]);
+      whole_.at_corner.push_back(at);
     }
     return {};
   }
@@ -336,13 +518,18 @@ class GltfReader {
     bool is_own_ = false;
   };
 
+  static constexpr std::array<float, 2> kNowhere{NAN, NAN};
+
   std::filesystem::path folder_;
+  bool looks_;
   const RunContext& run_;
   Json json_;
   Node root_;
   std::string_view chunk_;
   std::vector<Buffer> buffers_;
-  TriMesh mesh_;
+  PaintedMesh whole_;
+  std::vector<PictureUse> uses_;  ///< by paint
+  std::optional<std::size_t> plain_paint_;
   Welder weld_;
 };
 
@@ -353,10 +540,10 @@ bool looks_like_gltf(std::string_view bytes) {
   return bytes.starts_with("glTF") || (first != std::string_view::npos && bytes[first] == '{');
 }
 
-Result<TriMesh> read_gltf(std::string_view bytes, const std::filesystem::path& folder,
-                          const RunContext& run) {
+Result<PaintedMesh> read_gltf(std::string_view bytes, const std::filesystem::path& folder,
+                              bool looks, const RunContext& run) {
   try {
-    return GltfReader(folder, run).read(bytes);
+    return GltfReader(folder, looks, run).read(bytes);
   } catch (const std::bad_alloc&) {  // Draco believes the counts of a damaged file
     return fail(kMeshFormat, "its packed triangles do not fit into memory; the file is damaged");
   }

@@ -153,7 +153,9 @@ Result<std::vector<Frame>> frames_of(const Scene& s, const fs::path& out) {
 }
 
 /// Hash of all that decides what the frames show.
-Result<std::string> key_of(const Scene& s, const std::string& scene_text) {
+/// @param named  files that meshes name
+Result<std::string> key_of(const Scene& s, const std::string& scene_text,
+                           const std::vector<fs::path>& named) {
   std::string all = fmt::format("{}\n{}\n", kVersion, scene_text);
   if (!s.camera.empty())
     all += fmt::format("{} {} {} {} {} {} {} {} {} {}\n", fmt::join(s.resolution_px, " "),
@@ -165,6 +167,7 @@ Result<std::string> key_of(const Scene& s, const std::string& scene_text) {
   for (const SceneLamp& l : s.parts.lamps) files.insert(files.end(), {l.intensity, l.spectrum});
   for (const SceneMaterial& m : s.parts.materials)
     files.insert(files.end(), {m.table, m.albedo_map});
+  files.insert(files.end(), named.begin(), named.end());
   for (const fs::path& file : files) {
     if (file.empty()) continue;
     MAQUETTE_TRY(const std::string digest, sha256_file(file));
@@ -199,15 +202,15 @@ Result<JobResult> render_job(const fs::path& scene_path, const fs::path& image_p
   const Scene& s = *scene;
   MAQUETTE_TRY(const std::string scene_text, read_file(scene_path));
   MAQUETTE_TRY(const auto frames, frames_of(s, image_path));
-  if (frames.front().numbered) {
-    MAQUETTE_TRY(const std::string key, key_of(s, scene_text));
-    MAQUETTE_TRY_VOID(claim_frames(frames, image_path, key));
-  }
   const auto within = [&](Error error) {
     return tl::unexpected(std::move(error).within(scene_path.string()));
   };
   auto loaded = load_scene(s, run);
   if (!loaded) return within(std::move(loaded.error()));
+  if (frames.front().numbered) {
+    MAQUETTE_TRY(const std::string key, key_of(s, scene_text, (*loaded)->files));
+    MAQUETTE_TRY_VOID(claim_frames(frames, image_path, key));
+  }
   auto prepared = camera::PreparedScene::build((*loaded)->objects, run);
   if (!prepared) return within(std::move(prepared.error()));
   run.progress(kBuildShare);

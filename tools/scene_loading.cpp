@@ -12,6 +12,7 @@
 #include "meshing/stones.hpp"
 #include "tools/corrections_file.hpp"
 #include "tools/jobs.hpp"
+#include "tools/scene_cover.hpp"
 #include "tools/scene_lamps.hpp"
 
 namespace maquette::tools {
@@ -100,22 +101,41 @@ Result<void> load_objects(const Scene& s, const camera::Material& surface, Loade
     }
     add_stones(stones, material, lies, to);
   }
-  std::map<fs::path, const TriMesh*> known;  // one copy of a file
+  // One copy of a file, painted or not: its triangles are the same.
+  struct Known {
+    const TriMesh* mesh = nullptr;
+    std::shared_ptr<const camera::MeshCover> cover;
+  };
+  std::map<fs::path, Known> known;
   for (const SceneMesh& o : s.parts.objects) {
-    MAQUETTE_TRY(const auto material, find_material(s.parts.materials, o.material));
-    const TriMesh*& mesh = known[o.mesh];
-    if (mesh == nullptr) {
+    Known& of = known[o.mesh];
+    camera::Material material;
+    if (!o.material.empty()) {
+      MAQUETTE_TRY(material, find_material(s.parts.materials, o.material));
+    }
+    const bool painted = o.material.empty();
+    if (painted && of.cover == nullptr) {
+      MAQUETTE_TRY(auto fresh, load_covered_mesh(o.mesh, s.parts.materials, run));
+      of.cover = std::move(fresh.cover);
+      to.files.insert(to.files.end(), fresh.files.begin(), fresh.files.end());
+      if (of.mesh == nullptr) {
+        to.meshes.push_back(std::move(fresh.mesh));
+        of.mesh = &to.meshes.back();
+      }
+    }
+    if (of.mesh == nullptr) {
       MAQUETTE_TRY(TriMesh fresh, meshing::read_mesh(o.mesh, run));
       to.meshes.push_back(std::move(fresh));
-      mesh = &to.meshes.back();
+      of.mesh = &to.meshes.back();
     }
     if (!is_rotation(o.quaternion_wxyz))
       return fail(kConfigInvalid,
                   fmt::format("object {}: the quaternion is no rotation; its length "
                               "must be 1",
                               o.mesh.string()));
-    camera::SceneObject object{mesh, material, {normalized(o.quaternion_wxyz), o.position_mm}};
+    camera::SceneObject object{of.mesh, material, {normalized(o.quaternion_wxyz), o.position_mm}};
     object.scale = o.scale;
+    if (painted) object.cover = of.cover;
     to.objects.push_back(std::move(object));
   }
   for (const TriMesh& mesh : to.meshes) to.triangles += mesh.triangles.size();

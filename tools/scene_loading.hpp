@@ -5,7 +5,9 @@
 /// What a scene file names, read and ready to be rendered.
 
 #include <deque>
+#include <filesystem>
 #include <memory>
+#include <vector>
 
 #include "camera/render.hpp"
 #include "core/result.hpp"
@@ -24,6 +26,7 @@ struct LoadedScene {
   camera::Lighting lighting;
   camera::Bands white_radiance{};  ///< W m^-2 sr^-1 of 1.0; 0: not known
   std::size_t triangles = 0;
+  std::vector<std::filesystem::path> files;  ///< that meshes name: materials and pictures
 };
 /// TOOLS_CONFIG_INVALID (a material that is not described, a quaternion, a list of bands), what
 /// readers of its files return.

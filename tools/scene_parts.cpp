@@ -118,7 +118,7 @@ void add_scene_parts(Schema& schema, SceneParts& parts) {
     SceneMesh& o = parts.objects.emplace_back();
     Schema e;
     e.add({"mesh", &o.mesh, "closed, mm", -kInf, kInf, {}, true});
-    e.add({"material", &o.material, "name of a [[material]]", -kInf, kInf, {}, true});
+    e.add({"material", &o.material, "name of a [[material]]; none: as the mesh's file has it"});
     e.add({"position_mm", &o.position_mm, "of the mesh's origin"});
     e.add({"quaternion_wxyz", &o.quaternion_wxyz, "model_from_mesh", -1, 1});
     e.add({"scale", &o.scale, "of the mesh", 1e-9, 1e9});

@@ -30,7 +30,7 @@ struct SceneMaterial {
 /// An [[object]] table: a mesh in a pose.
 struct SceneMesh {
   std::filesystem::path mesh;
-  std::string material;
+  std::string material;  ///< empty: as the mesh's file has it
   Vec3 position_mm;
   Quaternion quaternion_wxyz;
   double scale = 1.0;

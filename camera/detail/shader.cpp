@@ -24,10 +24,10 @@ std::array<Vec3, 2> across(Vec3 n) {
           Vec3{b, sign + n.y * n.y * a, -n.y}};
 }
 
-Shader::Shader(const RayScene& scene, const std::vector<Material>& materials,
+Shader::Shader(const RayScene& scene, const std::vector<SceneObject>& objects,
                const Lighting& lighting, const RenderOptions& options)
     : scene_(scene),
-      materials_(materials),
+      objects_(objects),
       lighting_(lighting),
       options_(options),
       lights_(lighting.lamps.begin(), lighting.lamps.end()),
@@ -36,11 +36,27 @@ Shader::Shader(const RayScene& scene, const std::vector<Material>& materials,
   far_mm_ = 2.0 * norm(box.max - box.min) + 1.0;
 }
 
+const Material& Shader::material_at(const RayHit& hit) const {
+  const SceneObject& object = objects_[hit.object];
+  return object.cover == nullptr ? object.material
+                                 : object.cover->materials[object.cover->material_of[hit.triangle]];
+}
+
 Bands Shader::reflected(const RayHit& hit, const Angles& angles) const {
-  const Material& material = materials_[hit.object];
+  const SceneObject& object = objects_[hit.object];
+  const Material& material = material_at(hit);
   Bands factor = radiance_factor(material.law, angles);
   if (material.map) {
     const Bands painted = material.map->at(hit.point_mm.x, hit.point_mm.y);
+    for (std::size_t b = 0; b < 3; ++b) factor[b] *= painted[b];
+  }
+  if (object.cover != nullptr) {
+    const MeshCover& cover = *object.cover;
+    const MeshPicture* picture = cover.pictures[cover.material_of[hit.triangle]].get();
+    if (picture == nullptr) return factor;
+    const Vec3 at = (1.0 / object.scale) * object.model_from_mesh.inverse().point(hit.point_mm);
+    const auto [u, v] = place_in_picture(cover, *object.mesh, hit.triangle, at);
+    const Bands painted = picture->at(u, v);
     for (std::size_t b = 0; b < 3; ++b) factor[b] *= painted[b];
   }
   return factor;
@@ -138,7 +154,7 @@ Bands Shader::gathered(const RayHit& hit, Vec3 view, const std::vector<DiscPoint
   const double mu = -dot(view, hit.normal);
   if (!hit.front || mu <= 0.0) return {};
   const auto side = across(hit.normal);
-  const auto* foil = std::get_if<Ggx>(&materials_[hit.object].law);
+  const auto* foil = std::get_if<Ggx>(&material_at(hit).law);
   const bool facets = foil != nullptr && foil->alpha < 0.4;
   Bands sum{};
   for (std::size_t i = 0; i < directions.size(); ++i) {

@@ -28,7 +28,8 @@ struct Lit {
 
 class Shader {
  public:
-  Shader(const RayScene& scene, const std::vector<Material>& materials, const Lighting& lighting,
+  /// @param objects  those of the scene, in its order
+  Shader(const RayScene& scene, const std::vector<SceneObject>& objects, const Lighting& lighting,
          const RenderOptions& options);
 
   [[nodiscard]] const std::vector<Light>& lights() const { return lights_; }
@@ -54,11 +55,12 @@ class Shader {
                                                const Light::Arrival& arrival) const;
   [[nodiscard]] Lit unshadowed(const Seen& seen, const Light& light,
                                const Light::Arrival& arrival) const;
+  [[nodiscard]] const Material& material_at(const RayHit& hit) const;
   [[nodiscard]] Bands reflected(const RayHit& hit, const Angles& angles) const;
   [[nodiscard]] Bands incoming(const RayHit& from, Vec3 direction, std::uint64_t stream) const;
 
   const RayScene& scene_;
-  const std::vector<Material>& materials_;
+  const std::vector<SceneObject>& objects_;
   const Lighting& lighting_;
   const RenderOptions& options_;
   std::vector<Light> lights_;

@@ -17,16 +17,21 @@
 #include "core/result.hpp"
 #include "core/run_context.hpp"
 #include "core/tri_mesh.hpp"
+#include "meshing/painted_mesh.hpp"
 
 namespace maquette::meshing::detail {
 
 [[nodiscard]] Result<TriMesh> read_ply(std::string_view bytes, const RunContext& run);
 [[nodiscard]] Result<TriMesh> read_ascii_stl(std::string_view bytes, const RunContext& run);
 [[nodiscard]] Result<TriMesh> read_binary_stl(std::string_view bytes, const RunContext& run);
-[[nodiscard]] Result<TriMesh> read_obj(std::string_view bytes, const RunContext& run);
-/// @param folder  where files lie that a .gltf names
-[[nodiscard]] Result<TriMesh> read_gltf(std::string_view bytes, const std::filesystem::path& folder,
-                                        const RunContext& run);
+/// @param folder  where files lie that a mesh's file names
+/// @param looks  materials and pictures are read, too; else only the mesh
+[[nodiscard]] Result<PaintedMesh> read_obj(std::string_view bytes,
+                                           const std::filesystem::path& folder, bool looks,
+                                           const RunContext& run);
+[[nodiscard]] Result<PaintedMesh> read_gltf(std::string_view bytes,
+                                            const std::filesystem::path& folder, bool looks,
+                                            const RunContext& run);
 /// A binary glTF, or one that is text: the only format that begins with a brace.
 [[nodiscard]] bool looks_like_gltf(std::string_view bytes);
 

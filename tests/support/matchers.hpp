@@ -24,6 +24,17 @@ MATCHER_P(FailsWith, code, std::string("fails with ") + std::string(code.name)) 
   return arg.error().code == code;
 }
 
+/// EXPECT_THAT(read_mesh(path), FailsSaying(kMeshFormat, "line 2: "));
+MATCHER_P2(FailsSaying, code, text,
+           std::string("fails with ") + std::string(code.name) + ": ..." + text) {
+  if (arg.has_value()) {
+    *result_listener << "but it succeeded";
+    return false;
+  }
+  *result_listener << "got " << arg.error().code.name << ": " << arg.error().message;
+  return arg.error().code == code && arg.error().message.find(text) != std::string::npos;
+}
+
 /// EXPECT_THAT(read_model_field(path), Succeeds());
 MATCHER(Succeeds, "succeeds") {
   if (!arg.has_value())

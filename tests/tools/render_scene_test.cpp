@@ -12,6 +12,9 @@
 //   rate a scanned surface ................. an open mesh is seen as the field of the same nodes;
 //   under
 //                                       it is under ground
+//   a mesh as its file paints it ...... as the same with materials of the scene; these take the
+//                                       place of the file's by name; a series begins anew with
+//                                       another picture
 //   bad input ......................... one error that names what is wrong, no picture left behind
 
 #include "tools/trajectory_file.hpp"
@@ -31,6 +34,7 @@
 #include "core/files.hpp"
 #include "heightmap/field_io.hpp"
 #include "meshing/mesh_io.hpp"
+#include "meshing/painted_mesh.hpp"
 #include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "tools/jobs.hpp"
@@ -39,6 +43,7 @@
 namespace maquette::tools {
 namespace {
 
+using testing_support::FailsSaying;
 using testing_support::FailsWith;
 using testing_support::Succeeds;
 
@@ -111,6 +116,111 @@ TEST_F(RenderScene, HoldsLightAndGeometry) {
   EXPECT_GT(parts[1], 300);  // the ground
   EXPECT_GT(parts[2], 2);    // both places of the one mesh
   EXPECT_GT(parts[3], 2);
+}
+
+/// A sheet of 30 mm in two halves over the plane, its left half with a picture.
+class PaintedObject : public RenderScene {
+ protected:
+  void SetUp() override {
+    RenderScene::SetUp();
+    std::ofstream(folder / "sheet.obj")
+        << "mtllib sheet.mtl\nv -15 -15 0\nv 0 -15 0\nv 15 -15 0\nv -15 15 0\nv 0 15 0\nv 15 15 0\n"
+           "vt 0.5 0.5\nusemtl mark\nf 1/1 2/1 5/1 4/1\nusemtl foil\nf 2 3 6 5\n";
+    std::ofstream(folder / "sheet.mtl")
+        << "newmtl mark\nKd 0.8 0.4 0.2\nmap_Kd mark.png\nnewmtl foil\nKd 0.64 0.25 0.09\nPm 1\n"
+           "Pr 0.5\n";
+    paint(188);
+  }
+  void paint(std::uint8_t level) const {
+    Grid<camera::Rgb8> pixel(2, 2, camera::Rgb8{level, 255, 128});
+    ASSERT_THAT(camera::write_png(pixel, folder / "mark.png"), Succeeds());
+  }
+  static std::string sheet(const std::string& mesh, const std::string& more) {
+    return "[[object]]\nmesh = \"" + mesh + "\"\nposition_mm = [25, 25, 3]\n" + more;
+  }
+  [[nodiscard]] camera::LoadedImage picture(const std::string& text, const std::string& name) {
+    const auto done = render(text, folder / name);
+    EXPECT_THAT(done, Succeeds());
+    auto image = camera::read_image(folder / name);
+    EXPECT_THAT(image, Succeeds());
+    return std::move(*image);
+  }
+  void expect_same(const camera::LoadedImage& a, const camera::LoadedImage& b) const {
+    for (const char* name : {"R", "G", "B"}) {
+      const auto &x = channel(a, name), &y = channel(b, name);
+      for (std::size_t i = 0; i < x.cells().size(); ++i)
+        ASSERT_NEAR(x.cells()[i], y.cells()[i], 2e-6F) << name << ' ' << i;
+    }
+  }
+  // The same by materials of the scene: 188 and 128 are 0.5029 and 0.2159 of light (IEC
+  // 61966-2-1); a metal of index n gives ((n - 1) / (n + 1))^2 back: 9, 3 and 13 / 7.
+  std::string by_hand = [] {
+    const auto linear = [](double v) { return std::pow((v / 255.0 + 0.055) / 1.055, 2.4); };
+    return fmt::format(
+        "[[material]]\nname = \"left\"\nalbedo = [{}, 0.4, {}]\n[[material]]\nname = \"right\"\n"
+        "law = \"ggx\"\nn = [9, 3, {}]\nk = [0]\nalpha = 0.25\n",
+        0.8 * linear(188.0), 0.2 * linear(128.0), 13.0 / 7.0);
+  }();
+  void write_halves() const {
+    std::ofstream(folder / "left.obj")
+        << "v -15 -15 0\nv 0 -15 0\nv 0 15 0\nv -15 15 0\nf 1 2 3 4\n";
+    std::ofstream(folder / "right.obj")
+        << "v 0 -15 0\nv 15 -15 0\nv 15 15 0\nv 0 15 0\nf 1 2 3 4\n";
+  }
+};
+
+TEST_F(PaintedObject, IsTheSameWithMaterialsOfTheScene) {
+  write_halves();
+  const auto painted = picture(scene(sheet("sheet.obj", "")), "a.exr");
+  const auto halves = picture(scene(by_hand + sheet("left.obj", "material = \"left\"\n") +
+                                    sheet("right.obj", "material = \"right\"\n")),
+                              "b.exr");
+  expect_same(painted, halves);
+}
+
+TEST_F(PaintedObject, AMaterialOfTheSceneTakesThePlaceOfTheFilesUnderItsPicture) {
+  write_halves();
+  const std::string foil =
+      "[[material]]\nname = \"foil\"\nalbedo = [0.3, 0.2, 0.1]\n[[material]]\nname = \"mark\"\n"
+      "law = \"lommel_seeliger\"\nalbedo = [0.2, 0.1, 0.1]\n";
+  const auto painted = picture(scene(foil + sheet("sheet.obj", "")), "a.exr");
+  const auto linear = [](double v) { return std::pow((v / 255.0 + 0.055) / 1.055, 2.4); };
+  const std::string left = fmt::format(
+      "[[material]]\nname = \"left\"\nlaw = \"lommel_seeliger\"\nalbedo = [{}, 0.1, {}]\n",
+      0.2 * linear(188.0), 0.1 * linear(128.0));
+  const auto halves = picture(scene(foil + left + sheet("left.obj", "material = \"left\"\n") +
+                                    sheet("right.obj", "material = \"foil\"\n")),
+                              "b.exr");
+  expect_same(painted, halves);
+}
+
+TEST_F(PaintedObject, ASeriesBeginsAnewWithAnotherPicture) {
+  const std::string series =
+      scene(sheet("sheet.obj", "") +
+            "[[pose]]\nposition_mm = [25, 20, 102]\ntarget_mm = [25, 25, 2]\n[[pose]]\n"
+            "position_mm = [25, 30, 102]\ntarget_mm = [25, 25, 2]\n");
+  ASSERT_THAT(render(series, folder / "s.exr"), Succeeds());
+  const auto before = read_file(folder / "s_0001.exr");
+  ASSERT_THAT(before, Succeeds());
+  ASSERT_THAT(render(series, folder / "s.exr"), Succeeds());
+  EXPECT_EQ(*read_file(folder / "s_0001.exr"), *before);
+  paint(20);
+  ASSERT_THAT(render(series, folder / "s.exr"), Succeeds());
+  EXPECT_NE(*read_file(folder / "s_0001.exr"), *before);
+}
+
+TEST_F(PaintedObject, SaysWhatIsMissing) {
+  const fs::path out = folder / "a.exr";
+  fs::remove(folder / "mark.png");
+  EXPECT_THAT(render(scene(sheet("sheet.obj", "")), out),
+              FailsSaying(kFileNotFound, "mark.png: no such file"));
+  fs::remove(folder / "sheet.mtl");
+  EXPECT_THAT(
+      render(scene(sheet("sheet.obj", "") + "[[material]]\nname = \"foil\"\n"), out),
+      FailsSaying(meshing::kNoPaint, "what its materials 'mark' look like is said nowhere"));
+  EXPECT_THAT(render(scene(sheet("tip.obj", "")), out),
+              FailsSaying(meshing::kNoPaint, "tip.obj: has no materials of its own; name one"));
+  EXPECT_FALSE(fs::exists(out));
 }
 
 // A part that lies 8 mm aside and 3 mm higher carries its stones with it.
@@ -382,7 +492,7 @@ TEST_F(RenderScene, RefusesWhatMakesNoSense) {
     EXPECT_FALSE(fs::exists(out));
   };
   refuses("surface_material = \"gold\"\n", kConfigInvalid, "gold");
-  refuses("[[object]]\nmesh = \"tip.obj\"\n", kConfigInvalid, "material");  // mesh without material
+  refuses("[[object]]\nmesh = \"tip.obj\"\n", meshing::kNoPaint, "material");
   refuses("[[object]]\nmesh = \"tip.obj\"\nmaterial = \"x\"\n", kConfigInvalid, "\"x\"");
   refuses("[[object]]\nmesh = \"none.obj\"\nmaterial = \"x\"\n[[material]]\nname = \"x\"\n",
           kFileNotFound, "none.obj");

@@ -10,6 +10,7 @@
 #include <numbers>
 
 #include "core/median.hpp"
+#include "diagnosis/detail/even_and_odd.hpp"
 #include "diagnosis/detail/periodogram.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -203,6 +204,10 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
     if (std::find(rest.kinds.begin(), rest.kinds.end(), "rows") == rest.kinds.end()) note("rows");
     break;
   }
+  // Four parameters, as unlikely as what lies kFar off by one.
+  constexpr double kFarOfFour = kFar * kFar + 10.0;
+  const EvenAndOdd parity = even_and_odd(left, views, knee);
+  if (parity.level > kFarOfFour && parity.rms_255 > smooth_255) note(kEvenAndOdd);
   // Fringes: neighbouring pixels differ by them as by noise.
   for (std::size_t photo = 0; photo < views.scene().photos.size(); ++photo) {
     const std::ptrdiff_t width = views.scene().photos[photo].width_px,

@@ -104,10 +104,12 @@ PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photogra
     if (!shows(k)) continue;
     const PhotoInput& photo = scene_.photos[k];
     View view{Grid<Sample>(kAcross * photo.height_px, kAcross * photo.width_px), 1, {}, {}};
-    // A lattice that is finer than its share, thinned by what lies on the surface later.
+    // A lattice that is finer than its share, thinned by what lies on the surface later. Its step
+    // is odd: sensors and mosaics differ between even and odd rows and columns, and all are to be
+    // seen.
     const double pixels = static_cast<double>(photo.width_px) * photo.height_px;
-    const auto step = std::max(
-        1, static_cast<int>(std::floor(std::sqrt(pixels / static_cast<double>(most)) + 0.4)));
+    const double share = std::sqrt(pixels / static_cast<double>(most));
+    const int step = share < 1.6 ? 1 : std::max(3, 2 * static_cast<int>(0.5 * share) + 1);
     view.step = step;
     for (int r = step / 2; r < photo.height_px; r += step)
       for (int c = step / 2; c + 1 < photo.width_px; c += step)

@@ -13,6 +13,7 @@
 #include "core/random.hpp"
 #include "core/run_part.hpp"
 #include "diagnosis/controls.hpp"
+#include "diagnosis/detail/even_and_odd.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
 #include "diagnosis/detail/photo_remainder.hpp"
@@ -206,6 +207,23 @@ std::size_t beside_unknown(const PhotoLinear& linear, const PhotoMembers& member
   return weakest;
 }
 
+/// Where even and odd rows or columns differ: a cause that pixels of the one show and those of the
+/// other do not, which is that difference itself. members.size(): none.
+std::size_t of_one_parity(const PhotoLinear& linear, const detail::PhotoViews& views,
+                          const PhotoMembers& members, const Diagnosis& d) {
+  constexpr double kOff = 0.5;  // of the cause; 1 where it is made by half of the pixels
+  const auto& kinds = d.remainder.kinds;
+  std::size_t worst = members.size();
+  if (std::find(kinds.begin(), kinds.end(), detail::kEvenAndOdd) == kinds.end()) return worst;
+  double most = kOff;
+  for (std::size_t k = 0; k < members.size(); ++k)
+    if (const double off = detail::differs_by_parity(linear, views, members[k]); off > most) {
+      most = off;
+      worst = k;
+    }
+  return worst;
+}
+
 /// The same with an offset of the numbers in the place of ambient light, fitted, where that does as
 /// well (to a hundredth of what it gains, as equivalent names do); else empty.
 PhotoMembers offset_for_light(PhotoMembers members, const std::vector<PhotoCandidate>& candidates,
@@ -276,9 +294,10 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.remainder =
         detail::judge_photographs(after, views, layout, fit.noise.factor, scatter,
                                   255.0 * kSmooth * light, 255.0 * finer_than_maps(after, members));
-    const std::size_t drop = d.remainder.found
-                                 ? beside_unknown(after, members, d, d.rms_noise / scatter.factor)
-                                 : members.size();
+    std::size_t drop = of_one_parity(after, views, members, d);
+    const bool one_parity = drop < members.size();
+    if (!one_parity && d.remainder.found)
+      drop = beside_unknown(after, members, d, d.rms_noise / scatter.factor);
     if (drop == members.size()) {
       if (noise_known || d.remainder.found || told_by_scatter || !(scatter.off() > kScatterOff))
         break;
@@ -291,8 +310,9 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
         members = std::move(instead);
       continue;
     }
-    d.rejected.push_back(
-        {members[drop].effect->name, "explains too little beside what remains unexplained"});
+    d.rejected.push_back({members[drop].effect->name,
+                          one_parity ? "even and odd rows or columns do not both show it"
+                                     : "explains too little beside what remains unexplained"});
     p_values.erase(p_values.begin() + static_cast<std::ptrdiff_t>(drop));
     members = fit.fitted(without(std::move(members), drop));
   }

@@ -585,6 +585,50 @@ TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {
   expect_unexplained(p, "rows");
 }
 
+bool odd(double from_middle, int size) {
+  return static_cast<int>(std::floor(from_middle + 0.5 * size)) % 2 != 0;
+}
+
+// Every second row 0.8 pixels to the side: on a lattice of even rows nothing, on one of odd rows a
+// pose.
+TEST(Photographs, FieldsOfAnInterlacedPictureAreNoPose) {
+  Pictures p;
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, odd(v, of.height_px) ? u + 0.8 : u, v);
+      },
+      as_it_is);
+  expect_unexplained(p, "even and odd rows or columns");
+}
+
+// Two greens of a mosaic whose gains differ by 3 %: half of that is no exposure.
+TEST(Photographs, PixelsWhoseGainsAlternateAreNoExposure) {
+  Pictures p;
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, u, v) * (odd(u, of.width_px) != odd(v, of.height_px) ? 1.03 : 1.0);
+      },
+      as_it_is);
+  expect_unexplained(p, "even and odd rows or columns");
+}
+
+// The cause is in all rows, what they differ by beside it.
+TEST(Photographs, ACauseKeepsItsNameBesideRowsThatDiffer) {
+  Pictures p;
+  take(
+      p,
+      [](const PhotoInput& of, double u, double v) {
+        return light(of, u, v) * (odd(v, of.height_px) ? 1.02 : 1.0);
+      },
+      [](double v, int channel) { return channel == 0 ? 1.2 * v : v; });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  EXPECT_EQ(names_of(*d), std::vector<std::string>{"photo.white_balance"});
+  EXPECT_EQ(d->verdict, "partly_explained");
+}
+
 TEST(Photographs, AVeilIsAShareOfAllThatThePictureShows) {
   // A bench that is brighter than the part, and that fills two thirds of one picture.
   const auto seen = [](const PhotoInput& of, double u, double v) {

@@ -231,6 +231,13 @@ bool same_stand(const PictureState& a, const PictureState& b) {
   return a.camera_mm == b.camera_mm && a.camera_rad == b.camera_rad;
 }
 
+// Radiance towards d is sky - side.z + 1.5 side . d: radiance() and PhotoViews::look_around().
+double darkest_sky(const PhotoState& s) {
+  const Vec3 side = s.ambient_side;
+  const double level = std::hypot(side.x, side.y);
+  return s.ambient_sky - side.z - 1.5 * (side.z > 0.0 ? level : std::hypot(level, side.z));
+}
+
 bool same_places(const PhotoState& a, const PhotoState& b) {
   return std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(), same_stand) &&
          a.focal == b.focal && a.radial_1 == b.radial_1 && a.radial_2 == b.radial_2 &&

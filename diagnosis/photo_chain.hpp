@@ -193,6 +193,9 @@ struct PhotoPixel {
 [[nodiscard]] bool same_lamp(const PhotoState& a, const PhotoState& b, std::size_t lamp);
 [[nodiscard]] bool same_stand(const PictureState& a, const PictureState& b);
 [[nodiscard]] bool same_places(const PhotoState& a, const PhotoState& b);
+/// Least radiance of the ambient light's sky above the horizon, of the lamp's; of one that is
+/// brighter on one side less than nothing where no such sky can be.
+[[nodiscard]] double darkest_sky(const PhotoState& state);
 /// The same places are as sharp.
 [[nodiscard]] bool same_sharpness(const PhotoState& a, const PhotoState& b);
 

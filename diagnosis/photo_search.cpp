@@ -240,9 +240,19 @@ PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext&
     }
     best = pruned(std::move(best));
     // A displaced picture says little of what lies between nodes, a blurred one takes it for blur.
-    if (members.empty() || !same_sharpness(fit_.state_of(best), fit_.state_of(members))) {
+    const PhotoState unknown = fit_.state_of({});
+    const auto displaces = [&](const PhotoMember& m) {
+      const PhotoState state = fit_.state_of({m});
+      return !same_places(state, unknown) || state.gamma != unknown.gamma;
+    };
+    const auto displacing = [&](const PhotoMembers& of) {
+      return std::count_if(of.begin(), of.end(), displaces);
+    };
+    if (members.empty() || !same_sharpness(fit_.state_of(best), fit_.state_of(members)) ||
+        displacing(best) > displacing(members)) {
       const Normals was = fit_.normals;
-      PhotoMembers settled = fit_.settle_normals(best, !members.empty());
+      PhotoMembers settled =
+          fit_.settle_normals(best, !same_sharpness(fit_.state_of(best), unknown));
       if (fit_.normals != was) best = fit_.fitted(std::move(settled));
     }
     if (best.size() > 1) best = exchanged(std::move(best), run);

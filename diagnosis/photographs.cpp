@@ -20,6 +20,7 @@
 #include "diagnosis/detail/photo_search.hpp"
 #include "diagnosis/detail/photo_standing.hpp"
 #include "diagnosis/detail/photo_stones.hpp"
+#include "diagnosis/extended_model.hpp"
 #include "diagnosis/path_contact.hpp"
 #include "diagnosis/surface.hpp"
 #include "heightmap/field_io.hpp"
@@ -43,8 +44,10 @@ constexpr double kSmooth = 3e-3;
 /// The scatter of pixels must be off by this factor to be called a cause: full well and read noise
 /// are known to a few per cent.
 constexpr double kScatterOff = 0.1;
-/// By more where what is left, rms, is larger than that scatter by the second.
-constexpr double kScatterOffBesideMore = 0.3, kNoiseAlone = 1.8;
+/// By more where what is left, rms, is larger than that scatter: so much for each scatter more, at
+/// most so much in all. Slopes between nodes other than rendered left 1.32 scatters, and a tenth
+/// of the noise to neighbours.
+constexpr double kScatterOffBesideMore = 0.5, kScatterOffMost = 0.3;
 
 double rms_of(const PhotoLinear& linear, int set, std::size_t* count) {
   double sum = 0.0, n = 0.0;
@@ -224,6 +227,19 @@ std::size_t of_one_parity(const PhotoLinear& linear, const detail::PhotoViews& v
   return worst;
 }
 
+/// The ambient light among them whose sky would be darker than black opposite where it is bright,
+/// by more than it is bright on average: half a sky that is black asks for half of that, a second
+/// lamp for three times as much. members.size(): none.
+std::size_t impossible_sky(const PhotoFit& fit, const PhotoMembers& members) {
+  constexpr double kDarker = 1.5;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    if (members[k].effect->name != "lamp.ambient") continue;
+    const PhotoState s = fit.state_of({members[k]});
+    if (darkest_sky(s) < -kDarker * std::fmax(0.0, s.ambient_sky)) return k;
+  }
+  return members.size();
+}
+
 /// The same with an offset of the numbers in the place of ambient light, fitted, where that does as
 /// well (to a hundredth of what it gains, as equivalent names do); else empty.
 PhotoMembers offset_for_light(PhotoMembers members, const std::vector<PhotoCandidate>& candidates,
@@ -285,7 +301,12 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
 
   PhotoLinear after;
   detail::PhotoScatter scatter;
-  bool told_by_scatter = false;
+  bool told_by_scatter = false, from_one_side = false;
+  const auto note_light = [](Remainder& rest) {
+    rest.kinds.emplace_back("light from one side");
+    rest.found = true;
+    rest.share = 1.0;
+  };
   while (true) {
     after = fit.about(members, parameters_of(members));
     d.rms_after = rms_of(after, kReport, nullptr);
@@ -294,9 +315,16 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.remainder =
         detail::judge_photographs(after, views, layout, fit.noise.factor, scatter,
                                   255.0 * kSmooth * light, 255.0 * finer_than_maps(after, members));
-    std::size_t drop = of_one_parity(after, views, members, d);
-    const bool one_parity = drop < members.size();
-    if (!one_parity && d.remainder.found)
+    if (from_one_side) note_light(d.remainder);
+    std::size_t drop = impossible_sky(fit, members);
+    const char* why = "opposite where it is bright its sky would be darker than black";
+    from_one_side |= drop < members.size();
+    if (drop == members.size()) {
+      drop = of_one_parity(after, views, members, d);
+      why = "even and odd rows or columns do not both show it";
+    }
+    if (drop == members.size()) why = "explains too little beside what remains unexplained";
+    if (drop == members.size() && d.remainder.found)
       drop = beside_unknown(after, members, d, d.rms_noise / scatter.factor);
     if (drop == members.size()) {
       if (noise_known || d.remainder.found || told_by_scatter || !(scatter.off() > kScatterOff))
@@ -310,9 +338,7 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
         members = std::move(instead);
       continue;
     }
-    d.rejected.push_back({members[drop].effect->name,
-                          one_parity ? "even and odd rows or columns do not both show it"
-                                     : "explains too little beside what remains unexplained"});
+    d.rejected.push_back({members[drop].effect->name, why});
     p_values.erase(p_values.begin() + static_cast<std::ptrdiff_t>(drop));
     members = fit.fitted(without(std::move(members), drop));
   }
@@ -342,7 +368,9 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.causes[k].share = std::clamp(gains[k] / all, 0.0, 1.0);
 
   // What has no name scatters neighbours, too, and so does what is left at edges, by less.
-  const double off = d.rms_after < kNoiseAlone * d.rms_noise ? kScatterOff : kScatterOffBesideMore;
+  const double off =
+      std::clamp(kScatterOff + kScatterOffBesideMore * (d.rms_after / d.rms_noise - 1.0),
+                 kScatterOff, kScatterOffMost);
   if (!noise_known && !d.remainder.found && scatter.off() > off) {
     Cause c;
     const Effect* effect = find_effect("photo.noise");
@@ -429,9 +457,14 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
     path.emplace(std::move(read));
     cut = std::make_unique<SimulatedSurface>(bare, &*path, run);
   }
+  std::optional<heightmap::ModelField> built;
+  if (milled && (part.coat_mm > 0.0 || !part.known.empty())) {
+    MAQUETTE_TRY(const auto model, ExtendedModel::make(part, run));
+    model.build(built.emplace(cut->field()));
+  }
   std::vector<const heightmap::ModelField*> surfaces;
   for (const PhotoInput& p : scene.photos)
-    surfaces.push_back(p.as_milled && cut ? &cut->field() : &bare);
+    surfaces.push_back(!p.as_milled || !cut ? &bare : built ? &*built : &cut->field());
   scene.box = maquette::diagnosis::scene_of(design, nullptr, 0.5 * part.ball_diameter_mm).box;
   std::vector<Grid<std::uint8_t>> stones;
   if (ground) stones = detail::pixels_of_stones(scene, design, *ground, kBesideStone_px);

@@ -154,7 +154,12 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
   const bool with_photographs = !c->photos.empty();
   if (with_photographs) {
     MAQUETTE_TRY(const auto photographs, photographs_of(*c));
-    MAQUETTE_TRY(pictures, diagnosis::diagnose_photographs(input, photographs, with_controls, run));
+    // They show the part as the scans found it.
+    diagnosis::CaseInput as_found = input;
+    for (const diagnosis::Cause& cause : d.causes)
+      as_found.known.push_back(diagnosis::as_known(cause));
+    MAQUETTE_TRY(pictures,
+                 diagnosis::diagnose_photographs(as_found, photographs, with_controls, run));
   }
   std::error_code ec;
   fs::create_directories(folder, ec);

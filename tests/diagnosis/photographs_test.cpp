@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -20,6 +21,7 @@
 #include <gtest/gtest.h>
 
 #include "camera/image_io.hpp"
+#include "core/files.hpp"
 #include "core/random.hpp"
 #include "diagnosis/detail/cut_off.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
@@ -39,12 +41,14 @@ using testing_support::Succeeds;
 constexpr double kSide_mm = 40.0;
 constexpr std::uint64_t kSeed = 20261123;
 
-double height(double x, double y) {
-  return 0.8 * std::cos(0.6 * x) * std::cos(0.5 * y) + 0.3 * std::sin(1.4 * x + 0.9 * y) + 0.02 * x;
+/// @param warp  of the part, 1/m: its height is that times the square of x - 20, in mm
+double height(double x, double y, double warp = 0.0) {
+  return 0.8 * std::cos(0.6 * x) * std::cos(0.5 * y) + 0.3 * std::sin(1.4 * x + 0.9 * y) +
+         0.02 * x + 1e-3 * warp * (x - 20.0) * (x - 20.0);
 }
-Vec3 normal(double x, double y) {
+Vec3 normal(double x, double y, double warp = 0.0) {
   const double gx = -0.48 * std::sin(0.6 * x) * std::cos(0.5 * y) +
-                    0.42 * std::cos(1.4 * x + 0.9 * y) + 0.02,
+                    0.42 * std::cos(1.4 * x + 0.9 * y) + 0.02 + 2e-3 * warp * (x - 20.0),
                gy = -0.4 * std::cos(0.6 * x) * std::sin(0.5 * y) +
                     0.27 * std::cos(1.4 * x + 0.9 * y);
   return normalized(Vec3{-gx, -gy, 1.0});
@@ -76,25 +80,29 @@ PhotoInput photo(int number) {
 }
 
 /// Where a pixel's ray meets the formula.
-Vec3 place_at(const PhotoInput& p, double u, double v) {
+Vec3 place_at(const PhotoInput& p, double u, double v, double warp = 0.0) {
   const double f = p.focal_length_mm * 1000.0 / p.pixel_pitch_um;
   const Vec3 d = rotate(p.model_from_camera, normalized(Vec3{u, -v, -f}));
   double t = (p.camera_position_mm.z) / -d.z;
   for (int round = 0; round < 8; ++round) {
     const Vec3 at = p.camera_position_mm + t * d;
-    const Vec3 n = normal(at.x, at.y);
-    t -= (at.z - height(at.x, at.y)) * n.z / dot(n, d);
+    const Vec3 n = normal(at.x, at.y, warp);
+    t -= (at.z - height(at.x, at.y, warp)) * n.z / dot(n, d);
   }
   return p.camera_position_mm + t * d;
 }
 /// Light at a pixel's place, as the eye of a formula sees it; 0 beside the part.
-double light(const PhotoInput& p, double u, double v) {
-  const Vec3 at = place_at(p, u, v);
+double light_of(const PhotoInput& p, double u, double v, double warp) {
+  const Vec3 at = place_at(p, u, v, warp);
   if (at.x < 0.0 || at.y < 0.0 || at.x > kSide_mm || at.y > kSide_mm) return 0.0;
   const Vec3 to = p.lamp_position_mm - at;
   const Vec3 target = p.lamp_position_mm - p.lamp_target_mm;
-  return p.exposure_scale * p.albedo * std::fmax(0.0, dot(normal(at.x, at.y), to) / norm(to)) *
-         dot(target, target) / dot(to, to);
+  return p.exposure_scale * p.albedo *
+         std::fmax(0.0, dot(normal(at.x, at.y, warp), to) / norm(to)) * dot(target, target) /
+         dot(to, to);
+}
+double light(const PhotoInput& p, double u, double v) {
+  return light_of(p, u, v, 0.0);
 }
 
 struct Pictures {
@@ -585,6 +593,40 @@ TEST(Photographs, RowsThatAFlickeringLampBandsAreUnexplained) {
   expect_unexplained(p, "rows");
 }
 
+/// A zigzag over the formula, so fine that ridges between passes are a micrometre high.
+void write_program(const std::filesystem::path& path, double radius) {
+  std::string text = "G21 G90 G17\nF2000\nG0 X0 Y0 Z20\n";
+  bool back = false;
+  for (double y = 0.0; y < kSide_mm + 1e-9; y += 0.1, back = !back)
+    for (double way = 0.0; way < kSide_mm + 1e-9; way += 0.1) {
+      const double x = back ? kSide_mm - way : way;
+      const Vec3 tip = Vec3{x, y, height(x, y)} + radius * (normal(x, y) - Vec3{0.0, 0.0, 1.0});
+      text += fmt::format("G1 X{:.4f} Y{:.4f} Z{:.4f}\n", tip.x, tip.y, tip.z);
+    }
+  ASSERT_THAT(write_file(path, text + "G0 Z20\nM2\n"), Succeeds());
+}
+
+// A block that has bent by 0.2 mm leans by 20 mrad at its ends: with that in the model its pictures
+// are as they should be, and without it are not.
+TEST(Photographs, AMilledPartIsPicturedAsItsKnownCausesMakeIt) {
+  constexpr double kWarp_per_m = 0.5;
+  Pictures p;
+  take(
+      p, [](const PhotoInput& of, double u, double v) { return light_of(of, u, v, kWarp_per_m); },
+      as_it_is, 1.0, [](PhotoInput& of, int) { of.as_milled = true; });
+  p.part.ball_diameter_mm = 2.0;
+  p.part.programs = {p.folder / "part.ngc"};
+  write_program(p.part.programs[0], 1.0);
+  const auto without = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(without, Succeeds());
+  EXPECT_NE(without->verdict, "consistent");
+  p.part.known = {{"stock.warp", "bent along x", {{"xx_per_m", kWarp_per_m}}, {}}};
+  const auto with = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(with, Succeeds());
+  EXPECT_EQ(with->verdict, "consistent") << ::testing::PrintToString(names_of(*with));
+  EXPECT_LT(with->rms_before, without->rms_before);
+}
+
 bool odd(double from_middle, int size) {
   return static_cast<int>(std::floor(from_middle + 0.5 * size)) % 2 != 0;
 }
@@ -1022,6 +1064,26 @@ TEST(PhotoChain, ARoomLightsByHowAPlaceLeansAndByBand) {
   p.light = PhotoChain(s, dark, scene).radiance(p);
   for (const auto& [channel, more] : {std::pair{0, -0.01}, {1, 0.0}, {2, 0.006}})
     EXPECT_NEAR(PhotoChain(s, dark, scene).value(p, channel, p.light), 0.3 * 0.9 * more, 1e-8);
+}
+
+TEST(PhotoChain, TheDarkestOfASkyIsTheLeastOfAllDirections) {
+  for (const Vec3 side : {Vec3{0.0, 0.0, 0.0}, Vec3{0.1, -0.3, 0.2}, Vec3{0.05, 0.02, -0.4},
+                          Vec3{0.0, 0.0, 0.3}, Vec3{0.0, 0.0, -0.3}}) {
+    PhotoState state;
+    state.ambient_sky = 0.25;
+    state.ambient_side = side;
+    double least = INFINITY;
+    for (int i = 0; i <= 90; ++i)
+      for (int k = 0; k < 360; ++k) {
+        const double up = i * std::numbers::pi / 180.0, around = k * std::numbers::pi / 180.0;
+        const Vec3 d{std::cos(up) * std::cos(around), std::cos(up) * std::sin(around),
+                     std::sin(up)};
+        // As a level place gathers 2/3 of what grows upward, that counts less the level's share.
+        least = std::fmin(least, 0.25 + 1.5 * dot(side, d) - side.z);
+      }
+    // Half a degree off the darkest direction is 4e-5 of the amplitude.
+    EXPECT_NEAR(darkest_sky(state), least, 1e-4);
+  }
 }
 
 TEST(PhotoChain, ALensFocusedBesideThePartSpreadsByDistance) {

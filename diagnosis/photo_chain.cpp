@@ -107,6 +107,23 @@ double spread_at(const std::array<double, 3>& of, double x) {
   return of[0] + x * (of[1] + x * of[2]);
 }
 
+/// What a halo adds to a place with that light: each share of it leaves and comes from around.
+/// Means are of a picture that has the halo already; of two Gaussians, one after the other, the
+/// wider says where light comes from.
+double of_halo(double light, const Surroundings& around, const PhotoState& s) {
+  double all = 0.0;
+  for (const double share : s.halo) all += share;
+  if (all == 0.0) return 0.0;
+  double more = 0.0;
+  for (std::size_t k = 0; k < s.halo.size(); ++k) {
+    double without = around[k];
+    for (std::size_t j = 0; j < s.halo.size(); ++j)
+      without -= s.halo[j] * static_cast<double>(around[std::max(j, k)]);
+    more += s.halo[k] * (without / (1.0 - all) - light);
+  }
+  return more;
+}
+
 }  // namespace
 
 std::array<Vec3, 2> across(Vec3 d) {
@@ -188,10 +205,10 @@ double tint(const PhotoPixel& p, int channel, const PhotoState& s, const PhotoSc
   return photo.exposure_scale * photo.albedo * more * static_cast<double>(p.sky);
 }
 
-double exposed(double behind_lens, double mean, double r2, int channel, std::size_t photo,
-               const PhotoState& s) {
+double exposed(double behind_lens, double mean, const Surroundings& around, double r2, int channel,
+               std::size_t photo, const PhotoState& s) {
   double y = behind_lens * (1.0 + s.vignette_2 * r2 + s.vignette_4 * r2 * r2);
-  y += s.veil * mean + s.veil_scattered * (mean - y);
+  y += s.veil * mean + s.veil_scattered * (mean - y) + of_halo(y, around, s);
   const PictureState& own = s.picture[photo];
   const double balance = channel == 0 ? own.red : channel == 2 ? own.blue : 0.0;
   y = y * (1.0 + own.exposure) * (1.0 + balance) + own.black;
@@ -359,7 +376,8 @@ double PhotoChain::value(const PhotoPixel& p, int channel, double light) const {
   y += 0.5 * (uu * (own.smear_px2[0] - was.smear_px2[0]) +
               2.0 * uv * (own.smear_px2[1] - was.smear_px2[1]) +
               vv * (own.smear_px2[2] - was.smear_px2[2]));
-  return exposed(y, static_cast<double>(p.mean[static_cast<std::size_t>(channel)]),
+  const auto at = static_cast<std::size_t>(channel);
+  return exposed(y, static_cast<double>(p.mean[at]), p.around[at],
                  radius2(p.u, p.v, scene_.photos[p.photo]), channel, p.photo, s);
 }
 

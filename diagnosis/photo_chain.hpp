@@ -57,6 +57,11 @@ inline constexpr std::array<double, 11> kLobeExponents{4.0,  6.0,   10.0,  16.0,
                                                        60.0, 100.0, 150.0, 250.0, 400.0};
 /// Slopes (alpha) of facets whose distribution has a long tail.
 inline constexpr std::array<double, 7> kFacetSlopes{0.1, 0.15, 0.21, 0.29, 0.38, 0.48, 0.6};
+/// Standard deviations of a halo's Gaussians, of the picture's width.
+inline constexpr std::array<double, 3> kHaloWidths{0.015, 0.05, 0.15};
+/// Means of a picture about a pixel, weighted by these.
+using Surroundings = std::array<float, kHaloWidths.size()>;
+
 /// Diameters of the lamp for which pixels know how much of it they see.
 inline constexpr std::size_t kLampSizes = 6;
 
@@ -112,6 +117,8 @@ struct PhotoState {
   double vignette_2 = 0.0, vignette_4 = 0.0;  ///< of the radius over half the diagonal
   double veil = 0.0;                          ///< of the picture's mean, added
   double veil_scattered = 0.0;                ///< the same, taken off the picture
+  /// Of the light, what the lens spreads about each place by one of kHaloWidths.
+  std::array<double, kHaloWidths.size()> halo{};
   // sensor
   double gamma = 0.0;  ///< exponent less 1
 };
@@ -152,7 +159,8 @@ struct PhotoPixel {
   std::array<float, 3> value{};  ///< behind the lens as rendered
   float du = 0.0F, dv = 0.0F;    ///< derivatives of it
   float duu = 0.0F, duv = 0.0F, dvv = 0.0F;
-  std::array<float, 3> mean{};  ///< of its picture, behind the lens
+  std::array<float, 3> mean{};           ///< of its picture, behind the lens
+  std::array<Surroundings, 3> around{};  ///< by channel, as measured: halo and veil included
 };
 
 /// A wave of an albedo map, -1 .. 1.
@@ -180,8 +188,10 @@ struct PhotoPixel {
 [[nodiscard]] double tint(const PhotoPixel& pixel, int channel, const PhotoState& state,
                           const PhotoScene& scene);
 /// What the sensor makes of it.
-[[nodiscard]] double exposed(double behind_lens, double mean, double radius2, int channel,
-                             std::size_t photo, const PhotoState& state);
+/// @param around  of the picture with its halo, before the sensor
+[[nodiscard]] double exposed(double behind_lens, double mean, const Surroundings& around,
+                             double radius2, int channel, std::size_t photo,
+                             const PhotoState& state);
 /// From a number back to what came to the sensor, its veil included.
 [[nodiscard]] double before_sensor(double number, int channel, std::size_t photo,
                                    const PhotoState& state);

@@ -131,6 +131,7 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
       const int channel = channel_of(ch, channels);
       q.value[static_cast<std::size_t>(channel)] = p.value[ch];
       q.mean[static_cast<std::size_t>(channel)] = p.mean[ch];
+      q.around[static_cast<std::size_t>(channel)] = p.around[ch];
       const auto row = static_cast<Eigen::Index>(i * channels + ch);
       const auto cut_sigma = static_cast<double>(p.cut_sigma[ch]);
       const auto [y, share] = cut_off(chain.value(q, channel, p.light), cut_sigma);

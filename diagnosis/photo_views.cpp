@@ -25,6 +25,7 @@ using heightmap::ModelField;
 constexpr std::size_t kMostPixels = 50'000;  // of all photographs that are compared
 constexpr std::ptrdiff_t kRim = 10;  // pixels beside the surface's end that are not compared
 constexpr double kSaturated = 0.97;
+constexpr std::ptrdiff_t kEach = 8;  // pixels of a square that halos are made of
 
 /// Mean of what was measured up to two pixels away: a fifth of one pixel's noise.
 double mean_around(const Grid<float>& value, std::ptrdiff_t row, std::ptrdiff_t col) {
@@ -100,6 +101,7 @@ PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photogra
   const std::size_t most = kMostPixels / std::max<std::size_t>(1, shown);
   views_.resize(scene_.photos.size());
   dark_.resize(scene_.photos.size());
+  around_.resize(scene_.photos.size());
   for (std::size_t k = 0; k < scene_.photos.size(); ++k) {
     if (!shows(k)) continue;
     const PhotoInput& photo = scene_.photos[k];
@@ -115,6 +117,31 @@ PhotoViews::PhotoViews(const PhotoScene& scene, std::vector<Photograph> photogra
       for (int c = step / 2; c + 1 < photo.width_px; c += step)
         view.lattice.push_back(static_cast<std::uint32_t>(r * photo.width_px + c));
     views_[k] = std::move(view);
+    take_surroundings(k);
+  }
+}
+
+/// Halos are wide: of squares of kEach pixels. Beyond its edge a picture is black: nothing is known
+/// of what lies there, and what is scattered there is lost.
+void PhotoViews::take_surroundings(std::size_t k) {
+  const auto& value = photographs_[k].value;
+  for (std::size_t ch = 0; ch < value.size(); ++ch) {
+    const std::ptrdiff_t rows = (value[ch].rows() + kEach - 1) / kEach,
+                         cols = (value[ch].cols() + kEach - 1) / kEach;
+    const auto rim = static_cast<std::ptrdiff_t>(
+        std::ceil(3.0 * kHaloWidths.back() * static_cast<double>(cols)));
+    Grid<float> small(rows + 2 * rim, cols + 2 * rim, 0.0F);
+    for (std::ptrdiff_t r = 0; r < value[ch].rows(); ++r)
+      for (std::ptrdiff_t c = 0; c < value[ch].cols(); ++c)
+        if (const float y = value[ch](r, c); !std::isnan(y))
+          small(rim + r / kEach, rim + c / kEach) += y / static_cast<float>(kEach * kEach);
+    for (std::size_t w = 0; w < kHaloWidths.size(); ++w) {
+      Grid<float> wide = small;
+      blur(wide, std::pow(kHaloWidths[w] * static_cast<double>(cols), 2));
+      Grid<float>& around = around_[k][ch][w] = Grid<float>(rows, cols);
+      for (std::ptrdiff_t r = 0; r < rows; ++r)
+        for (std::ptrdiff_t c = 0; c < cols; ++c) around(r, c) = wide(rim + r, rim + c);
+    }
   }
 }
 
@@ -359,6 +386,12 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
       p.value_next[ch] =
           more + coloured(channel, static_cast<double>(r), static_cast<double>(c + 1));
       p.mean[ch] = mean[ch];
+      for (std::size_t w = 0; w < kHaloWidths.size(); ++w)
+        p.around[ch][w] = static_cast<float>(before_sensor(
+            static_cast<double>(bilinear(around_[k][ch][w],
+                                         (static_cast<double>(r) + 0.5) / kEach - 0.5,
+                                         (static_cast<double>(c) + 0.5) / kEach - 0.5)),
+            channel, k, state_));
       const double y = static_cast<double>(taken.value[ch](r, c));
       p.measured[ch] = static_cast<float>(y);
       p.next[ch] = taken.value[ch](r, c + 1);
@@ -602,8 +635,8 @@ void PhotoViews::render(const PhotoState& state, Normals normals, bool derivativ
 double PhotoViews::before_cut(const MeasuredPixel& p, std::size_t channel,
                               float behind_lens) const {
   return exposed(static_cast<double>(behind_lens), static_cast<double>(p.mean[channel]),
-                 radius2(p.u, p.v, scene_.photos[p.photo]), channel_of(channel, channels()),
-                 p.photo, state_);
+                 p.around[channel], radius2(p.u, p.v, scene_.photos[p.photo]),
+                 channel_of(channel, channels()), p.photo, state_);
 }
 
 double PhotoViews::number_of(const MeasuredPixel& p, std::size_t channel, float behind_lens) const {

@@ -125,6 +125,7 @@ class PhotoViews {
                                   float behind_lens) const;
   void take_slopes();
   [[nodiscard]] bool look_into_the_dark();
+  void take_surroundings(std::size_t photo);
   void find_near(std::size_t photo);
   void trace(std::size_t photo);
   void see_lamp(std::size_t photo);
@@ -164,6 +165,8 @@ class PhotoViews {
     bool cut = false;    ///< numbers below 0 are missing
   };
   std::vector<std::array<Dark, 3>> dark_;
+  /// By photograph, channel and width: what was measured, levelled, every kEach pixels.
+  std::vector<std::array<std::array<Grid<float>, kHaloWidths.size()>, 3>> around_;
   std::vector<const heightmap::ModelField*> surfaces_;
   std::vector<std::size_t> tracer_of_;
   std::vector<heightmap::FieldTracer> tracers_;

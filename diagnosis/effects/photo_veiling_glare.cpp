@@ -1,4 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+
+#include <fmt/format.h>
+
 #include "diagnosis/detail/photo_forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -7,7 +11,7 @@ void add_photo_veiling_glare(std::vector<Effect>& all) {
   Effect e;
   e.name = "photo.veiling_glare";
   e.says = "light scattered in the lens lies over the picture";
-  e.source = "a share of the mean of the picture: ISO 9358";
+  e.source = "a share of the mean of the picture: ISO 9358; wide halos: a sum of Gaussians";
   e.acts_on = "lens";
   e.depends_on = "mean of the picture";
   e.looks_like = {"photo.black_level", "lamp.ambient"};
@@ -15,12 +19,33 @@ void add_photo_veiling_glare(std::vector<Effect>& all) {
   e.correction = "shade the lens; clean it";
   e.needs = Needs::photograph;
   e.photo_forms = [](const PhotoScene&) -> std::vector<PhotoForm> {
-    return {
+    const PhotoParameter everywhere =
+        number("veil_scattered", "share", 0.002, &PhotoState::veil_scattered);
+    std::vector<PhotoForm> forms{
         {"a share of the mean, added", {number("veil", "share", 0.002, &PhotoState::veil)}, {}, 1},
-        {"a share of the light, spread over the picture",
-         {number("veil_scattered", "share", 0.002, &PhotoState::veil_scattered)},
-         {},
-         1}};
+        {"a share of the light, spread over the picture", {everywhere}, {}, 1}};
+    // Those of the halo's Gaussians that carry any light, one or neighbours, the widest with what
+    // spreads over all of the picture.
+    constexpr std::size_t kWidths = kHaloWidths.size();
+    for (std::size_t first = 0; first < kWidths; ++first)
+      for (std::size_t last = first; last <= kWidths; ++last) {
+        PhotoForm form{"a share of the light, in a halo", {}, {}, 1};
+        for (std::size_t k = first; k <= std::min(last, kWidths - 1); ++k) {
+          form.parameters.push_back({fmt::format("halo{}", k), fmt::format("share_{}", k),
+                                     [](const PhotoState&, const PhotoScene&) {
+                                       return std::pair{-0.002, 0.002};
+                                     },
+                                     [k](PhotoState& s, double v) { s.halo[k] += v; }});
+          form.law += fmt::format("{} {} % wide", k > first ? "," : "", 100.0 * kHaloWidths[k]);
+        }
+        if (last == kWidths) {
+          form.parameters.push_back(everywhere);
+          form.law += ", and over the picture";
+        }
+        form.all_of_sign = true;
+        forms.push_back(std::move(form));
+      }
+    return forms;
   };
   all.push_back(std::move(e));
 }

@@ -704,6 +704,58 @@ TEST(Photographs, AVeilIsAShareOfAllThatThePictureShows) {
   EXPECT_NEAR(d->causes[0].parameters[0].value, 0.05, 4e-4);
 }
 
+/// Light of squares of eight pixels, as a Gaussian of 8 % of the width spreads it; nothing from
+/// beyond the picture.
+Grid<double> halo_of(const PhotoInput& p) {
+  constexpr int kSquare = 8;
+  const int rows = p.height_px / kSquare, cols = p.width_px / kSquare;
+  Grid<double> from(rows, cols), to(rows, cols);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      for (int i = 0; i < 16; ++i)
+        from(r, c) += light(p, kSquare * (c + (i % 4 + 0.5) / 4.0) - 0.5 * p.width_px,
+                            kSquare * (r + (i / 4 + 0.5) / 4.0) - 0.5 * p.height_px) /
+                      16.0;
+  const double sigma = 0.08 * cols;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c)
+      for (int i = 0; i < rows; ++i)
+        for (int k = 0; k < cols; ++k)
+          to(r, c) += from(i, k) *
+                      std::exp(-((r - i) * (r - i) + (c - k) * (c - k)) / (2.0 * sigma * sigma)) /
+                      (2.0 * std::numbers::pi * sigma * sigma);
+  return to;
+}
+
+// A tenth of the light, of a width between those that are tried: an even veil leaves bright places
+// too bright, and a map of albedo stood beside it.
+TEST(Photographs, LightThatTheLensSpreadsAboutItsPlaceIsAVeil) {
+  constexpr double kShare = 0.1;
+  std::map<double, Grid<double>> known;  // by where the camera stands
+  const auto spread = [&](const PhotoInput& of, double u, double v) {
+    Grid<double>& halo = known[of.camera_position_mm.x];
+    if (halo.empty()) halo = halo_of(of);
+    const double row = (v + 0.5 * of.height_px) / 8.0 - 0.5,
+                 col = (u + 0.5 * of.width_px) / 8.0 - 0.5;
+    const auto r = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(row), 0, halo.rows() - 2),
+               c = std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(col), 0, halo.cols() - 2);
+    const double b = row - static_cast<double>(r), a = col - static_cast<double>(c);
+    const double around = (1.0 - b) * ((1.0 - a) * halo(r, c) + a * halo(r, c + 1)) +
+                          b * ((1.0 - a) * halo(r + 1, c) + a * halo(r + 1, c + 1));
+    return (1.0 - kShare) * light(of, u, v) + kShare * around;
+  };
+  Pictures p;
+  take(p, spread, as_it_is);
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.veiling_glare"});
+  EXPECT_EQ(d->verdict, "explained");
+  double share = 0.0;
+  for (const Estimate& e : d->causes[0].parameters) share += e.value;
+  // Of means that have the halo in them, to first order: a tenth of a tenth.
+  EXPECT_NEAR(share, kShare, 0.1 * kShare) << d->causes[0].law;
+}
+
 TEST(Photographs, APictureOfAnotherSizeIsRefused) {
   Pictures p;
   take(p, light, as_it_is);
@@ -1140,7 +1192,7 @@ TEST(PhotoChain, TheSensorsStepsComeInTheirOrder) {
   s.gamma = -0.5;
   s.vignette_2 = -0.3;
   s.veil = 0.02;
-  EXPECT_NEAR(exposed(0.4, 0.3, 0.5, 0, 0, s),
+  EXPECT_NEAR(exposed(0.4, 0.3, {}, 0.5, 0, 0, s),
               std::sqrt((0.4 * (1.0 - 0.15) + 0.02 * 0.3) * 1.1 * 1.2 + 0.05), 1e-15);
 }
 

@@ -316,6 +316,7 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
     double least = INFINITY;
     std::string why;
     std::size_t small_pose = members.size();
+    bool goes_unnamed = false;
     for (std::size_t k = 0; k < members.size(); ++k) {
       double over = fit.noise.over;
       for (const int c : linear.of(members[k].form))
@@ -340,6 +341,7 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
       if (!(gain < least)) continue;
       least = gain;
       worst = k;
+      goes_unnamed = small && small_pose != k && p < kClaimLevel && !unsure;
       why = !small && unsure ? "its size is not told from none: less than four standard errors"
             : small
                 ? fmt::format(
@@ -354,6 +356,7 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
     }
     if (worst == members.size()) break;
     rejected.push_back({members[worst].effect->name, why});
+    if (goes_unnamed) fit.known.push_back(members[worst]);
     // A pose that is too small goes in any case: without a distortion it grows to what it is not.
     if (small_pose < members.size() && small_pose != worst) {
       rejected.push_back({members[small_pose].effect->name, "less than poses are stated to"});

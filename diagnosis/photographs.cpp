@@ -296,6 +296,7 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.6);
   std::vector<double> p_values;
+  const std::size_t declared = fit.known.size();
   members = confirmed(std::move(members), fit, light, p_values, d.rejected);
   run.progress(0.7);
 
@@ -343,7 +344,6 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     members = fit.fitted(without(std::move(members), drop));
   }
   out.scatter = scatter.factor;
-  if (whole) detail::show_photographs(before, first_pixels, after, views, layout, d);
   std::vector<double> gains(members.size(), 0.0);
   for (std::size_t k = 0; k < members.size(); ++k) {
     Cause c;
@@ -362,6 +362,11 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.causes[k].equivalent = search.equivalents(members, k, gains[k], d.rejected);
     run.progress(0.7 + 0.3 * static_cast<double>(k + 1) / static_cast<double>(members.size()));
   }
+  // What has no name is not in the model.
+  fit.known.resize(declared);
+  after = fit.about(members, {});
+  d.rms_after = rms_of(after, kReport, nullptr);
+  if (whole) detail::show_photographs(before, first_pixels, after, views, layout, d);
   double all = 1e-300;
   for (const double g : gains) all += std::fmax(0.0, g);
   for (std::size_t k = 0; k < members.size(); ++k)

@@ -44,7 +44,9 @@ inline constexpr double kPhotoFloor = 1e-3;
 /// Values of the k-th's parameters and their standard errors beside all others.
 [[nodiscard]] std::vector<Estimate> sizes_of(const PhotoLinear& linear, const PhotoFit& fit,
                                              const PhotoMembers& members, std::size_t k);
-/// Those that hold on other blocks and are large enough.
+/// Those that hold on other blocks and are large enough. What holds and is no more than a rendering
+/// may be wrong by gets no name, but stays in the model (fit.known): the others, and what is left,
+/// are judged beside it.
 /// @param light  mean value of the pictures
 /// @param p_values  of those that stay
 [[nodiscard]] PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,

@@ -97,7 +97,7 @@ Lines lines_of(const std::map<std::int64_t, Line>& lines) {
 }
 
 /// Largest power of a wave in a picture's residuals on their lattice, over that of noise there.
-/// Only waves of less than eight steps count: what the relief leaves is longer. A finer fringe than
+/// Only waves of less than six steps count: what the relief leaves is longer. A finer fringe than
 /// the lattice is a wave on it all the same.
 struct Wave {
   double over = 0.0;  ///< its power over that of noise
@@ -105,7 +105,7 @@ struct Wave {
 };
 /// @param residual  NaN: no pixel
 Wave clearest_wave(const Grid<double>& residual) {
-  constexpr double kLongest = 0.125;  // cycles a step
+  constexpr double kLongest = 1.0 / 6.0;  // cycles a step
   const std::ptrdiff_t rows = residual.rows(), cols = residual.cols();
   const Grid<double> all = periodogram(residual, rows, cols);
   const auto frequency = [](std::ptrdiff_t waves, std::ptrdiff_t of) {

@@ -385,7 +385,8 @@ TEST(Photographs, APoseLessThanAQuarterOfAPixelOffHasNoName) {
     EXPECT_THAT(names_of(*d),
                 named ? std::vector<std::string>{"photo.pose"} : std::vector<std::string>{})
         << pixels;
-    EXPECT_EQ(d->verdict, named ? "explained" : "consistent") << pixels;
+    EXPECT_EQ(d->verdict, named ? "explained" : "consistent")
+        << pixels << ::testing::PrintToString(d->remainder.kinds);
   }
 }
 

@@ -65,31 +65,4 @@ EvenAndOdd even_and_odd(const PhotoLinear& left, const PhotoViews& views, double
   return clearest;
 }
 
-double differs_by_parity(const PhotoLinear& linear, const PhotoViews& views,
-                         const PhotoMember& member) {
-  const std::size_t channels = views.channels();
-  const auto at = linear.of(member.form);
-  const auto& pixels = views.pixels();
-  std::array<double, 2 * kParities> along{}, own{};
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const auto width = static_cast<std::size_t>(views.scene().photos[pixels[i].photo].width_px);
-    const auto sign = signs_of(pixels[i], width);
-    for (std::size_t ch = 0; ch < channels; ++ch) {
-      const auto row = static_cast<Eigen::Index>(i * channels + ch);
-      double moved = 0.0;
-      for (std::size_t k = 0; k < at.size(); ++k)
-        moved += static_cast<double>(linear.columns(row, at[k])) * member.values[k];
-      for (std::size_t k = 0; k < kParities; ++k) {
-        const std::size_t of = 2 * k + (sign[k] > 0.0 ? 1 : 0);
-        along[of] += moved * static_cast<double>(linear.residual(row));
-        own[of] += moved * moved;
-      }
-    }
-  }
-  double farthest = 0.0;
-  for (std::size_t of = 0; of < own.size(); ++of)
-    farthest = std::fmax(farthest, std::abs(along[of]) / std::fmax(1e-300, own[of]));
-  return farthest;
-}
-
 }  // namespace maquette::diagnosis::detail

@@ -13,7 +13,6 @@
 #include "core/random.hpp"
 #include "core/run_part.hpp"
 #include "diagnosis/controls.hpp"
-#include "diagnosis/detail/even_and_odd.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
 #include "diagnosis/detail/photo_remainder.hpp"
@@ -210,23 +209,6 @@ std::size_t beside_unknown(const PhotoLinear& linear, const PhotoMembers& member
   return weakest;
 }
 
-/// Where even and odd rows or columns differ: a cause that pixels of the one show and those of the
-/// other do not, which is that difference itself. members.size(): none.
-std::size_t of_one_parity(const PhotoLinear& linear, const detail::PhotoViews& views,
-                          const PhotoMembers& members, const Diagnosis& d) {
-  constexpr double kOff = 0.5;  // of the cause; 1 where it is made by half of the pixels
-  const auto& kinds = d.remainder.kinds;
-  std::size_t worst = members.size();
-  if (std::find(kinds.begin(), kinds.end(), detail::kEvenAndOdd) == kinds.end()) return worst;
-  double most = kOff;
-  for (std::size_t k = 0; k < members.size(); ++k)
-    if (const double off = detail::differs_by_parity(linear, views, members[k]); off > most) {
-      most = off;
-      worst = k;
-    }
-  return worst;
-}
-
 /// The ambient light among them whose sky would be darker than black opposite where it is bright,
 /// by more than it is bright on average: half a sky that is black asks for half of that, a second
 /// lamp for three times as much. members.size(): none.
@@ -318,13 +300,8 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
                                   255.0 * kSmooth * light, 255.0 * finer_than_maps(after, members));
     if (from_one_side) note_light(d.remainder);
     std::size_t drop = impossible_sky(fit, members);
-    const char* why = "opposite where it is bright its sky would be darker than black";
-    from_one_side |= drop < members.size();
-    if (drop == members.size()) {
-      drop = of_one_parity(after, views, members, d);
-      why = "even and odd rows or columns do not both show it";
-    }
-    if (drop == members.size()) why = "explains too little beside what remains unexplained";
+    const bool no_sky = drop < members.size();
+    from_one_side |= no_sky;
     if (drop == members.size() && d.remainder.found)
       drop = beside_unknown(after, members, d, d.rms_noise / scatter.factor);
     if (drop == members.size()) {
@@ -339,7 +316,9 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
         members = std::move(instead);
       continue;
     }
-    d.rejected.push_back({members[drop].effect->name, why});
+    d.rejected.push_back({members[drop].effect->name,
+                          no_sky ? "opposite where it is bright its sky would be darker than black"
+                                 : "explains too little beside what remains unexplained"});
     p_values.erase(p_values.begin() + static_cast<std::ptrdiff_t>(drop));
     members = fit.fitted(without(std::move(members), drop));
   }

@@ -21,10 +21,4 @@ struct EvenAndOdd {
 [[nodiscard]] EvenAndOdd even_and_odd(const PhotoLinear& left, const PhotoViews& views,
                                       double clip);
 
-/// How far what a member moves is off, of itself, among pixels of one parity: 0 where all say the
-/// same, 1 where it is made of half of them.
-/// @param linear  about the model that has the member
-[[nodiscard]] double differs_by_parity(const PhotoLinear& linear, const PhotoViews& views,
-                                       const PhotoMember& member);
-
 }  // namespace maquette::diagnosis::detail

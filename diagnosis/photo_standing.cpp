@@ -341,7 +341,10 @@ PhotoMembers confirmed(PhotoMembers members, PhotoFit& fit, double light,
       if (!(gain < least)) continue;
       least = gain;
       worst = k;
-      goes_unnamed = small && small_pose != k && p < kClaimLevel && !unsure;
+      // What the others could take most of is theirs: a focal length beside poses of its own size.
+      constexpr double kOfItsOwn = 0.5;
+      goes_unnamed = small && small_pose != k && p < kClaimLevel && !unsure &&
+                     own > kOfItsOwn * moved_by(linear, members[k]);
       why = !small && unsure ? "its size is not told from none: less than four standard errors"
             : small
                 ? fmt::format(

@@ -96,9 +96,7 @@ Result<void> write_png_grid(const Grid<Pixel>& image, const fs::path& path,
 }
 
 /// What our own writers have put into it.
-/// @param path  empty: the bytes come from memory
 Metadata metadata_in(const OIIO::ImageSpec& spec, std::string_view format, const fs::path& path) {
-  if (path.empty()) return {};
   if (format == "jpeg") return detail::metadata_of_text(detail::jpeg_comment(path));
   if (format == "tiff") return detail::metadata_of_text(detail::tiff_description(path));
   Metadata metadata;
@@ -248,9 +246,8 @@ tl::unexpected<Error> no_image(const std::string& name, const std::string& reaso
                           name, reason));
 }
 
-/// @param path  where metadata of some formats are; empty: they are not read
-Result<LoadedImage> read_opened(OIIO::ImageInput& in, const std::string& name,
-                                const fs::path& path) {
+/// Without metadata.
+Result<LoadedImage> read_opened(OIIO::ImageInput& in, const std::string& name) {
   const OIIO::ImageSpec spec = in.spec();
   if (spec.width < 1 || spec.height < 1 || spec.depth > 1 || spec.deep || spec.nchannels < 1 ||
       std::int64_t{spec.width} * spec.height > kMaxPixels)
@@ -261,7 +258,6 @@ Result<LoadedImage> read_opened(OIIO::ImageInput& in, const std::string& name,
   const auto count = static_cast<std::size_t>(spec.nchannels);
   LoadedImage image;
   image.eight_bit = spec.format == OIIO::TypeDesc::UINT8;
-  image.metadata = metadata_in(spec, in.format_name(), path);
   if (!spec.format.is_floating_point())
     image.highest = std::ldexp(1.0, 8 * static_cast<int>(spec.format.size())) - 1.0;
   for (std::size_t k = 0; k < count; ++k) {
@@ -289,7 +285,6 @@ Result<LoadedImage> read_opened(OIIO::ImageInput& in, const std::string& name,
       for (std::size_t i = 0; i < n; ++i) to[i] = from[i * count];
     }
   }
-  in.close();
   return image;
 }
 
@@ -315,7 +310,9 @@ Result<LoadedImage> read_image(const fs::path& path) {
                                       " (it was built without libraw: raw files of cameras are "
                                       "not read; convert this to a linear TIFF if it is one)");
   }
-  return read_opened(*in, path.string(), path);
+  MAQUETTE_TRY(auto image, read_opened(*in, path.string()));
+  image.metadata = metadata_in(in->spec(), in->format_name(), path);
+  return image;
 }
 
 Result<LoadedImage> read_image(std::string_view bytes, const std::string& name) {
@@ -327,7 +324,7 @@ Result<LoadedImage> read_image(std::string_view bytes, const std::string& name) 
     return fail(kImageFormat, fmt::format("{}: bytes of a PNG or JPEG expected", name));
   auto in = OIIO::ImageInput::open(png ? "picture.png" : "picture.jpg", &wish, &memory);
   if (!in) return no_image(name, OIIO::geterror());
-  return read_opened(*in, name, {});
+  return read_opened(*in, name);
 }
 
 }  // namespace maquette::camera

@@ -58,12 +58,9 @@ Result<void> check_cover(const MeshCover& cover, const TriMesh& mesh) {
                     cover.material_of.size(), cover.at_corner.size()));
   for (std::size_t i = 0; i < cover.materials.size(); ++i) {
     MAQUETTE_TRY_VOID(check_material(cover.materials[i]));
-    if (cover.pictures[i] == nullptr) continue;
-    const auto& factor = cover.pictures[i]->factor;
-    for (const Grid<float>& f : factor)
-      if (f.empty() || f.rows() != factor[0].rows() || f.cols() != factor[0].cols())
-        return wrong(fmt::format("material {}: its picture has bands of different sizes or none",
-                                 cover.materials[i].name));
+    if (cover.pictures[i] != nullptr && !of_one_size(cover.pictures[i]->factor))
+      return wrong(fmt::format("material {}: its picture has bands of different sizes or none",
+                               cover.materials[i].name));
   }
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     if (cover.material_of[t] >= cover.materials.size())

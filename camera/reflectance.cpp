@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "camera/reflectance.hpp"
 
+#include <algorithm>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -108,6 +109,12 @@ double sample(const Grid<float>& g, double row, double col) {
 
 }  // namespace
 
+bool of_one_size(const std::array<Grid<float>, 3>& factor) {
+  return std::all_of(factor.begin(), factor.end(), [&](const Grid<float>& f) {
+    return !f.empty() && f.rows() == factor[0].rows() && f.cols() == factor[0].cols();
+  });
+}
+
 Bands AlbedoMap::at(double x_mm, double y_mm) const {
   const double col =
       (x_mm - min_x_mm) / (max_x_mm - min_x_mm) * static_cast<double>(factor[0].cols()) - 0.5;
@@ -151,11 +158,10 @@ Result<void> check_material(const Material& material) {
   MAQUETTE_TRY_VOID(std::visit(Check{material}, material.law));
   if (material.map == nullptr) return {};
   const AlbedoMap& map = *material.map;
-  for (const auto& f : map.factor)
-    if (f.empty() || f.rows() != map.factor[0].rows() || f.cols() != map.factor[0].cols())
-      return fail(kMaterialOutOfRange,
-                  fmt::format("material {}: the albedo map has bands of different sizes or none",
-                              material.name));
+  if (!of_one_size(map.factor))
+    return fail(kMaterialOutOfRange,
+                fmt::format("material {}: the albedo map has bands of different sizes or none",
+                            material.name));
   if (!(map.max_x_mm > map.min_x_mm) || !(map.max_y_mm > map.min_y_mm))
     return fail(kMaterialOutOfRange,
                 fmt::format("material {}: the albedo map's rectangle is empty", material.name));

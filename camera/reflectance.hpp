@@ -40,6 +40,9 @@ struct AlbedoMap {
   [[nodiscard]] Bands at(double x_mm, double y_mm) const;
 };
 
+/// Of the bands of a map or picture: none is empty, and all are as large.
+[[nodiscard]] bool of_one_size(const std::array<Grid<float>, 3>& factor);
+
 struct Material {
   std::string name = "material";
   Law law = Lambert{};

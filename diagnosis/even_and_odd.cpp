@@ -28,11 +28,11 @@ EvenAndOdd even_and_odd(const PhotoLinear& left, const PhotoViews& views, double
   const std::size_t channels = views.channels();
   struct Sums {
     Matrix normal = Matrix::Zero(), scatter = Matrix::Zero();
-    Vector right = Vector::Zero();
+    std::array<Vector, kParities> right{Vector::Zero(), Vector::Zero(), Vector::Zero()};
     double noise = 0.0, n = 0.0;  // variance of the pixels, as declared
   };
   const auto& photos = views.scene().photos;
-  std::vector<Sums> sums(photos.size() * channels * kParities);
+  std::vector<Sums> sums(photos.size() * channels);
   const auto& pixels = views.pixels();
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     const MeasuredPixel& p = pixels[i];
@@ -44,23 +44,24 @@ EvenAndOdd even_and_odd(const PhotoLinear& left, const PhotoViews& views, double
       const Vector x = Vector{1.0, static_cast<double>(p.value[ch]), static_cast<double>(p.du),
                               static_cast<double>(p.dv)} /
                        sigma;
-      for (std::size_t k = 0; k < kParities; ++k) {
-        Sums& s = sums[(p.photo * channels + ch) * kParities + k];
-        s.normal += x * x.transpose();
-        s.scatter += r * r * x * x.transpose();
-        s.right += sign[k] * r * x;
-        s.noise += sigma * sigma;
-        s.n += 1.0;
-      }
+      Sums& s = sums[p.photo * channels + ch];
+      s.normal += x * x.transpose();
+      s.scatter += r * r * x * x.transpose();
+      for (std::size_t k = 0; k < kParities; ++k) s.right[k] += sign[k] * r * x;
+      s.noise += sigma * sigma;
+      s.n += 1.0;
     }
   }
   EvenAndOdd clearest;
   for (const Sums& s : sums) {
     if (s.n < 100.0 * kUnknowns) continue;
-    const double level = s.right.dot(s.scatter.ldlt().solve(s.right));
-    if (!(level > clearest.level)) continue;
-    const double explained = s.right.dot(s.normal.ldlt().solve(s.right));
-    clearest = {level, 255.0 * std::sqrt(std::fmax(0.0, explained) / s.n * s.noise / s.n)};
+    const auto normal = s.normal.ldlt(), scatter = s.scatter.ldlt();
+    for (const Vector& right : s.right) {
+      const double level = right.dot(scatter.solve(right));
+      if (!(level > clearest.level)) continue;
+      const double explained = right.dot(normal.solve(right));
+      clearest = {level, 255.0 * std::sqrt(std::fmax(0.0, explained) / s.n * s.noise / s.n)};
+    }
   }
   return clearest;
 }

@@ -74,6 +74,10 @@ std::optional<Observation> ExtendedModel::place(double x, double y) const {
   return o;
 }
 
+const heightmap::ModelField& ExtendedModel::cut() const {
+  return parts_->surface->field();
+}
+
 std::optional<double> ExtendedModel::raised_mm(double x, double y) const {
   const auto o = place(x, y);
   return o ? std::optional(o->residual_mm / o->normal.z) : std::nullopt;

@@ -59,6 +59,9 @@ class ExtendedModel {
   ExtendedModel(ExtendedModel&&) noexcept;
   ~ExtendedModel();
 
+  /// What the programs cut (the ground where there are none), at nodes of half the design's
+  /// spacing.
+  [[nodiscard]] const heightmap::ModelField& cut() const;
   /// By how much the part as built stands above what the programs cut at (x, y): declared coat and
   /// causes. none: beside the design, over a void, or not reached by the program.
   [[nodiscard]] std::optional<double> raised_mm(double x_mm, double y_mm) const;

@@ -207,7 +207,8 @@ Remainder judge_photographs(const PhotoLinear& left, const PhotoViews& views, co
   // Four parameters, as unlikely as what lies kFar off by one.
   constexpr double kFarOfFour = kFar * kFar + 10.0;
   const EvenAndOdd parity = even_and_odd(left, views, knee);
-  if (parity.level > kFarOfFour && parity.rms_255 > smooth_255) note(kEvenAndOdd);
+  if (parity.level > kFarOfFour && parity.rms_255 > smooth_255)
+    note("even and odd rows or columns");
   // Fringes: neighbouring pixels differ by them as by noise.
   for (std::size_t photo = 0; photo < views.scene().photos.size(); ++photo) {
     const std::ptrdiff_t width = views.scene().photos[photo].width_px,

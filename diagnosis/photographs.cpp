@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <memory>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -20,7 +19,6 @@
 #include "diagnosis/detail/photo_standing.hpp"
 #include "diagnosis/detail/photo_stones.hpp"
 #include "diagnosis/extended_model.hpp"
-#include "diagnosis/path_contact.hpp"
 #include "diagnosis/surface.hpp"
 #include "heightmap/field_io.hpp"
 
@@ -285,11 +283,6 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
   PhotoLinear after;
   detail::PhotoScatter scatter;
   bool told_by_scatter = false, from_one_side = false;
-  const auto note_light = [](Remainder& rest) {
-    rest.kinds.emplace_back("light from one side");
-    rest.found = true;
-    rest.share = 1.0;
-  };
   while (true) {
     after = fit.about(members, parameters_of(members));
     d.rms_after = rms_of(after, kReport, nullptr);
@@ -298,7 +291,11 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.remainder =
         detail::judge_photographs(after, views, layout, fit.noise.factor, scatter,
                                   255.0 * kSmooth * light, 255.0 * finer_than_maps(after, members));
-    if (from_one_side) note_light(d.remainder);
+    if (from_one_side) {
+      d.remainder.kinds.emplace_back("light from one side");
+      d.remainder.found = true;
+      d.remainder.share = 1.0;
+    }
     std::size_t drop = impossible_sky(fit, members);
     const bool no_sky = drop < members.size();
     from_one_side |= no_sky;
@@ -323,6 +320,8 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     members = fit.fitted(without(std::move(members), drop));
   }
   out.scatter = scatter.factor;
+  const bool unnamed = fit.known.size() > declared;
+  if (whole && !unnamed) detail::show_photographs(before, first_pixels, after, views, layout, d);
   std::vector<double> gains(members.size(), 0.0);
   for (std::size_t k = 0; k < members.size(); ++k) {
     Cause c;
@@ -341,11 +340,12 @@ Result<Named> named(PhotoFit& fit, const std::vector<PhotoCandidate>& candidates
     d.causes[k].equivalent = search.equivalents(members, k, gains[k], d.rejected);
     run.progress(0.7 + 0.3 * static_cast<double>(k + 1) / static_cast<double>(members.size()));
   }
-  // What has no name is not in the model.
-  fit.known.resize(declared);
-  after = fit.about(members, {});
-  d.rms_after = rms_of(after, kReport, nullptr);
-  if (whole) detail::show_photographs(before, first_pixels, after, views, layout, d);
+  if (unnamed) {  // that is not in the model
+    fit.known.resize(declared);
+    after = fit.about(members, {});
+    d.rms_after = rms_of(after, kReport, nullptr);
+    if (whole) detail::show_photographs(before, first_pixels, after, views, layout, d);
+  }
   double all = 1e-300;
   for (const double g : gains) all += std::fmax(0.0, g);
   for (std::size_t k = 0; k < members.size(); ++k)
@@ -434,21 +434,15 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
                              [](const detail::Photograph& p) { return p.value.size() == 3; });
   if (!scene.colour)
     for (auto& p : taken) p.value.resize(1);
-  std::optional<CutPath> path;
-  std::unique_ptr<SimulatedSurface> cut;
-  if (milled) {
-    MAQUETTE_TRY(auto read, CutPath::read(part.programs, 0.5 * part.ball_diameter_mm, run));
-    path.emplace(std::move(read));
-    cut = std::make_unique<SimulatedSurface>(bare, &*path, run);
-  }
   std::optional<heightmap::ModelField> built;
-  if (milled && (part.coat_mm > 0.0 || !part.known.empty())) {
+  if (milled) {
     MAQUETTE_TRY(const auto model, ExtendedModel::make(part, run));
-    model.build(built.emplace(cut->field()));
+    built = model.cut();
+    if (part.coat_mm > 0.0 || !part.known.empty()) model.build(*built);
   }
   std::vector<const heightmap::ModelField*> surfaces;
   for (const PhotoInput& p : scene.photos)
-    surfaces.push_back(!p.as_milled || !cut ? &bare : built ? &*built : &cut->field());
+    surfaces.push_back(p.as_milled && built ? &*built : &bare);
   scene.box = maquette::diagnosis::scene_of(design, nullptr, 0.5 * part.ball_diameter_mm).box;
   std::vector<Grid<std::uint8_t>> stones;
   if (ground) stones = detail::pixels_of_stones(scene, design, *ground, kBesideStone_px);

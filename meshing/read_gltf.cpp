@@ -111,10 +111,7 @@ class GltfReader {
       }
       const std::string text = uri.text();
       if (text.starts_with("data:")) {
-        const std::size_t comma = text.find(";base64,");
-        auto bytes = comma == std::string::npos
-                         ? std::nullopt
-                         : from_base64(std::string_view(text).substr(comma + 8));
+        auto bytes = from_data(text);
         if (!bytes) return bad(uri, "data in base 64");
         buffers_.emplace_back(std::move(*bytes));
       } else {
@@ -219,11 +216,7 @@ class GltfReader {
       MAQUETTE_TRY(const std::string_view bytes, view(image.at("bufferView")));
       paint.picture = bytes;
     } else if (uri.text().starts_with("data:")) {
-      const std::string text = uri.text();
-      const std::size_t comma = text.find(";base64,");
-      auto bytes = comma == std::string::npos
-                       ? std::nullopt
-                       : from_base64(std::string_view(text).substr(comma + 8));
+      auto bytes = from_data(uri.text());
       if (!bytes) return bad(uri, "data in base 64");
       paint.picture = std::move(*bytes);
     } else {
@@ -343,10 +336,25 @@ class GltfReader {
     std::vector<std::array<double, 2>> at;  ///< by point, in a picture; empty: not known
   };
 
+  /// N numbers of each point, to `take`.
+  template <std::size_t N, class Take>
+  static Result<void> attribute(const draco::Mesh& mesh, const Node& place, const Take& take) {
+    MAQUETTE_TRY(const std::uint64_t id, whole(place));
+    const draco::PointAttribute* at = mesh.GetAttributeByUniqueId(static_cast<std::uint32_t>(id));
+    if (at == nullptr || at->num_components() != N)
+      return bad(place, fmt::format("an attribute of {} numbers", N == 3 ? "three" : "two"));
+    for (std::uint32_t i = 0; i < mesh.num_points(); ++i) {
+      std::array<float, N> p{};
+      if (!at->ConvertValue<float, N>(at->mapped_index(draco::PointIndex(i)), p.data()))
+        return bad(place, fmt::format("{} numbers a point", N == 3 ? "three" : "two"));
+      take(p);
+    }
+    return {};
+  }
+
   /// @param coordinates  key of the attribute that says where points lie in a picture; empty: none
   Result<Part> packed(const Node& draco, const std::string& coordinates) {
     MAQUETTE_TRY(const std::string_view bytes, view(draco.at("bufferView")));
-    MAQUETTE_TRY(const std::uint64_t id, whole(draco.at("attributes").at("POSITION")));
     draco::DecoderBuffer buffer;
     buffer.Init(bytes.data(), bytes.size());
     draco::Decoder decoder;
@@ -355,30 +363,15 @@ class GltfReader {
       return fail(kMeshFormat, fmt::format("{}: Draco cannot decode it: {}", draco.path,
                                            decoded.status().error_msg_string()));
     const draco::Mesh& mesh = *decoded.value();
-    const draco::PointAttribute* at = mesh.GetAttributeByUniqueId(static_cast<std::uint32_t>(id));
-    if (at == nullptr || at->num_components() != 3)
-      return bad(draco.at("attributes").at("POSITION"), "an attribute of three numbers");
+    const Node attributes = draco.at("attributes");
     Part part;
-    for (std::uint32_t i = 0; i < mesh.num_points(); ++i) {
-      std::array<float, 3> p{};
-      if (!at->ConvertValue<float, 3>(at->mapped_index(draco::PointIndex(i)), p.data()))
-        return bad(draco.at("attributes").at("POSITION"), "three numbers a point");
+    MAQUETTE_TRY_VOID(attribute<3>(mesh, attributes.at("POSITION"), [&](const auto& p) {
       part.points.push_back({p[0], p[1], p[2]});
-    }
-    if (!coordinates.empty() && draco.at("attributes").at(coordinates).given()) {
-      const Node place = draco.at("attributes").at(coordinates);
-      MAQUETTE_TRY(const std::uint64_t uv_id, whole(place));
-      const draco::PointAttribute* uv =
-          mesh.GetAttributeByUniqueId(static_cast<std::uint32_t>(uv_id));
-      if (uv == nullptr || uv->num_components() != 2)
-        return bad(place, "an attribute of two numbers");
-      for (std::uint32_t i = 0; i < mesh.num_points(); ++i) {
-        std::array<float, 2> p{};
-        if (!uv->ConvertValue<float, 2>(uv->mapped_index(draco::PointIndex(i)), p.data()))
-          return bad(place, "two numbers a point");
+    }));
+    if (!coordinates.empty() && attributes.at(coordinates).given())
+      MAQUETTE_TRY_VOID(attribute<2>(mesh, attributes.at(coordinates), [&](const auto& p) {
         part.at.push_back({p[0], p[1]});
-      }
-    }
+      }));
     for (std::uint32_t f = 0; f < mesh.num_faces(); ++f)
       for (const draco::PointIndex& corner : mesh.face(draco::FaceIndex(f)))
         part.corners.push_back(corner.value());

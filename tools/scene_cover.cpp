@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <map>
 #include <utility>
 
 #include <fmt/format.h>
@@ -39,6 +38,10 @@ camera::Law law_of(const Paint& paint) {
 camera::MeshPicture::Beyond beyond_of(Beyond b) {
   using To = camera::MeshPicture::Beyond;
   return b == Beyond::edge ? To::edge : b == Beyond::mirrored ? To::mirrored : To::repeats;
+}
+
+bool same_picture(const Paint& a, const Paint& b) {
+  return a.picture_file == b.picture_file && a.beyond == b.beyond && a.picture == b.picture;
 }
 
 Result<std::shared_ptr<const camera::MeshPicture>> picture_of(const Paint& paint) {
@@ -77,7 +80,6 @@ Result<CoveredMesh> load_covered_mesh(const fs::path& path,
                                       const RunContext& run) {
   MAQUETTE_TRY(auto read, meshing::read_painted_mesh(path, run));
   auto cover = std::make_shared<camera::MeshCover>();
-  std::map<fs::path, std::shared_ptr<const camera::MeshPicture>> known;  // one copy of a file
   const auto in_scene = [&](const Paint& paint) {
     return std::any_of(materials.begin(), materials.end(),
                        [&](const SceneMaterial& m) { return m.name == paint.name; });
@@ -89,17 +91,22 @@ Result<CoveredMesh> load_covered_mesh(const fs::path& path,
       MAQUETTE_TRY(material, find_material(materials, paint.name));
     }
     cover->materials.push_back(std::move(material));
-    std::shared_ptr<const camera::MeshPicture> picture;
-    if (paint.has_picture()) {
-      if (!paint.picture_file.empty()) picture = known[paint.picture_file];
-      if (picture == nullptr) {
-        auto fresh = picture_of(paint);
-        if (!fresh) return tl::unexpected(std::move(fresh).error().within(path.string()));
-        picture = std::move(*fresh);
-        if (!paint.picture_file.empty()) known[paint.picture_file] = picture;
-      }
+    if (!paint.has_picture()) {
+      cover->pictures.push_back(nullptr);
+      continue;
     }
-    cover->pictures.push_back(std::move(picture));
+    // One copy of those that several have.
+    const auto same =
+        std::find_if(read.paints.begin(), read.paints.begin() + std::ssize(cover->pictures),
+                     [&](const Paint& other) { return same_picture(paint, other); });
+    if (const auto k = static_cast<std::size_t>(same - read.paints.begin());
+        k < cover->pictures.size()) {
+      cover->pictures.push_back(cover->pictures[k]);
+      continue;
+    }
+    auto fresh = picture_of(paint);
+    if (!fresh) return tl::unexpected(std::move(fresh).error().within(path.string()));
+    cover->pictures.push_back(std::move(*fresh));
   }
   cover->material_of = std::move(read.paint_of);
   cover->at_corner = std::move(read.at_corner);

@@ -46,18 +46,16 @@ Bands Shader::reflected(const RayHit& hit, const Angles& angles) const {
   const SceneObject& object = objects_[hit.object];
   const Material& material = material_at(hit);
   Bands factor = radiance_factor(material.law, angles);
-  if (material.map) {
-    const Bands painted = material.map->at(hit.point_mm.x, hit.point_mm.y);
+  const auto paint = [&factor](const Bands& painted) {
     for (std::size_t b = 0; b < 3; ++b) factor[b] *= painted[b];
-  }
-  if (object.cover != nullptr) {
-    const MeshCover& cover = *object.cover;
-    const MeshPicture* picture = cover.pictures[cover.material_of[hit.triangle]].get();
-    if (picture == nullptr) return factor;
+  };
+  if (material.map) paint(material.map->at(hit.point_mm.x, hit.point_mm.y));
+  if (object.cover == nullptr) return factor;
+  const MeshCover& cover = *object.cover;
+  if (const auto& picture = cover.pictures[cover.material_of[hit.triangle]]) {
     const Vec3 at = (1.0 / object.scale) * object.model_from_mesh.inverse().point(hit.point_mm);
     const auto [u, v] = place_in_picture(cover, *object.mesh, hit.triangle, at);
-    const Bands painted = picture->at(u, v);
-    for (std::size_t b = 0; b < 3; ++b) factor[b] *= painted[b];
+    paint(picture->at(u, v));
   }
   return factor;
 }

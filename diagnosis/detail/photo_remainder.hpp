@@ -10,8 +10,6 @@ namespace maquette::diagnosis::detail {
 
 /// A kind of remainder: a fringe, or what readout makes of columns.
 inline constexpr const char* kWaveInPicture = "a wave in a picture";
-/// Another: detail/even_and_odd.hpp.
-inline constexpr const char* kEvenAndOdd = "even and odd rows or columns";
 
 /// Looks at means of what is left, by places of the part, by squares of each picture and of all,
 /// and by rows: one that stands far out of all others is no noise. Nor is what neighbours share:

@@ -140,6 +140,13 @@ inline std::optional<std::string> from_base64(std::string_view text) {
   return bytes;
 }
 
+/// Of a "data:" text; none: not in base 64.
+inline std::optional<std::string> from_data(std::string_view text) {
+  constexpr std::string_view kBegin = ";base64,";
+  const std::size_t at = text.find(kBegin);
+  return at == std::string_view::npos ? std::nullopt : from_base64(text.substr(at + kBegin.size()));
+}
+
 /// %20 and its like in a file's name.
 inline std::string from_percent(std::string_view text) {
   std::string name;

@@ -728,8 +728,7 @@ Grid<double> halo_of(const PhotoInput& p) {
   return to;
 }
 
-// A tenth of the light, of a width between those that are tried: an even veil leaves bright places
-// too bright, and a map of albedo stood beside it.
+// A tenth of the light, of a width between those that are tried.
 TEST(Photographs, LightThatTheLensSpreadsAboutItsPlaceIsAVeil) {
   constexpr double kShare = 0.1;
   std::map<double, Grid<double>> known;  // by where the camera stands

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-// meshing/painted_mesh.hpp, on a square of two triangles whose looks are written down by hand:
+// meshing/painted_mesh.hpp, on a few triangles whose looks are written down by hand:
 //   OBJ with a .mtl ......... colours, pictures, places from the upper left corner, names with
 //                             spaces, polygons fanned, coordinates by negative numbers
 //   without its .mtl ........ names alone; faces before any name
@@ -95,10 +95,10 @@ TEST_F(PaintedMeshFile, ObjWithoutItsMtlHasNamesAlone) {
   EXPECT_TRUE(read->files.empty());
 }
 
-// A square with corners at 0, 1, 2 and 3 as glTF has them (y up), and what hangs on it.
+// Half a square as glTF has it (y up), and what hangs on it.
 struct Square {
   std::string primitive = R"("attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0)";
-  std::string node, image = R"({"uri":"mark.png"})", texture, sampler, extra_view;
+  std::string node, image = R"({"uri":"mark.png"})", texture, sampler;
   std::string material =
       R"({"name":"mark","pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,0.125,1],)"
       R"("metallicFactor":0,"roughnessFactor":0.5,"baseColorTexture":{"index":0TEXTURE}}})";

@@ -38,6 +38,7 @@
 #include "meshing/stones.hpp"
 #include "support/matchers.hpp"
 #include "tools/jobs.hpp"
+#include "tools/scene_cover.hpp"
 #include "tools/scene_loading.hpp"
 
 namespace maquette::tools {
@@ -192,6 +193,23 @@ TEST_F(PaintedObject, AMaterialOfTheSceneTakesThePlaceOfTheFilesUnderItsPicture)
                                     sheet("right.obj", "material = \"foil\"\n")),
                               "b.exr");
   expect_same(painted, halves);
+}
+
+TEST_F(PaintedObject, MaterialsShareAPictureThatEndsAlike) {
+  std::ofstream(folder / "sheet.mtl")
+      << "newmtl mark\nmap_Kd mark.png\nnewmtl foil\nmap_Kd -clamp on "
+         "mark.png\nnewmtl same\nKd 0.5 0.5 0.5\nmap_Kd mark.png\n"
+         "newmtl plain\n";
+  std::ofstream(folder / "all.obj") << "mtllib sheet.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"
+                                       "usemtl mark\nf 1/1 2/1 3/1\nusemtl foil\nf 1/1 2/1 3/1\n";
+  const auto all = load_covered_mesh(folder / "all.obj", {}, {});
+  ASSERT_THAT(all, Succeeds());
+  const auto& pictures = all->cover->pictures;
+  ASSERT_EQ(pictures.size(), 4U);
+  EXPECT_EQ(pictures[0], pictures[2]);
+  EXPECT_NE(pictures[0], pictures[1]);
+  EXPECT_EQ(pictures[1]->beyond[0], camera::MeshPicture::Beyond::edge);
+  EXPECT_EQ(pictures[3], nullptr);
 }
 
 TEST_F(PaintedObject, ASeriesBeginsAnewWithAnotherPicture) {

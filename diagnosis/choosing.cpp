@@ -38,12 +38,6 @@ bool alike(const Members& a, const Members& b) {
          std::all_of(a.begin(), a.end(), [&](const Member& x) { return has(b, x.effect); });
 }
 
-/// The moment of a step, as a share of the program.
-/// @pre it has one: Form::at_moment
-double share_of(const Form& step, const Scene& scene) {
-  return step.fixed[0].second / scene.duration_min;
-}
-
 /// For steps elsewhere, bands that begin where the program says: what the data show to first order
 /// may be a pass beside a border.
 std::optional<Candidate> bands_of_the_program(const Search& search, const Member& step) {
@@ -82,77 +76,83 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
   return closest;
 }
 
-/// Steps so large that what passes do beside the border is not of first order are told from their
-/// neighbours cut anew: a ball that goes down by dz reaches over the border by dz R / stepover, and
-/// to first order the step seems that much earlier or later and, for all that contradicts it, half
-/// as large.
+/// Steps so large that what passes do beside the border is not of first order, at the moments that
+/// do best cut anew.
 /// @param before  a model whose moments may do better
 Members at_their_moments(Members with, const Members& before, const Search& search, Bank& bank,
                          Linearised& residuals, const RunContext& run) {
-  constexpr double kLarge_mm = 0.12, kFarthest = 1.0 / 128, kNearest = 1.0 / 4096;
-  constexpr int kMoves = 4;  // at one distance
+  constexpr double kLarge_mm = 0.12;
   for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k) {
-    if (!with[k].form.at_moment) continue;
-    double best = residuals.score(with);
-    const double size_mm = residuals.fit_of(with).coefficients(
-        place_of(bank, columns_of(bank, with), with[k].form.columns[0]));
-    if (!(std::abs(size_mm) > kLarge_mm)) continue;
-    double share = share_of(with[k].form, residuals.scene());
-    const auto better_at = [&](double at) {
-      if (!(at > 0.0 && at < 1.0) || run.stopped()) return false;
-      Members moved = with;
-      moved[k].form = with[k].form.at_moment(at);
-      add_columns(bank, search.observations, moved[k].form.columns);
-      const double s = residuals.score(moved);
-      if (!(s < best)) return false;
-      best = s;
-      share = at;
-      with = std::move(moved);
-      return true;
-    };
+    if (!with[k].form.move_moment) continue;
+    const double now = residuals.score(with);
+    const Fit f = residuals.fit_of(with);
+    const auto model = columns_of(bank, with);
+    const auto& columns = with[k].form.columns;
+    if (std::none_of(columns.begin(), columns.end(), [&](const Column& c) {
+          return std::abs(f.coefficients(place_of(bank, model, c))) > kLarge_mm;
+        }))
+      continue;
+    std::vector<Form> also;
     for (const Member& m : before)
-      if (m.effect == with[k].effect && m.form.at_moment)
-        better_at(share_of(m.form, residuals.scene()));
-    for (double d = kFarthest; d >= kNearest; d *= 0.5)
-      for (const double way : {d, -d})
-        for (int i = 0; i < kMoves && better_at(share + way);) ++i;
+      if (m.effect == with[k].effect && m.form.move_moment) also.push_back(m.form);
+    with = at_best_moments(std::move(with), k, now, also, search, bank, run,
+                           [&](const Members& moved) { return residuals.score(moved); });
   }
   residuals.about(with);
   return with;
 }
 
+/// Moments of steps along an axis, as shares of the program; none: it is something else.
+std::vector<double> moments_along(int axis, const Form& form, const Scene& scene) {
+  std::vector<double> moments;
+  if (form.move_moment && form.columns[0].key.starts_with(fmt::format("step_{}", kAxisName[axis])))
+    for (const auto& [name, minutes] : form.fixed) moments.push_back(minutes / scene.duration_min);
+  return moments;
+}
+
 /// A spot that blurs leaves so much at every slope that no step stands out before it is taken off,
-/// and what was chosen in place of the step hides it. So steps are looked for again in what the
-/// model leaves without each of its members; the sharpest that is new along each axis becomes a
-/// form of all causes that may be steps.
+/// and what was chosen in place of the step hides it; and of two steps the larger hides the other.
+/// So steps are looked for again in what the model leaves, and leaves without each of its members;
+/// the sharpest that is new along each axis becomes a form of all causes that may be steps, alone
+/// and beside the one that the model has along that axis.
 void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
                            Linearised& residuals) {
   constexpr double kSameMoment = 1.0 / 256;  // of the program; closer ones are found by refining
+  const Scene& scene = residuals.scene();
   std::vector<Column> added;
-  // Of a cause's steps along an axis to one side: a new one unless it has one there.
-  const auto offer = [&](Candidate& c, const std::string& kind, int sign, double share) {
-    const Form* like = nullptr;
-    for (const Form& f : c.forms) {
-      if (!f.at_moment || f.sign != sign || !f.columns[0].key.starts_with(kind)) continue;
-      const double at = share_of(f, residuals.scene());
-      if (f.finer && std::abs(at - share) < kSameMoment) return;
-      like = &f;
-    }
-    if (like == nullptr) return;
-    Form fresh = like->at_moment(share);
-    added.insert(added.end(), fresh.columns.begin(), fresh.columns.end());
-    c.forms.push_back(std::move(fresh));
+  const auto add = [&](Candidate& c, Form form) {
+    added.insert(added.end(), form.columns.begin(), form.columns.end());
+    c.forms.push_back(std::move(form));
   };
-  for (std::size_t k = 0; k < chosen.size(); ++k) {
-    const auto others = without(chosen, k);
+  // Of a cause's steps along an axis to one side: a new one unless it has one there.
+  const auto offer = [&](Candidate& c, int axis, int sign, double share) {
+    std::optional<Form> fresh;
+    for (const Form& f : c.forms) {
+      const auto moments = moments_along(axis, f, scene);
+      if (moments.size() != 1 || !f.at_moment || f.sign != sign) continue;
+      if (f.finer && std::abs(moments[0] - share) < kSameMoment) return;
+      if (!fresh) fresh = f.at_moment(share);
+    }
+    if (fresh) add(c, std::move(*fresh));
+  };
+  const auto offer_beside = [&](int axis, double one, double other) {
+    for (Candidate& c : search.candidates)
+      if (std::any_of(c.forms.begin(), c.forms.end(),
+                      [&](const Form& f) { return moments_along(axis, f, scene).size() == 1; }))
+        for (Form& f : refined_steps(axis, scene, {one, other})) add(c, std::move(f));
+  };
+  for (std::size_t k = 0; k <= chosen.size(); ++k) {
+    const auto others = k < chosen.size() ? without(chosen, k) : chosen;
     residuals.about_alone(others);
     const auto left = residuals_of(search.observations, others, bank, residuals.fit_of(others));
     for (int axis = 0; axis < 3; ++axis) {
       const auto found = sharpest_steps(search.observations, left, search.layout, axis);
       if (found.empty()) continue;
       for (Candidate& c : search.candidates)
-        for (const int sign : {-1, 0, 1})
-          offer(c, fmt::format("step_{}", kAxisName[axis]), sign, found[0]);
+        for (const int sign : {-1, 0, 1}) offer(c, axis, sign, found[0]);
+      for (const Member& m : others)
+        if (const auto its = moments_along(axis, m.form, scene); its.size() == 1)
+          offer_beside(axis, its[0], found[0]);
     }
   }
   add_columns(bank, search.observations, added);
@@ -341,6 +341,31 @@ Members sized(Members now, const Search& search, Bank& bank, Linearised& residua
 }
 
 }  // namespace
+
+Members at_best_moments(Members with, std::size_t k, double now, const std::vector<Form>& also,
+                        const Search& search, Bank& bank, const RunContext& run,
+                        const std::function<double(const Members&)>& score) {
+  constexpr double kFarthest = 1.0 / 128, kNearest = 1.0 / 4096;
+  constexpr int kMoves = 4;  // at one distance
+  const auto better_as = [&](const std::optional<Form>& form) {
+    if (!form || run.stopped()) return false;
+    Members moved = with;
+    moved[k].form = *form;
+    add_columns(bank, search.observations, form->columns);
+    const double s = score(moved);
+    if (!(s < now)) return false;
+    now = s;
+    with = std::move(moved);
+    return true;
+  };
+  for (const Form& form : also) better_as(form);
+  for (double d = kFarthest; d >= kNearest; d *= 0.5)
+    for (std::size_t c = 0; c < with[k].form.columns.size(); ++c)
+      for (const double later : {d, -d})
+        for (int i = 0; i < kMoves && better_as(with[k].form.move_moment(c, later)); ++i) {
+        }
+  return with;
+}
 
 Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& residuals) {
   return follows_any(now, true) && follows_any(now, false)

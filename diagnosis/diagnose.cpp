@@ -157,19 +157,25 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
 /// step.
 /// @return how many forms were looked at, for as many tests
 double take_moments_of(detail::Search& search, Bank& bank, detail::Linearised& residuals,
-                       Members& members) {
+                       Members& members, const std::vector<int>& sets, const RunContext& run) {
   constexpr double kNotTold = 2.0;    // in -2 log likelihood
-  constexpr double kMoments = 200.0;  // 19 and twice 13 neighbours of a few
+  constexpr double kMoments = 200.0;  // 19 and twice 13 neighbours of a few, and up to 48 cut anew
   if (std::none_of(members.begin(), members.end(), detail::has_a_moment)) return 1.0;
   const double chosen = residuals.score(members);
-  const Members both =
-      detail::polished(search, bank, members, residuals.settle(), {kChoose, kConfirm});
+  Members both = detail::polished(search, bank, members, residuals.settle(), sets);
+  const auto score = [&](const Members& with) {
+    residuals.about_alone(with);
+    return detail::fit(bank, detail::columns_of(bank, with), sets).objective;
+  };
+  for (std::size_t k = 0; k < both.size(); ++k)
+    if (both[k].form.move_moment)
+      both = detail::at_best_moments(both, k, score(both), {}, search, bank, run, score);
   double looks = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
     if (!detail::has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;
     Members instead = members;
     instead[k] = both[k];
-    if (!(residuals.score(instead) < chosen + kNotTold)) continue;
+    if (sets.size() < kAll.size() && !(residuals.score(instead) < chosen + kNotTold)) continue;
     members = std::move(instead);
     looks = kMoments;
   }
@@ -194,15 +200,40 @@ std::vector<detail::Confirmed> choose_and_confirm(detail::Search& search, Bank& 
     auto members = detail::choose_and_recut(search, bank, residuals, ranking, run);
     if (look == 0) d.ranking = std::move(ranking);
     if (members.empty() || run.stopped()) break;
-    const double looks = take_moments_of(search, bank, residuals, members);
-    confirmed =
-        detail::confirm(bank, members, (look == 0 ? detail::kConfirmLevel : kLaterLevel) / looks,
-                        d.rejected, residuals.settle_alone());
+    Members moved = members, sharp = members;
+    const double looks = take_moments_of(search, bank, residuals, moved, {kChoose, kConfirm}, run);
+    take_moments_of(search, bank, residuals, sharp, kAll, run);
+    const double level = look == 0 ? detail::kConfirmLevel : kLaterLevel;
+    const auto confirm_as = [&](const Members& with, double at) {
+      std::pair<std::vector<detail::Confirmed>, std::vector<Rejected>> found;
+      found.first = detail::confirm(bank, with, sharp, at, found.second, residuals.settle_alone());
+      return found;
+    };
+    // At the moments that were chosen, or those of both sets at the price of all that were tried.
+    auto found = confirm_as(members, looks == 1.0 ? level : 0.5 * level);
+    if (looks > 1.0)
+      if (auto as_moved = confirm_as(moved, 0.5 * level / looks);
+          as_moved.first.size() >= found.first.size())
+        found = std::move(as_moved);
+    confirmed = std::move(found.first);
+    d.rejected.insert(d.rejected.end(), found.second.begin(), found.second.end());
     std::erase_if(search.candidates,
                   [&](const detail::Candidate& c) { return detail::has(members, c.effect); });
   }
   search.candidates = all;
   return confirmed;
+}
+
+/// What remains unexplained, and beside it what stands, is said of all blocks: a step whose moment
+/// lies in a pass that no block to choose or confirm by sees leaves the rest of that pass.
+void take_moments_of_all(detail::Search& search, Bank& bank, detail::Linearised& residuals,
+                         std::vector<detail::Confirmed>& confirmed, const RunContext& run) {
+  Members members = detail::members_of(confirmed);
+  take_moments_of(search, bank, residuals, members, kAll, run);
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    if (members[k].form.law == confirmed[k].member.form.law) continue;
+    confirmed[k].chosen = std::exchange(confirmed[k].member.form, members[k].form);
+  }
 }
 
 /// Which causes there are is settled; when and at what length each acted is said by all blocks. On
@@ -224,22 +255,23 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
       confirmed[k].member = sharp[k];
 }
 
-/// A single step in height where a tool, a program or a band begins is the band's; drives lose
-/// steps anywhere.
+/// Steps in height of which one is where a tool, a program or a band begins are the bands'; drives
+/// lose steps anywhere.
 void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confirmed>& confirmed) {
   constexpr double kNear = 0.01;  // of the program's time
   const Effect* const lost = find_effect("machine.step_loss_z");
   const Effect* const bands = find_effect("process.band_step");
   for (detail::Confirmed& c : confirmed) {
-    const auto& fixed = c.member.form.fixed;
-    if ((c.member.effect != lost && c.member.effect != bands) || fixed.empty() ||
-        fixed[0].first != "moment_min")
+    if ((c.member.effect != lost && c.member.effect != bands) || !detail::has_a_moment(c.member) ||
+        c.member.form.law == detail::kBandsOfTheProgram)
       continue;
-    const double at = fixed[0].second / scene.duration_min;
-    c.member.effect = std::any_of(scene.section_starts.begin(), scene.section_starts.end(),
-                                  [at](double start) { return std::abs(at - start) < kNear; })
-                          ? bands
-                          : lost;
+    const auto is_border = [&](const auto& moment) {
+      const double at = moment.second / scene.duration_min;
+      return std::any_of(scene.section_starts.begin(), scene.section_starts.end(),
+                         [at](double start) { return std::abs(at - start) < kNear; });
+    };
+    const auto& moments = c.member.form.fixed;
+    c.member.effect = std::any_of(moments.begin(), moments.end(), is_border) ? bands : lost;
   }
 }
 
@@ -247,7 +279,12 @@ void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confi
 Members before_sharpening(const std::vector<detail::Confirmed>& as_chosen, const Members& named) {
   Members members;
   for (const detail::Confirmed& c : as_chosen)
-    if (detail::has(named, c.member.effect)) members.push_back(c.member);
+    if (detail::has(named, c.member.effect)) {
+      members.push_back(c.member);
+      // Of two moments one may have turned out to be none.
+      if (c.chosen && c.chosen->columns.size() == c.member.form.columns.size())
+        members.back().form = *c.chosen;
+    }
   return members;
 }
 
@@ -284,6 +321,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   auto confirmed = choose_and_confirm(search, bank, residuals, d, run);
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
+  take_moments_of_all(search, bank, residuals, confirmed, run);
   const Members doubtful =
       detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);

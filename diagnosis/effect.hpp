@@ -80,6 +80,9 @@ struct Form {
   std::function<std::vector<Form>()> finer{};
   /// Of a step at one moment: the form at another share of the program's time; empty: others.
   std::function<Form(double share)> at_moment{};
+  /// Of steps, a column each: the form with one of the moments later by a share of the program;
+  /// nullopt: that is too close to another, or beyond the program. Empty: others.
+  std::function<std::optional<Form>(std::size_t which, double later)> move_moment{};
   /// Where a size hangs on what the law fixes (a growth on its time constant): the form with other
   /// values of that, even in its logarithm; the spread of sizes over them is part of the error.
   std::function<std::vector<Form>()> alternatives{};

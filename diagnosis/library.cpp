@@ -5,53 +5,6 @@
 
 namespace maquette::diagnosis {
 
-namespace detail {
-
-namespace {
-
-constexpr double kStepAside_mm = 0.2;
-constexpr double kNearby =
-    1.0 / 64;  // of the program: as far as a moment that the data show is off
-
-/// A step whose moment is refined; `step`: distance to the next such form.
-struct MakeStep {
-  int axis;
-  double size_mm, radius_mm, minutes;
-  Form operator()(double share, double step) const {
-    Form f{fmt::format("after {:.4f} of the program", share),
-           {step_after(axis, share, "step_mm", size_mm, radius_mm)}};
-    f.fixed = {{"moment_min", share * minutes}};
-    f.sign = sign_of(size_mm);
-    f.at_moment = [make = *this](double at) { return make(at, kNearby); };
-    if (step > 1e-3)
-      f.finer = [make = *this, share, step] {
-        std::vector<Form> near;
-        for (int k = -6; k <= 6; ++k)
-          if (share + k * step / 7.0 > 0.0)
-            near.push_back(make(share + k * step / 7.0, step / 7.0));
-        return near;
-      };
-    return f;
-  }
-};
-
-}  // namespace
-
-std::vector<Form> step_forms(int axis, const Scene& scene) {
-  std::vector<Form> forms;
-  const auto sizes =
-      axis == 2 ? std::vector{kStepUp_mm, -kStepUp_mm} : sizes_of_drifts(scene, kStepAside_mm);
-  for (const double size : sizes) {
-    const MakeStep make{axis, size, scene.ball_radius_mm, scene.duration_min};
-    for (const double share : scene.steps[static_cast<std::size_t>(axis)])
-      forms.push_back(make(share, kNearby));
-    for (int k = 1; k < 16; ++k) forms.push_back(make(k / 16.0, 1.0 / 16.0));
-  }
-  return forms;
-}
-
-}  // namespace detail
-
 const std::vector<Effect>& library() {
   static const std::vector<Effect> all = [] {
     std::vector<Effect> effects;

@@ -176,7 +176,7 @@ std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> mem
     if (coarse.forms.empty()) continue;
     const auto others = without(members, k);
     // Of steps, which passes beside the border answer to by more than first order, as cut anew.
-    const bool steps = static_cast<bool>(members[k].form.at_moment);
+    const bool steps = static_cast<bool>(members[k].form.move_moment);
     const auto cut_anew = [&](const Form& form) {
       auto with = members;
       with[k].form = form;
@@ -399,11 +399,18 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
   return best.members;
 }
 
-std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, double level,
+std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members,
+                               std::vector<Member> sharp, double level,
                                std::vector<Rejected>& rejected, const Settle& settle) {
   std::vector<Confirmed> good;
   while (!members.empty()) {
     good.clear();
+    settle(sharp);
+    const auto sharp_model = columns_of(bank, sharp);
+    const Fit sharp_fit = fit(bank, sharp_model, kAll);
+    std::vector<double> over;
+    for (std::size_t k = 0; k < members.size(); ++k)
+      over.push_back(overstated(bank, sharp_model, columns_of(bank, without(sharp, k)), sharp_fit));
     settle(members);
     const auto model = columns_of(bank, members);
     const double full = fit(bank, model, {kConfirm}).objective;
@@ -412,9 +419,6 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
         objective_held(bank, model, chosen.coefficients, bank.nuisances, {kConfirm});
     const double both = fit(bank, model, {kChoose, kConfirm}).objective;
     const Fit whole = fit(bank, model, kAll);
-    std::vector<double> over;
-    for (std::size_t k = 0; k < members.size(); ++k)
-      over.push_back(overstated(bank, model, columns_of(bank, without(members, k)), whole));
     std::size_t worst = 0;
     double worst_p = 0.0, least = INFINITY;
     std::string why;
@@ -458,6 +462,7 @@ std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members, do
     if (worst_p < level) break;
     rejected.push_back({members[worst].effect->name, why});
     members = without(std::move(members), worst);
+    sharp = without(std::move(sharp), worst);
     good.clear();
   }
   return good;

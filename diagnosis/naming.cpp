@@ -8,6 +8,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/detail/choosing.hpp"
+#include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/sizes.hpp"
 #include "diagnosis/detail/standing.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
@@ -78,6 +79,13 @@ std::optional<Member> what_may_be_none(const Member& member, const std::vector<E
   return may;
 }
 
+/// A step is one whoever made it, a drive or a band that the program does not show.
+bool says_the_same(const Member& member, const Effect* other) {
+  return (member.effect->never_beside == other->name ||
+          other->never_beside == member.effect->name) &&
+         has_a_moment(member) && member.form.law != kBandsOfTheProgram;
+}
+
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
 /// @param sizes  of the k-th
 Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<Estimate>& sizes,
@@ -117,6 +125,10 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
   Equivalents equivalent;
   for (const Candidate& other : search.candidates) {
     if (has(model.members, other.effect) || !may_join(others, other.effect)) continue;
+    if (says_the_same(model.members[k], other.effect)) {
+      equivalent.names.push_back(other.effect->name);
+      continue;
+    }
     const auto found = best_form(bank, others, other, kAll, false, beside);
     if (!std::isfinite(found.objective)) continue;
     Worse worse = worse_by(others, {other.effect, other.forms[found.form]});

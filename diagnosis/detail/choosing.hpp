@@ -20,6 +20,18 @@ namespace maquette::diagnosis::detail {
 [[nodiscard]] Members at_own_size(Members members, const Search& search, Bank& bank,
                                   Linearised& residuals);
 
+/// Steps told from those at moments nearby, cut anew: a ball that goes down by dz reaches over the
+/// border by dz R / stepover, and to first order the step seems that much earlier or later and, for
+/// all that contradicts it, half as large.
+/// @param k      a member that has Form::move_moment
+/// @param now    score(with)
+/// @param also   forms that may do better
+/// @param score  less is better
+[[nodiscard]] Members at_best_moments(Members with, std::size_t k, double now,
+                                      const std::vector<Form>& also, const Search& search,
+                                      Bank& bank, const RunContext& run,
+                                      const std::function<double(const Members&)>& score);
+
 /// Is it a step at some moment of the program?
 [[nodiscard]] bool has_a_moment(const Member& member);
 

@@ -225,8 +225,15 @@ inline constexpr double kStepUp_mm = 0.09;
 }
 /// Law of bands that begin where the program says.
 inline constexpr const char* kBandsOfTheProgram = "bands of the program";
-/// Forms at the moments that the data show, and at 15 even ones.
-[[nodiscard]] std::vector<Form> step_forms(int axis, const Scene& scene);
+/// Steps along an axis (step_forms.cpp): at one moment, those that the data show and 15 even ones;
+/// at two that the data show, and up to `most` of the sharpest.
+[[nodiscard]] std::vector<Form> step_forms(int axis, const Scene& scene, std::size_t most);
+/// Steps at those moments, each up or down, one of them refined after the other; none where two are
+/// too close to be told apart.
+[[nodiscard]] std::vector<Form> refined_steps(int axis, const Scene& scene,
+                                              std::vector<double> moments);
+/// Steps in height where sections of the program start.
+[[nodiscard]] std::vector<Form> steps_of_sections(const Scene& scene);
 
 // One function a family, each in its own file; library.cpp lists them in order.
 void add_machine_scale(std::vector<Effect>& all);

@@ -4,6 +4,7 @@
 // Which causes together: beam search on one set, confirmation on another.
 
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "core/run_context.hpp"
@@ -90,12 +91,17 @@ using Settle = std::function<void(const std::vector<Member>&)>;
 struct Confirmed {
   Member member;
   double p_value = 1.0;
+  /// With the moments that were chosen, where all blocks have others.
+  std::optional<Form> chosen{};
 };
 /// Those of `members` that hold on the confirming blocks.
+/// @param sharp     the same, at the moments that all blocks ask for: by these it is told how much
+///   neighbouring cells agree by themselves, which a border that is off by a part of a pass would
+///   not leave to noise
 /// @param rejected  the others, and why
 [[nodiscard]] std::vector<Confirmed> confirm(const Bank& bank, std::vector<Member> members,
-                                             double level, std::vector<Rejected>& rejected,
-                                             const Settle& settle);
+                                             std::vector<Member> sharp, double level,
+                                             std::vector<Rejected>& rejected, const Settle& settle);
 
 /// What columns would gain beside a model were its noise to stay: normal equations with the model's
 /// columns eliminated, at the noise of its fit and, for a long process takes what a drift does,

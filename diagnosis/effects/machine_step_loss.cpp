@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // From one moment on the axis stands c away from where the control believes it: lost steps, a
-// slipped coupling, a moved clamp.
+// slipped coupling, a moved clamp. What has slipped once may slip again; with more moments than two
+// it would look like any drift.
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -14,7 +15,7 @@ void add_machine_step_loss(std::vector<Effect>& all) {
     e.says = "from one moment on the " + a + " axis was off by a constant";
     e.source = "open-loop stepper drives; one or more full steps";
     e.acts_on = "machine";
-    e.depends_on = "before or after a moment of the program";
+    e.depends_on = "before or after one or two moments of the program";
     e.unknown_shift = a;
     e.looks_like = axis == 2
                        ? std::vector<std::string>{"process.band_step", "machine.thermal_growth_z"}
@@ -24,7 +25,7 @@ void add_machine_step_loss(std::vector<Effect>& all) {
     e.signature_error = 0.03;
     e.correction = "lower acceleration; mill again what came after the moment";
     e.needs = Needs::path;
-    e.forms = [axis](const Scene& scene) { return step_forms(axis, scene); };
+    e.forms = [axis](const Scene& scene) { return step_forms(axis, scene, 2); };
     all.push_back(std::move(e));
   }
 }

@@ -7,6 +7,9 @@
 //       order more than a fifth of what they move is missed
 //   beside a bent guide ...... both are named, the step with its height
 //   0.5 mm aside ............. measured within 3 %, from its moment on
+//   0.3 and 0.2 mm aside ..... two of one drive, not a guide that is bent sideways
+//   up, and up again ......... the drive's, or bands' that the program does not show
+//   up in the midst of a pass  explained, wherever that pass is cut
 
 #include <algorithm>
 #include <cmath>
@@ -108,6 +111,66 @@ TEST(StepAside, IsMeasuredFromItsMomentOn) {
   const Estimate& size = d->causes[0].parameters[0];
   EXPECT_NEAR(size.value, kStep_mm, 0.03 * kStep_mm);
   EXPECT_LT(size.sigma, 0.02 * kStep_mm);
+}
+
+/// From two passes on the tips are off by one step, and by another more.
+Passes stepped_twice(Passes passes, std::size_t first, Vec3 step_mm, std::size_t second,
+                     Vec3 more_mm) {
+  for (std::size_t k = first; k < passes.size(); ++k)
+    for (Vec3& tip : passes[k]) tip = tip + step_mm + (k < second ? Vec3{} : more_mm);
+  return passes;
+}
+
+TEST(StepsAside, OfOneDriveAreOneCause) {
+  constexpr double kFirst_mm = 0.3, kSecond_mm = 0.2, kWhite_mm = 0.03, kStretch = 2.0;
+  constexpr std::uint64_t kSeed = 20'261'130;
+  const auto passes = command(kStretch);
+  const auto cut = stepped_twice(passes, 41, {kFirst_mm, 0.0, 0.0}, 83, {kSecond_mm, 0.0, 0.0});
+  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed, kStretch), 1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_EQ(d->verdict, "explained");
+  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
+  EXPECT_EQ(d->causes[0].effect, "machine.step_loss_x") << d->causes[0].law;
+  ASSERT_EQ(d->causes[0].parameters.size(), 2U) << d->causes[0].law;
+  EXPECT_NEAR(d->causes[0].parameters[0].value, kFirst_mm, 0.03 * kFirst_mm);
+  EXPECT_NEAR(d->causes[0].parameters[1].value, kSecond_mm, 0.03 * kSecond_mm);
+}
+
+TEST(StepsUp, WhereNoBandBeginsAreTheDrives) {
+  constexpr double kFirst_mm = 0.08, kSecond_mm = 0.05, kWhite_mm = 0.03;
+  constexpr std::uint64_t kSeed = 20'261'131;
+  const auto passes = command();
+  const auto cut = stepped_twice(passes, 41, {0.0, 0.0, kFirst_mm}, 83, {0.0, 0.0, kSecond_mm});
+  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed), 1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_EQ(d->verdict, "explained");
+  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "machine.step_loss_z") << c.law;
+  EXPECT_EQ(c.equivalent, std::vector<std::string>{"process.band_step"});
+  ASSERT_EQ(c.parameters.size(), 2U) << c.law;
+  EXPECT_NEAR(c.parameters[0].value, kFirst_mm, 4.0 * c.parameters[0].sigma);
+  EXPECT_NEAR(c.parameters[1].value, kSecond_mm, 4.0 * c.parameters[1].sigma);
+}
+
+// Which blocks see the rest of that pass is for the seed to say. Of the 50th only those do that
+// have no part in choosing or confirming: put at the pass's end, the step left nothing a name.
+class StepInThePass : public testing::TestWithParam<std::size_t> {};
+INSTANTIATE_TEST_SUITE_P(Passes, StepInThePass, testing::Values(49, 66));
+
+TEST_P(StepInThePass, LeavesNoEdgeBehind) {
+  constexpr double kStep_mm = 0.1, kWhite_mm = 0.003;
+  constexpr std::uint64_t kSeed = 20'261'132;
+  const auto passes = command();
+  auto cut = stepped_twice(passes, GetParam() + 1, {0.0, 0.0, kStep_mm}, passes.size(), {});
+  auto& pass = cut[GetParam()];
+  for (std::size_t i = pass.size() / 2; i < pass.size(); ++i) pass[i].z += kStep_mm;
+  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed), 1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_EQ(d->verdict, "explained");
+  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
+  EXPECT_EQ(d->causes[0].effect, "machine.step_loss_z");
+  EXPECT_NEAR(d->causes[0].parameters[0].value, kStep_mm, 0.03 * kStep_mm);
 }
 
 }  // namespace

@@ -139,8 +139,9 @@ TEST(Library, RefinesEachBorderOfBands) {
   scene.duration_min = 10.0;
   scene.steps[2] = {0.75, 0.26, 0.24};
   std::vector<Form> forms = find_effect("process.band_step")->forms(scene);
-  const auto seen =
-      std::find_if(forms.begin(), forms.end(), [](const Form& f) { return f.law == "3 borders"; });
+  const auto seen = std::find_if(forms.begin(), forms.end(), [](const Form& f) {
+    return f.law == "after 0.2400 and 0.2600 and 0.7500 of the program";
+  });
   ASSERT_NE(seen, forms.end());
   const auto moments = [](const Form& f) {
     std::vector<double> m;
@@ -169,6 +170,28 @@ TEST(Library, RefinesEachBorderOfBands) {
   }
   EXPECT_EQ(rounds, 4) << "each once, the first twice";
   EXPECT_NEAR(narrowest, 1.0 / 4096.0, 1e-12);
+}
+
+TEST(Library, MovesOneOfTwoMomentsUnlessItMeetsTheOther) {
+  Scene scene;
+  scene.has_path = true;
+  scene.duration_min = 10.0;
+  scene.steps[0] = {0.5, 0.2};
+  const auto forms = find_effect("machine.step_loss_x")->forms(scene);
+  const auto two =
+      std::find_if(forms.begin(), forms.end(), [](const Form& f) { return f.columns.size() == 2; });
+  ASSERT_NE(two, forms.end());
+  const auto moved = two->move_moment(1, -0.1);
+  ASSERT_TRUE(moved);
+  EXPECT_EQ(moved->law, "after 0.2000 and 0.4000 of the program");
+  EXPECT_FALSE(two->move_moment(1, -0.29)) << "a pass or two apart is one step to first order";
+  EXPECT_FALSE(two->move_moment(1, 0.5)) << "after the program";
+  EXPECT_FALSE(two->move_moment(0, -0.2)) << "before the program";
+  EXPECT_TRUE(moved->move_moment(0, 0.1)) << "as often as it is asked";
+  // More moments than two would follow any drift.
+  scene.steps[0] = {0.5, 0.2, 0.7, 0.9};
+  for (const Form& f : find_effect("machine.step_loss_x")->forms(scene))
+    EXPECT_LE(f.columns.size(), 2U) << f.law;
 }
 
 TEST(Library, MovesMaterialAsItsPhysicsSays) {

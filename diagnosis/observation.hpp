@@ -46,7 +46,9 @@ struct CutState {
   Vec3 feed;                ///< unit direction of motion, or zero
   double path_share = NAN;  ///< of the program's time, 0 to 1
   double cut_share = NAN;   ///< of its cutting length
-  double path_mm = NAN;     ///< cutting length so far
+  /// Time of cutting so far, as way at the feed that most of the cut has: plunges at half of it
+  /// count twice. What swings steadily goes by this.
+  double path_mm = NAN;
   std::uint32_t move = 0;   ///< of the program: what a Trail goes by
   float move_share = 0.0F;  ///< of that move's length
   std::uint32_t lifts = 0;  ///< so far
@@ -328,8 +330,8 @@ using Trail = std::function<Drift(const CutState&)>;
 
 /// Waves along the path. What is steady in time goes on while the cutter is lifted.
 struct PathWave {
-  double waves = 0.0;        ///< over the cutting length
-  double rapid_share = 0.0;  ///< what a mm of rapid way counts for, in mm of cutting length
+  double waves = 0.0;        ///< over Scene::cut_mm
+  double rapid_share = 0.0;  ///< what a mm of rapid way counts for, in mm of CutState::path_mm
   double at_lifts = 0.0;     ///< waves that each lift adds
 };
 
@@ -349,7 +351,7 @@ struct Scene {
   std::vector<PathWave> waves_path;
   /// Candidates of guides that wave: over the longer side.
   std::vector<double> slow_waves_x, slow_waves_y;
-  double cut_mm = 0.0;  ///< cutting length of the program
+  double cut_mm = 0.0;  ///< CutState::path_mm at the program's end
   /// Of a width of lost motion, mm: the side of the slack on which each axis stands, -1 .. 1, less
   /// its mean over the cut. Empty without a program.
   std::function<Trail(double width_mm)> slack;

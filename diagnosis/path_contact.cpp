@@ -176,7 +176,8 @@ struct CutPath::Moves {
   std::vector<Swath> swaths;              // of the moves
   std::vector<Vec3> command;              // every place of it, rapids too
   std::vector<double> section_start_min;  // the first left out
-  double total_min = 0.0, total_mm = 0.0;
+  double total_min = 0.0, total_mm = 0.0, rapid_mm = 0.0;
+  double main_feed_mm_min = 0.0;  // that most of the cutting length has
   double x0 = 0.0, y0 = 0.0;
   std::ptrdiff_t rows = 0, cols = 0;
   std::vector<std::uint32_t> start, items;
@@ -187,6 +188,10 @@ struct CutPath::Moves {
   void each_near(double x, double y, const double& limit, const Visit& visit) const;
   [[nodiscard]] std::vector<std::array<bool, 3>> bends(const std::vector<Small>& side) const;
   [[nodiscard]] CutState state(std::uint32_t index, double share) const;
+  /// CutState::path_mm after that time and that way of rapids.
+  [[nodiscard]] double way_mm(double minutes, double rapids_mm) const {
+    return (minutes - rapids_mm / kRapid_mm_min) * main_feed_mm_min;
+  }
   [[nodiscard]] Vec3 normal(const CutState& s, double x, double y, double height) const;
   [[nodiscard]] std::shared_ptr<const SlackTable> slack(double width) const;
 };
@@ -395,7 +400,7 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
   Moves& m = *made;
   m.radius = ball_radius_mm;
   Sections sections(2.0 * ball_radius_mm);
-  double rapid_mm = 0.0;
+  std::map<double, double> length_at_mm;  // cutting length by feed, mm/min
   for (std::size_t program = 0; program < programs.size(); ++program) {
     const auto take = [&](std::span<const cnc::Motion> motions) -> Result<void> {
       for (const cnc::Motion& motion : motions) {
@@ -405,18 +410,20 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
           const double length = norm(b - a);
           if (m.command.empty() || !(m.command.back() == a)) m.command.push_back(a);
           m.command.push_back(b);
-          const double minutes =
-              length / (rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min);
+          const double feed_mm_min =
+              rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min;
+          const double minutes = length / feed_mm_min;
           if (rapid) {
             sections.rapid();
-            rapid_mm += length;
+            m.rapid_mm += length;
           } else {
             sections.cut(a, b, motion.tool, program, m.total_min);
             m.moves.push_back({a, b, m.total_min, m.total_min + minutes, m.total_mm,
                                m.total_mm + length,
                                static_cast<std::uint32_t>(m.command.size() - 1), sections.lifts(),
-                               static_cast<float>(rapid_mm)});
+                               static_cast<float>(m.rapid_mm)});
             m.total_mm += length;
+            length_at_mm[feed_mm_min] += length;
           }
           m.total_min += minutes;
         };
@@ -439,6 +446,12 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
     (void)summary;
   }
   m.section_start_min = sections.starts_min();
+  double most_mm = 0.0;
+  for (const auto& [feed_mm_min, length_mm] : length_at_mm)
+    if (length_mm >= most_mm) {
+      m.main_feed_mm_min = feed_mm_min;
+      most_mm = length_mm;
+    }
   m.bin();
   return CutPath(std::move(made));
 }
@@ -521,9 +534,10 @@ CutState CutPath::Moves::state(std::uint32_t index, double share) const {
   s.tip = move.from + share * (move.to - move.from);
   s.feed = normalized(move.to - move.from);
   const double minutes = move.start_min + share * (move.end_min - move.start_min);
-  s.path_mm = move.start_mm + share * (move.end_mm - move.start_mm);
+  s.path_mm = way_mm(minutes, static_cast<double>(move.rapid_mm));
   s.path_share = total_min > 0.0 ? minutes / total_min : 0.0;
-  s.cut_share = total_mm > 0.0 ? s.path_mm / total_mm : 0.0;
+  s.cut_share =
+      total_mm > 0.0 ? (move.start_mm + share * (move.end_mm - move.start_mm)) / total_mm : 0.0;
   s.move = index;
   s.move_share = static_cast<float>(share);
   s.lifts = move.lifts;
@@ -661,7 +675,7 @@ double CutPath::duration_min() const {
 }
 
 double CutPath::cut_mm() const {
-  return moves_->total_mm;
+  return moves_->way_mm(moves_->total_min, moves_->rapid_mm);
 }
 
 std::vector<double> CutPath::section_starts() const {

@@ -57,7 +57,7 @@ class CutPath {
                                      bool lag_first) const;
   [[nodiscard]] double ball_radius_mm() const;
   [[nodiscard]] double duration_min() const;
-  [[nodiscard]] double cut_mm() const;  ///< length of the cutting moves
+  [[nodiscard]] double cut_mm() const;  ///< CutState::path_mm at its end
   /// Shares of the time at which a new tool, program or band begins; the first is left out. Bands
   /// are begun after lifts, where these are few or go elsewhere.
   [[nodiscard]] std::vector<double> section_starts() const;

@@ -156,6 +156,9 @@ TEST(CutPath, CountsTimeLengthAndSections) {
   const auto b = path.at(50.0, 50.0);
   ASSERT_TRUE(b.has_value());
   EXPECT_NEAR(b->path_share, 1.0 - 0.1 / path.duration_min(), 1e-9);
+  EXPECT_NEAR(b->path_mm, 1000.0 * (first + down + 0.1), 1e-3) << "at the faster of two feeds";
+  EXPECT_NEAR(b->cut_share, 160.0 / 210.0, 1e-9);
+  EXPECT_NEAR(path.cut_mm(), 1000.0 * (first + down + last), 1e-6);
   ASSERT_EQ(path.section_starts().size(), 1U);
   EXPECT_FALSE(path.at(50.0, 25.0).has_value());
 }

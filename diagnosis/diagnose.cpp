@@ -255,8 +255,8 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
       confirmed[k].member = sharp[k];
 }
 
-/// Steps in height of which one is where a tool, a program or a band begins are the bands'; drives
-/// lose steps anywhere.
+/// Steps in height of which one is where a tool, a program or a band begins are the bands', and so
+/// are more than a drive has; drives lose steps anywhere.
 void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confirmed>& confirmed) {
   constexpr double kNear = 0.01;  // of the program's time
   const Effect* const lost = find_effect("machine.step_loss_z");
@@ -271,7 +271,10 @@ void prefer_borders_of_the_program(const Scene& scene, std::vector<detail::Confi
                          [at](double start) { return std::abs(at - start) < kNear; });
     };
     const auto& moments = c.member.form.fixed;
-    c.member.effect = std::any_of(moments.begin(), moments.end(), is_border) ? bands : lost;
+    c.member.effect = moments.size() > detail::kMostLosses ||
+                              std::any_of(moments.begin(), moments.end(), is_border)
+                          ? bands
+                          : lost;
   }
 }
 

@@ -83,7 +83,8 @@ std::optional<Member> what_may_be_none(const Member& member, const std::vector<E
 bool says_the_same(const Member& member, const Effect* other) {
   return (member.effect->never_beside == other->name ||
           other->never_beside == member.effect->name) &&
-         has_a_moment(member) && member.form.law != kBandsOfTheProgram;
+         has_a_moment(member) && member.form.law != kBandsOfTheProgram &&
+         member.form.columns.size() <= kMostLosses;
 }
 
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.

@@ -225,6 +225,8 @@ inline constexpr double kStepUp_mm = 0.09;
 }
 /// Law of bands that begin where the program says.
 inline constexpr const char* kBandsOfTheProgram = "bands of the program";
+/// Moments at which a drive may have lost steps: with more it would look like any drift.
+inline constexpr std::size_t kMostLosses = 2;
 /// Steps along an axis (step_forms.cpp): at one moment, those that the data show and 15 even ones;
 /// at two that the data show, and up to `most` of the sharpest.
 [[nodiscard]] std::vector<Form> step_forms(int axis, const Scene& scene, std::size_t most);

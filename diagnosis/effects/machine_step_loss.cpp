@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 // From one moment on the axis stands c away from where the control believes it: lost steps, a
-// slipped coupling, a moved clamp. What has slipped once may slip again; with more moments than two
-// it would look like any drift.
+// slipped coupling, a moved clamp. What has slipped once may slip again.
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -25,7 +24,7 @@ void add_machine_step_loss(std::vector<Effect>& all) {
     e.signature_error = 0.03;
     e.correction = "lower acceleration; mill again what came after the moment";
     e.needs = Needs::path;
-    e.forms = [axis](const Scene& scene) { return step_forms(axis, scene, 2); };
+    e.forms = [axis](const Scene& scene) { return step_forms(axis, scene, kMostLosses); };
     all.push_back(std::move(e));
   }
 }

@@ -9,6 +9,7 @@
 //   0.5 mm aside ............. measured within 3 %, from its moment on
 //   0.3 and 0.2 mm aside ..... two of one drive, not a guide that is bent sideways
 //   up, and up again ......... the drive's, or bands' that the program does not show
+//   up three times ........... bands', and the extended model has them
 //   up in the midst of a pass  explained, wherever that pass is cut
 
 #include <algorithm>
@@ -20,6 +21,7 @@
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "diagnosis/effect.hpp"
+#include "diagnosis/extended_model.hpp"
 #include "support/zigzag_part.hpp"
 
 namespace maquette::diagnosis {
@@ -151,6 +153,23 @@ TEST(StepsUp, WhereNoBandBeginsAreTheDrives) {
   ASSERT_EQ(c.parameters.size(), 2U) << c.law;
   EXPECT_NEAR(c.parameters[0].value, kFirst_mm, 4.0 * c.parameters[0].sigma);
   EXPECT_NEAR(c.parameters[1].value, kSecond_mm, 4.0 * c.parameters[1].sigma);
+}
+
+TEST(StepsUp, ThreeAreBands) {
+  constexpr double kWhite_mm = 0.03;
+  constexpr std::uint64_t kSeed = 20'261'133;
+  const auto passes = command();
+  auto cut = stepped_twice(passes, 29, {0.0, 0.0, 0.08}, 61, {0.0, 0.0, -0.15});
+  cut = stepped_twice(std::move(cut), 92, {0.0, 0.0, 0.2}, passes.size(), {});
+  const Measurements m = part(written(passes), cut, std::nullopt, kWhite_mm, kSeed);
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "process.band_step") << c.law;
+  EXPECT_EQ(c.parameters.size(), 3U) << c.law;
+  EXPECT_EQ(std::count(c.equivalent.begin(), c.equivalent.end(), "machine.step_loss_z"), 0);
+  EXPECT_TRUE(restore({as_known(c)}, m.scene, centres_of(m)).has_value());
 }
 
 // Which blocks see the rest of that pass is for the seed to say. Of the 50th only those do that

@@ -44,12 +44,22 @@ struct KnownCause {
   std::vector<std::pair<std::string, double>> parameters, fixed;
 };
 
+/// A mesh that stands on the part or beside it while photographs are taken, such as a spacecraft.
+struct Body {
+  std::filesystem::path mesh;
+  RigidTransform model_from_mesh;
+  double scale = 1.0;  ///< of the mesh, before it is moved
+};
+
 struct CaseInput {
   std::filesystem::path design;
   /// The design without the stones that are glued on after milling; empty: there are none. What is
   /// measured on and beside stones, or photographed in their shadows, says nothing of the ground.
   std::filesystem::path ground;
   std::filesystem::path stones;  ///< their plan: they are judged, too
+  /// What photographs show of them and of their shadows says nothing of the part. Scans are without
+  /// them.
+  std::vector<Body> bodies;
   std::vector<std::filesystem::path> programs;
   double ball_diameter_mm = 6.0;
   double coat_mm = 0.0, coat_sigma_mm = 0.04, coat_correlation_mm = 0.25;

@@ -241,8 +241,10 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
   for (const std::uint32_t at : view.lattice) {
     const auto share = static_cast<double>(hits(static_cast<std::ptrdiff_t>(at) / photo.width_px,
                                                 static_cast<std::ptrdiff_t>(at) % photo.width_px));
-    part += share;
-    if (share == 0.0) view.beside.push_back(at);
+    if (share == 0.0 || is_left_out(k, at))
+      view.beside.push_back(at);
+    else
+      part += share;
   }
   view.part_share = part / std::fmax(1.0, static_cast<double>(view.lattice.size()));
   std::erase_if(view.lattice, [&](std::uint32_t at) {
@@ -250,7 +252,7 @@ void PhotoViews::select(std::size_t k, const Grid<float>& hits) {
                          c = static_cast<std::ptrdiff_t>(at) % photo.width_px;
     if (r < kRim || c < kRim || r >= photo.height_px - kRim || c >= photo.width_px - kRim)
       return true;
-    if (!left_out_.empty() && left_out_[k](r, c) != 0) return true;
+    if (is_left_out(k, at)) return true;
     for (std::ptrdiff_t i = -kRim; i <= kRim; ++i)
       for (std::ptrdiff_t j = -kRim; j <= kRim; ++j)
         if (view.wanted(r + i, c + j, far) && hits(r + i, c + j) < 1.0F) return true;
@@ -328,7 +330,9 @@ void PhotoViews::take_pixels(std::size_t k, bool lamp_sizes, std::vector<Measure
   const std::ptrdiff_t far = reach();
   for (int r = 0; r < photo.height_px; ++r)
     for (int c = 0; c < photo.width_px; ++c) {
-      if (!view.wanted(r, c, far) || !(hits(r, c) > 0.0F)) continue;
+      if (!view.wanted(r, c, far) || !(hits(r, c) > 0.0F) ||
+          is_left_out(k, static_cast<std::uint32_t>(r * photo.width_px + c)))
+        continue;
       const double r2 = radius2(c + 0.5 - half_u, r + 0.5 - half_v, photo);
       double light = image(r, c);
       for (double& m : moments) {

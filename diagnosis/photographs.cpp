@@ -13,11 +13,11 @@
 #include "core/run_part.hpp"
 #include "diagnosis/controls.hpp"
 #include "diagnosis/detail/model_search.hpp"
+#include "diagnosis/detail/photo_bodies.hpp"
 #include "diagnosis/detail/photo_fit.hpp"
 #include "diagnosis/detail/photo_remainder.hpp"
 #include "diagnosis/detail/photo_search.hpp"
 #include "diagnosis/detail/photo_standing.hpp"
-#include "diagnosis/detail/photo_stones.hpp"
 #include "diagnosis/extended_model.hpp"
 #include "diagnosis/surface.hpp"
 #include "heightmap/field_io.hpp"
@@ -35,7 +35,7 @@ using detail::PhotoMembers;
 
 constexpr std::size_t kLeastPixels = 3000;
 /// As far beside a stone or its shadow pixels are not compared, as at the part's rim.
-constexpr std::ptrdiff_t kBesideStone_px = 10;
+constexpr std::ptrdiff_t kBesideBody_px = 10;
 /// What is smooth over the part and larger than that, of the pictures' mean, is no noise.
 constexpr double kSmooth = 3e-3;
 /// The scatter of pixels must be off by this factor to be called a cause: full well and read noise
@@ -409,6 +409,30 @@ Result<Controls> controls_of(detail::PhotoViews& views, const PhotoFit& fit, con
   return c;
 }
 
+void note_bodies(const detail::BodyPixels& bodies, const CaseInput& part,
+                 std::vector<std::string>& notes) {
+  double left_out = 0.0, all = 0.0;
+  for (const Grid<std::uint8_t>& of : bodies.left_out)
+    for (const std::uint8_t pixel : of.cells()) {
+      left_out += pixel;
+      all += 1.0;
+    }
+  if (!(all > 0.0)) return;
+  const char* what = part.bodies.empty()   ? "a stone"
+                     : part.ground.empty() ? "an object"
+                                           : "a stone, an object";
+  notes.push_back(
+      fmt::format("photographs: pixels within {} of {} or its shadow ({:.1f} %) have "
+                  "no say",
+                  kBesideBody_px, what, 100.0 * left_out / all));
+  for (std::size_t i = 0; i < part.bodies.size(); ++i)
+    if (bodies.pixels[i] == 0)
+      notes.push_back(
+          fmt::format("photographs: none shows {}; is its position in mm of the model "
+                      "frame, and its scale right?",
+                      part.bodies[i].mesh.filename().string()));
+}
+
 }  // namespace
 
 Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<PhotoInput>& photos,
@@ -444,15 +468,18 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
   for (const PhotoInput& p : scene.photos)
     surfaces.push_back(p.as_milled && built ? &*built : &bare);
   scene.box = maquette::diagnosis::scene_of(design, nullptr, 0.5 * part.ball_diameter_mm).box;
-  std::vector<Grid<std::uint8_t>> stones;
-  if (ground) stones = detail::pixels_of_stones(scene, design, *ground, kBesideStone_px);
+  detail::BodyPixels bodies;
+  if (ground || !part.bodies.empty()) {
+    MAQUETTE_TRY(bodies, detail::pixels_of_bodies(scene, design, ground ? &*ground : nullptr,
+                                                  part.bodies, kBesideBody_px, run));
+  }
   run.progress(0.05);
 
   const auto layout = detail::lay_out(scene.box, part.seed);
   std::vector<detail::Photograph> shown_later(taken.size());
   for (std::size_t k = 0; k < taken.size(); ++k)
     if (scene.photos[k].held_out) std::swap(taken[k], shown_later[k]);
-  detail::PhotoViews views(scene, std::move(taken), surfaces, stones);
+  detail::PhotoViews views(scene, std::move(taken), surfaces, bodies.left_out);
   PhotoFit fit(views, layout);
   auto candidates = candidates_of(scene);
   MAQUETTE_TRY(fit.known, known_members(part.known, candidates));
@@ -474,23 +501,13 @@ Result<Diagnosis> diagnose_photographs(const CaseInput& part, const std::vector<
                                   maquette::part(run, 0.2, with_controls ? 0.6 : 0.95)));
   Diagnosis& d = found.d;
   if (held > 0) {
-    detail::PhotoViews others(scene, std::move(shown_later), surfaces, stones, true);
+    detail::PhotoViews others(scene, std::move(shown_later), surfaces, bodies.left_out, true);
     PhotoFit expected(others, layout);
     expected.known = fit.known;
     expected.normals = fit.normals;
     d.held_out = held_out_of(expected, found.members, found.scatter);
   }
-  if (ground) {
-    double left_out = 0.0, all = 0.0;
-    for (const Grid<std::uint8_t>& of : stones)
-      for (const std::uint8_t pixel : of.cells()) {
-        left_out += pixel;
-        all += 1.0;
-      }
-    d.notes.push_back(
-        fmt::format("photographs: pixels within {} of a stone or its shadow ({:.1f} %) have no say",
-                    kBesideStone_px, 100.0 * left_out / all));
-  }
+  note_bodies(bodies, part, d.notes);
   const std::map<detail::Normals, const char*> kinds{
       {detail::Normals::smooth, "smooth between nodes"},
       {detail::Normals::smoother, "smooth between nodes, of fourth order"},

@@ -95,6 +95,15 @@ Result<std::vector<diagnosis::PhotoInput>> photographs_of(const Case& c) {
   return all;
 }
 
+Result<std::vector<diagnosis::Body>> bodies_of(const Case& c) {
+  std::vector<diagnosis::Body> bodies;
+  for (const SceneMesh& o : c.objects) {
+    MAQUETTE_TRY(const RigidTransform pose, pose_of(o));
+    bodies.push_back({o.mesh, pose, o.scale});
+  }
+  return bodies;
+}
+
 /// What scans and photographs say together: causes of both; one that explains nothing of its own
 /// measurements leaves them unexplained.
 std::string verdict_of(const std::string& a, const std::string& b) {
@@ -156,6 +165,7 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
     MAQUETTE_TRY(const auto photographs, photographs_of(*c));
     // They show the part as the scans found it.
     diagnosis::CaseInput as_found = input;
+    MAQUETTE_TRY(as_found.bodies, bodies_of(*c));
     for (const diagnosis::Cause& cause : d.causes)
       as_found.known.push_back(diagnosis::as_known(cause));
     MAQUETTE_TRY(pictures,

@@ -253,6 +253,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     return e;
   });
   add_materials(t, c.materials);
+  add_objects(t, c.objects);
   t.array("photo", "photographs", [&c] {
     CasePhoto& p = c.photos.emplace_back();
     Schema e;

@@ -136,6 +136,7 @@ struct Case {
   std::deque<CaseProbe> probes;
   std::deque<CaseCause> causes;
   std::deque<CasePhoto> photos;
+  std::deque<SceneMesh> objects;  ///< in the photographs
   std::deque<SceneMaterial> materials;
 };
 [[nodiscard]] Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path);

@@ -20,10 +20,6 @@ namespace {
 
 constexpr double kBaseThicknessMm = 10.0;  ///< of a field's block, as where it is made a mesh
 
-bool is_rotation(const Quaternion& q) {
-  return std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) <= 1e-3;
-}
-
 Result<void> load_surface(const Scene& s, const camera::Material& material, LoadedScene& to,
                           const RunContext& run) {
   if (is_field(s.surface) && s.corrections.empty()) {
@@ -128,12 +124,8 @@ Result<void> load_objects(const Scene& s, const camera::Material& surface, Loade
       to.meshes.push_back(std::move(fresh));
       of.mesh = &to.meshes.back();
     }
-    if (!is_rotation(o.quaternion_wxyz))
-      return fail(kConfigInvalid,
-                  fmt::format("object {}: the quaternion is no rotation; its length "
-                              "must be 1",
-                              o.mesh.string()));
-    camera::SceneObject object{of.mesh, material, {normalized(o.quaternion_wxyz), o.position_mm}};
+    MAQUETTE_TRY(const RigidTransform pose, pose_of(o));
+    camera::SceneObject object{of.mesh, material, pose};
     object.scale = o.scale;
     if (painted) object.cover = of.cover;
     to.objects.push_back(std::move(object));

@@ -112,10 +112,9 @@ void add_materials(Schema& schema, std::deque<SceneMaterial>& materials) {
   });
 }
 
-void add_scene_parts(Schema& schema, SceneParts& parts) {
-  add_materials(schema, parts.materials);
-  schema.array("object", "meshes such as a spacecraft's parts", [&parts] {
-    SceneMesh& o = parts.objects.emplace_back();
+void add_objects(Schema& schema, std::deque<SceneMesh>& objects) {
+  schema.array("object", "meshes such as a spacecraft's parts", [&objects] {
+    SceneMesh& o = objects.emplace_back();
     Schema e;
     e.add({"mesh", &o.mesh, "closed, mm", -kInf, kInf, {}, true});
     e.add({"material", &o.material, "name of a [[material]]; none: as the mesh's file has it"});
@@ -124,6 +123,11 @@ void add_scene_parts(Schema& schema, SceneParts& parts) {
     e.add({"scale", &o.scale, "of the mesh", 1e-9, 1e9});
     return e;
   });
+}
+
+void add_scene_parts(Schema& schema, SceneParts& parts) {
+  add_materials(schema, parts.materials);
+  add_objects(schema, parts.objects);
   schema.array("lamp", "more lamps", [&parts] {
     SceneLamp& l = parts.lamps.emplace_back();
     Schema e;
@@ -149,6 +153,18 @@ void add_scene_parts(Schema& schema, SceneParts& parts) {
     e.add({"radiance", &p.radiance, "1: white under the lamp; one value or R, G, B", 0, 1e9});
     return e;
   });
+}
+
+bool is_rotation(const Quaternion& q) {
+  return std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) <= 1e-3;
+}
+
+Result<RigidTransform> pose_of(const SceneMesh& object) {
+  if (!is_rotation(object.quaternion_wxyz))
+    return fail(kConfigInvalid, fmt::format("object {}: the quaternion is no rotation; its length "
+                                            "must be 1",
+                                            object.mesh.string()));
+  return RigidTransform{normalized(object.quaternion_wxyz), object.position_mm};
 }
 
 Result<camera::Bands> bands_of(const std::vector<double>& values, const std::string& key) {

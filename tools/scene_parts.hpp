@@ -61,9 +61,14 @@ struct SceneParts {
 };
 
 void add_materials(Schema& schema, std::deque<SceneMaterial>& materials);
+void add_objects(Schema& schema, std::deque<SceneMesh>& objects);
 /// The four arrays of tables.
 void add_scene_parts(Schema& schema, SceneParts& parts);
 
+/// Of length 1, squared to a thousandth.
+[[nodiscard]] bool is_rotation(const Quaternion& q);
+/// TOOLS_CONFIG_INVALID: the quaternion is no rotation.
+[[nodiscard]] Result<RigidTransform> pose_of(const SceneMesh& object);
 /// One value for all bands, or three. TOOLS_CONFIG_INVALID names the key.
 [[nodiscard]] Result<camera::Bands> bands_of(const std::vector<double>& values,
                                              const std::string& key);

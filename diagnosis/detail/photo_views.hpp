@@ -100,8 +100,9 @@ class PhotoViews {
     Grid<Sample> samples;     ///< kAcross x kAcross a pixel
     std::ptrdiff_t step = 1;  ///< of the lattice
     std::vector<std::uint32_t> lattice;
-    std::vector<std::uint32_t> beside{};  ///< of the first lattice, wholly beside the surface
-    double part_share = 1.0;              ///< of the picture, that the surface fills
+    /// Of the first lattice, wholly beside the surface or left out: light as measured.
+    std::vector<std::uint32_t> beside{};
+    double part_share = 1.0;  ///< of the picture, that the surface fills otherwise
     /// Means over the surface's pixels of their light times the radius^0, 2, 4, as pictured.
     std::array<float, 3> light_of_part{};
     std::vector<std::array<SeenLamp, kLampSizes>>
@@ -151,6 +152,9 @@ class PhotoViews {
   [[nodiscard]] std::array<SeenLamp, kLampSizes> lamp_of_sizes(std::size_t photo,
                                                                std::uint32_t at) const;
 
+  [[nodiscard]] bool is_left_out(std::size_t photo, std::uint32_t at) const {
+    return !left_out_.empty() && left_out_[photo].cells()[at] != 0;
+  }
   [[nodiscard]] bool shows(std::size_t photo) const {
     return scene_.photos[photo].held_out == held_out_;
   }

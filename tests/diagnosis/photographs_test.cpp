@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -314,6 +315,46 @@ TEST(Photographs, StonesOnTheGroundHaveNoSay) {
   const auto unsaid = diagnose_photographs(p.part, p.photos, false);
   ASSERT_THAT(unsaid, Succeeds());
   EXPECT_THAT(unsaid->verdict, ::testing::AnyOf("unexplained", "partly_explained"));
+}
+
+/// A ball of `radius` about the origin, of 48 x 24 quads: its faces lie 0.4 % of that within.
+void write_ball(const std::filesystem::path& path, double radius) {
+  constexpr int kAround = 48, kUp = 24;
+  std::ofstream out(path);
+  for (int i = 0; i <= kUp; ++i)
+    for (int j = 0; j < kAround; ++j) {
+      const double a = std::numbers::pi * i / kUp, b = 2.0 * std::numbers::pi * j / kAround;
+      out << fmt::format("v {} {} {}\n", radius * std::sin(a) * std::cos(b),
+                         radius * std::sin(a) * std::sin(b), radius * std::cos(a));
+    }
+  const auto at = [](int i, int j) { return i * kAround + j % kAround + 1; };
+  for (int i = 0; i < kUp; ++i)
+    for (int j = 0; j < kAround; ++j)
+      out << fmt::format("f {} {} {} {}\n", at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+}
+
+// The same balls as meshes in the pictures, where design and ground are one.
+TEST(Photographs, ObjectsThatStandOnThePartHaveNoSay) {
+  Pictures p;
+  const Stones balls;
+  take(
+      p, [&](const PhotoInput& photo, double u, double v) { return balls.light_of(photo, u, v); },
+      [](double v, int ch) {
+        return v * (ch == 0 ? 1.05 : ch == 2 ? 0.96 : 1.0);
+      });
+  write_ball(p.folder / "ball.obj", balls.radius_mm);
+  for (const Vec3& middle : balls.middle)
+    p.part.bodies.push_back({p.folder / "ball.obj", {Quaternion{}, middle}});
+  p.part.bodies.push_back({p.folder / "ball.obj", {Quaternion{}, {0.0, 0.0, 1e5}}});
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"photo.white_balance"});
+  EXPECT_EQ(d->verdict, "explained");
+  EXPECT_NEAR(d->causes[0].parameters[0].value, 0.05, 1e-3);
+  EXPECT_NEAR(d->causes[0].parameters[1].value, -0.04, 1e-3);
+  EXPECT_LT(d->rms_after, 1.2 * d->rms_noise);
+  EXPECT_THAT(d->notes, ::testing::Contains(::testing::HasSubstr("of an object or its shadow")));
+  EXPECT_THAT(d->notes, ::testing::Contains(::testing::HasSubstr("none shows ball.obj")).Times(1));
 }
 
 // Lommel and Seeliger: 2 A mu0 / (mu0 + mu), a hundredth to a tenth beside Lambert's law here.

@@ -2,6 +2,7 @@
 
 // diagnose with photographs from the outside; these are pictures of `render`, without noise.
 //   [[material]] .................... the law that the case declares is the surface's
+//   [[object]] ...................... the scene's own words leave it and its shadow out
 //   bad files ....................... code and what to do, nothing written
 
 #include <fmt/format.h>
@@ -50,13 +51,13 @@ class DiagnosePhoto : public testing::Test {
   void file(const std::string& name, const std::string& content) {
     ASSERT_TRUE(write_file(scratch / name, content));
   }
-  /// Three pictures of the surface in regolith.
-  void shoot() {
+  /// Three pictures of the surface in regolith. @param with  more of the scene
+  void shoot(const std::string& with = "") {
     for (int k = 0; k < 3; ++k) {
       file("scene.toml",
            fmt::format("schema = \"maquette.scene/1\"\nsurface = \"design.tif\"\n"
-                       "surface_material = \"regolith\"\nsamples_per_pixel = 16\n{}{}",
-                       stands(k), kRegolith));
+                       "surface_material = \"regolith\"\nsamples_per_pixel = 16\n{}{}{}",
+                       stands(k), kRegolith, with));
       const Outcome o = run(
           fmt::format("render {} --out {}", at("scene.toml"), at(fmt::format("photo_{}.exr", k))));
       ASSERT_EQ(o.exit_code, 0) << o.err;
@@ -96,6 +97,33 @@ TEST_F(DiagnosePhoto, TakesTheLawThatTheCaseDeclares) {
   // Without noise: rays of a pixel and slopes between nodes, a hundredth of 40 to 80.
   EXPECT_LT(declared_255, 0.8);
   EXPECT_GT(lambert_255, 5.0 * declared_255);
+}
+
+TEST_F(DiagnosePhoto, LeavesOutWhatStandsOnThePart) {
+  // A block of 6 mm, 25 mm high, in the middle of 50 x 50 mm.
+  file("block.obj",
+       "v -3 -3 0\nv 3 -3 0\nv 3 3 0\nv -3 3 0\nv -3 -3 25\nv 3 -3 25\nv 3 3 25\nv -3 3 25\n"
+       "f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n");
+  const std::string block =
+      "[[object]]\nmesh = \"block.obj\"\nmaterial = \"regolith\"\nposition_mm = [25, 25, 2]\n";
+  shoot(block);
+  const auto found = [&](const std::string& more) {
+    write_case("material = \"regolith\"\n", std::string(kRegolith) + more);
+    const Outcome o = diagnose();
+    EXPECT_EQ(o.exit_code, 0) << o.err;
+    return json::parse(testing_support::slurp(scratch / "found/diagnosis.json"));
+  };
+  const json said = found(block), unsaid = found("");
+  EXPECT_LT(said["gain"]["rms_before"].get<double>(), 0.8);  // as without it, above
+  EXPECT_GT(unsaid["gain"]["rms_before"].get<double>(), 8.0);
+}
+
+TEST_F(DiagnosePhoto, RefusesAnObjectThatIsTurnedByNoRotation) {
+  write_case("", "[[object]]\nmesh = \"block.obj\"\nquaternion_wxyz = [1, 1, 0, 0]\n");
+  const Outcome o = diagnose();
+  EXPECT_EQ(o.exit_code, 2);
+  EXPECT_THAT(o.err, AllOf(HasSubstr("block.obj"), HasSubstr("no rotation")));
+  EXPECT_FALSE(fs::exists(scratch / "found"));
 }
 
 TEST_F(DiagnosePhoto, RefusesAMaterialThatIsNotDescribed) {

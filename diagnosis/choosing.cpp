@@ -110,6 +110,44 @@ std::vector<double> moments_along(int axis, const Form& form, const Scene& scene
   return moments;
 }
 
+/// A step that lifts passes clear of what their neighbours leave (every other pass was cut before
+/// it) leaves nothing of them: to first order another step, and a wave across passes. So each of
+/// two moments is tried alone, cut anew, in place of all and beside the others.
+Members of_one_step(const Members& with, const Search& search, Bank& bank, Linearised& residuals) {
+  std::vector<Members> trials;
+  for (std::size_t k = 0; k < with.size(); ++k)
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto moments = moments_along(axis, with[k].form, residuals.scene());
+      if (moments.size() != 2) continue;
+      const auto& forms = candidate_of(search, with[k].effect)->forms;
+      for (const int sign : {-1, 0, 1}) {
+        const auto single = std::find_if(forms.begin(), forms.end(), [&](const Form& f) {
+          return f.at_moment && f.sign == sign &&
+                 moments_along(axis, f, residuals.scene()).size() == 1;
+        });
+        if (single == forms.end()) continue;
+        for (const double moment : moments) {
+          const Member alone{with[k].effect, single->at_moment(moment)};
+          add_columns(bank, search.observations, alone.form.columns);
+          trials.push_back({alone});
+          if (with.size() == 1) continue;
+          trials.push_back(with);
+          trials.back()[k] = alone;
+        }
+      }
+    }
+  if (trials.empty()) return with;
+  Members best = with;
+  double least = residuals.score(with);
+  for (Members& trial : trials)
+    if (const double score = residuals.score(trial); score < least) {
+      least = score;
+      best = std::move(trial);
+    }
+  residuals.about(best);
+  return best;
+}
+
 /// A spot that blurs leaves so much at every slope that no step stands out before it is taken off,
 /// and what was chosen in place of the step hides it; and of two steps the larger hides the other.
 /// So steps are looked for again in what the model leaves, and leaves without each of its members;
@@ -414,6 +452,7 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
       residuals.look_at({kChoose});
     }
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
+    chosen = of_one_step(chosen, search, bank, residuals);
     if (!follows_any(chosen, true))
       chosen = sized(std::move(chosen), search, bank, residuals, kSizeRoundsToChoose, kSameSize);
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);

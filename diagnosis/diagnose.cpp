@@ -152,6 +152,14 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
   return poses;
 }
 
+/// A border more was neither chosen nor confirmed.
+Members with_no_more_borders(Members polished, const Members& as_chosen) {
+  for (std::size_t k = 0; k < polished.size(); ++k)
+    if (polished[k].form.columns.size() > as_chosen[k].form.columns.size())
+      polished[k] = as_chosen[k];
+  return polished;
+}
+
 /// Moments that the choosing blocks do not tell apart (no block of theirs sees the rest of the
 /// pass) are told by those that confirm: a row of points on the wrong side of a step outweighs the
 /// step.
@@ -244,15 +252,16 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
   if (confirmed.empty()) return;
   const bool of_a_size =
       std::any_of(confirmed.begin(), confirmed.end(), [](const detail::Confirmed& c) {
-        return c.member.form.of_size || c.member.form.at_size || c.member.form.columns[0].follows;
+        const Form& form = c.member.form;
+        return !form.move_moment && (form.of_size || form.at_size || form.columns[0].follows);
       });
   Members sharp = detail::members_of(confirmed);
-  sharp = of_a_size ? detail::at_own_size(std::move(sharp), search, bank, residuals)
-                    : detail::polished(search, bank, std::move(sharp), residuals.settle(), kAll);
-  // A border more was neither chosen nor confirmed.
-  for (std::size_t k = 0; k < sharp.size(); ++k)
-    if (sharp[k].form.columns.size() <= confirmed[k].member.form.columns.size())
-      confirmed[k].member = sharp[k];
+  if (!of_a_size)
+    sharp = with_no_more_borders(detail::polished(search, bank, sharp, residuals.settle(), kAll),
+                                 sharp);
+  sharp = with_no_more_borders(detail::at_own_size(std::move(sharp), search, bank, residuals),
+                               detail::members_of(confirmed));
+  for (std::size_t k = 0; k < sharp.size(); ++k) confirmed[k].member = sharp[k];
 }
 
 /// Steps in height of which one is where a tool, a program or a band begins are the bands', and so

@@ -2,6 +2,7 @@
 #include "diagnosis/detail/linearised.hpp"
 
 #include <cmath>
+#include <utility>
 
 #include "diagnosis/detail/squares.hpp"
 
@@ -106,7 +107,8 @@ void Linearised::about_alone(const Members& model) {
 }
 
 void Linearised::come_to_rest(const Members& model) {
-  Eigen::VectorXd last;
+  Eigen::VectorXd last, before_last;
+  double least = INFINITY;  // of the objective, cut anew about before_last
   for (int round = 0; round < (about_.empty() ? 1 : kRounds); ++round) {
     Fit f;
     if (const auto* before = rested_before(); round == 0 && before != nullptr) {
@@ -117,7 +119,15 @@ void Linearised::come_to_rest(const Members& model) {
     }
     if (round > 0 && at_rest(last, f, bank_.nuisances)) break;
     if (round > 0 && runs_away(bank_, model, f)) break;
-    last = f.coefficients;
+    // A signature that has a say where size has none any more (ridges that are no longer cut) leads
+    // on past what fits best.
+    if (round > 1 && f.objective > least) {
+      last = before_last;
+      recut(model, last);
+      break;
+    }
+    least = round > 0 ? f.objective : INFINITY;
+    before_last = std::exchange(last, f.coefficients);
     recut(model, last);
   }
   rested_[all()][now_] = last;

@@ -162,6 +162,10 @@ struct CutChange {
 /// Rise a length of the steepest pass whose slope is taken from its command and displacement.
 inline constexpr double kSteepPass = 0.8;
 
+/// A pass that is moved further than that in plan is swept as it is: straight on from its place it
+/// would soon be far below or above itself (a valley that moves by 1 mm along its pass, by 0.1 mm).
+inline constexpr double kStraight_mm = 0.2;
+
 /// A pass as it is beside a place: the ball's normal there, and its underside over the place.
 struct PassBeside {
   const CutState& state;
@@ -258,17 +262,19 @@ template <class Over>
 }
 
 /// How far from the place, along `up`, the lowest is of what the changed passes leave, mm. Passes
-/// that bend there are swept as they are, by bent(pass, x, y, radius), others as straight ones.
+/// that bend there or come from far are swept as they are, by bent(pass, x, y, radius), others as
+/// straight ones.
 template <class Bent>
 [[nodiscard]] double lowest_rise_mm(const Observation& o, double radius_mm,
                                     const PassChanges& changes, const Bent& bent, Vec3 up) {
   double lowest = INFINITY;
   const auto let_in = [&](const PassBeside& p, const CutChange& c) {
-    if (!c.bends && !c.turns() && dot(p.normal, up) > kLeastCosine) {
+    const bool as_it_is = o.pass && (c.bends || std::hypot(c.tip_mm.x, c.tip_mm.y) > kStraight_mm);
+    if (!as_it_is && !c.turns() && dot(p.normal, up) > kLeastCosine) {
       const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
       if (first_order_rise_mm(p, tip, c, up) >= lowest) return;
     }
-    if (!(c.bends && o.pass)) {
+    if (!as_it_is) {
       lowest = std::fmin(lowest, rise_mm(p, radius_mm, c, up));
       return;
     }

@@ -567,10 +567,14 @@ struct CutPath::Walk final : Pass {
     const auto length = [&](std::uint32_t i) { return m.moves[i].end_mm - m.moves[i].start_mm; };
     std::uint32_t first = s.move, last = s.move;
     const auto share = static_cast<double>(s.move_share);
-    for (double d = share * length(first); d < kBendReach_mm && first > 0 && follows(first);)
+    // What comes to the place from as far as it is displaced, and that again by half for the slope
+    // that it has there.
+    const Vec3 by = displaced(s.move, 0) - m.moves[s.move].from;
+    const double reach = kBendReach_mm + 1.5 * std::hypot(by.x, by.y);
+    for (double d = share * length(first); d < reach && first > 0 && follows(first);)
       d += length(--first);
     for (double d = (1.0 - share) * length(last);
-         d < kBendReach_mm && last + 1 < m.moves.size() && follows(last + 1);)
+         d < reach && last + 1 < m.moves.size() && follows(last + 1);)
       d += length(++last);
     double best = INFINITY;
     const auto sweep = [&](std::uint32_t i) {

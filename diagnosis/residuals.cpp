@@ -84,9 +84,10 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     return sum;
   };
   // What follows the program bends passes; the same states are met from many places.
-  const Pass* const pass = followed.empty() ? nullptr : pass_of(all);
+  const Pass* const pass = pass_of(all);
+  const bool tabled = pass != nullptr && !followed.empty();
   Displacements off;
-  if (pass != nullptr)
+  if (tabled)
     off = displacements(*pass,
                         [&](const CutState& s) { return sum_of(true, all.front(), s, {}).tip_mm; });
   if (anew)
@@ -105,6 +106,11 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
         return together;
       };
       const auto bent = [&](const PassBeside& p, double x, double y, double radius_mm) {
+        if (!tabled)
+          return pass->height_mm(p.state, x, y, radius_mm, [&](const CutState& s) {
+            const CutChange there = all_of_it(s, p.normal);
+            return there.tip_mm + towards_place(p.normal, ball_radius_mm, there.runout_mm);
+          });
         const CutChange more = sum_of(false, o, p.state, p.normal);
         return pass->height_mm(
             p.state, x, y, radius_mm, off,

@@ -25,9 +25,21 @@ constexpr std::size_t kMostSigned = 3;
 struct MakeStep {
   int axis;
   double size_mm, radius_mm, minutes;
+  bool tangent = false;
   Form operator()(double share, double step) const {
     Form f{fmt::format("after {:.4f} of the program", share),
-           {step_after(axis, share, "step_mm", size_mm, radius_mm)}};
+           {step_after(axis, share, "step_mm", size_mm, radius_mm, tangent)}};
+    // Upright, between passes that were cut before it and after (every other one), a step leaves
+    // none of those that it lifts: larger ones do no more there.
+    if (axis == 2) {
+      f.made_of_mm = size_mm;
+      f.at_size = [make = *this, share, step](double size) {
+        MakeStep at = make;
+        at.size_mm = size;
+        at.tangent = true;
+        return at(share, step);
+      };
+    }
     f.fixed = {{"moment_min", share * minutes}};
     f.sign = sign_of(size_mm);
     f.at_moment = [make = *this](double at) { return make(at, kNearby); };

@@ -200,14 +200,18 @@ template <class Displacement>
 /// the border by more than a pass, one that is higher leaves as much to the other side.
 inline constexpr double kStepUp_mm = 0.09;
 /// From a moment of the program on, the tip is off by a constant along one axis.
+/// @param tangent  at that size, instead of the secant
 [[nodiscard]] inline Column step_after(int axis, double share, std::string name, double size_mm,
-                                       double radius_mm) {
+                                       double radius_mm, bool tangent = false) {
   const auto is_after = [share](const CutState& s) { return s.path_share > share; };
   Column c = timed_column(
       fmt::format("step_{}{:.6f}", kAxisName[axis], share), {std::move(name), 1.0, 5.0}, size_mm,
       radius_mm,
       [axis, is_after](const CutState& s) { return along_axis(axis, is_after(s) ? 1.0 : 0.0); });
   if (axis != 2 || size_mm == 0.0) return c;
+  if (tangent)
+    c = tangent_column(c.key + " tangent", c.parameter, size_mm, radius_mm, std::move(c.cut));
+  c.by_program = true;
   c.secant.reset();
   // Lowered alike, passes stay who they are.
   c.value = [is_after, beside = std::move(c.value)](const Observation& o) {

@@ -9,6 +9,7 @@
 //   0.5 mm aside ............. measured within 3 %, from its moment on
 //   0.3 and 0.2 mm aside ..... two of one drive, not a guide that is bent sideways
 //   up, and up again ......... the drive's, or bands' that the program does not show
+//   up, every other pass ..... one step with its height, where it lifts passes clear of the others
 //   up three times ........... bands', and the extended model has them
 //   up in the midst of a pass  explained, wherever that pass is cut
 
@@ -153,6 +154,34 @@ TEST(StepsUp, WhereNoBandBeginsAreTheDrives) {
   ASSERT_EQ(c.parameters.size(), 2U) << c.law;
   EXPECT_NEAR(c.parameters[0].value, kFirst_mm, 4.0 * c.parameters[0].sigma);
   EXPECT_NEAR(c.parameters[1].value, kSecond_mm, 4.0 * c.parameters[1].sigma);
+}
+
+/// Every other pass up the part, the others down: a zigzag without a lift.
+Passes interleaved(const Passes& passes) {
+  Passes order;
+  for (std::size_t k = 0; k < passes.size(); k += 2) order.push_back(passes[k]);
+  for (std::size_t k = passes.size() - 2; k < passes.size(); k -= 2) order.push_back(passes[k]);
+  for (std::size_t k = 0; k < order.size(); ++k)
+    if ((order[k].front().x > order[k].back().x) != (k % 2 != 0))
+      std::reverse(order[k].begin(), order[k].end());
+  return order;
+}
+
+// Between passes that were cut before the step those after it are lifted clear of what these leave
+// (0.04 mm): to first order that was a second step and a wave across the passes.
+TEST(StepsUp, OneIsOneWhereItLiftsEveryOtherPassClear) {
+  constexpr double kStep_mm = 0.0925, kWhite_mm = 0.03;
+  constexpr std::uint64_t kSeed = 20'261'134;
+  const auto passes = interleaved(command());
+  const auto cut = stepped_twice(passes, 46, {0.0, 0.0, kStep_mm}, passes.size(), {});
+  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed), 1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_EQ(d->verdict, "explained");
+  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "machine.step_loss_z") << c.law;
+  ASSERT_EQ(c.parameters.size(), 1U) << c.law;
+  EXPECT_NEAR(c.parameters[0].value, kStep_mm, 0.03 * kStep_mm);
 }
 
 TEST(StepsUp, ThreeAreBands) {

@@ -232,6 +232,33 @@ TEST(Library, AWarpMovesRidgesWithThePart) {
     }
 }
 
+// Bent about y to a radius of 20 m, a block keeps its length in one plane, and what lies h over it
+// comes to (r - h) sin(x / r) along x and to r - (r - h) cos(x / r): what is left of the third
+// order is below x^3 / r^2, a micrometre.
+TEST(Library, ABlockThatBendsLeansOverThePlaneThatKeepsItsLength) {
+  constexpr double kBend_mm = 20'000.0;
+  const Scene s = scene();
+  const double half = s.half_mm();
+  int leaning = 0;
+  for (const Form& f : find_effect("stock.warp")->forms(s)) {
+    if (f.fixed.empty()) continue;
+    ++leaning;
+    ASSERT_EQ(f.fixed[0].first, "plane_depth_mm");
+    ASSERT_EQ(f.columns.size(), 3U);
+    for (const double x : {-70.0, -20.0, 45.0})
+      for (const double z : {-4.0, 6.0}) {
+        Observation o = place();
+        o.place = s.centre() + Vec3{x, 13.0, z};
+        const double h = z + f.fixed[0].second;
+        const Vec3 moved = (half * half / (2.0 * kBend_mm)) * f.columns[0].moves(o);
+        EXPECT_NEAR(moved.x, (kBend_mm - h) * std::sin(x / kBend_mm) - x, 1e-3) << f.law;
+        EXPECT_NEAR(moved.y, 0.0, 1e-12) << f.law;
+        EXPECT_NEAR(moved.z, kBend_mm - (kBend_mm - h) * std::cos(x / kBend_mm) - h, 1e-3) << f.law;
+      }
+  }
+  EXPECT_EQ(leaning, 4);
+}
+
 // A cutter whose force grows going up and with the wall on its left: of a displacement
 // k (1 + f_z / 2 + (f x n)_z / 3) n_h each part is one column; feeds and walls worked out by hand.
 TEST(Library, ACutterBendsByRampAndSide) {

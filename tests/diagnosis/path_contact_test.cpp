@@ -76,6 +76,13 @@ std::string feed_to(const Vec3& p) {
   return fmt::format("G1 X{:.3f} Z{:.6f}\n", p.x, p.z);
 }
 
+/// One pass over the nodes.
+CutPath path_over(const ScratchFolder& scratch, const std::vector<Vec3>& nodes, double radius_mm) {
+  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", nodes.front().z);
+  for (const Vec3& p : nodes) text += feed_to(p);
+  return path_of(scratch, text + "M30\n", radius_mm);
+}
+
 /// Samples 1 um apart along the lines between nodes, without the first node.
 std::vector<Vec3> sampled(const std::vector<Vec3>& nodes) {
   std::vector<Vec3> tips;
@@ -355,9 +362,7 @@ TEST(CutPath, AWaveIsFlattenedByALag) {
   const ScratchFolder scratch;
   constexpr double kLag_mm = 1.8, kRadius_mm = 3.0;
   const auto nodes = wave();
-  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", nodes.front().z);
-  for (const Vec3& p : nodes) text += feed_to(p);
-  const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
+  const CutPath path = path_over(scratch, nodes, kRadius_mm);
   const Form form =
       find_effect("machine.servo_lag")->forms(scene_of(path, kRadius_mm)).at(2).of_size(kLag_mm);
   const auto cut = form.columns[0].cut;
@@ -430,9 +435,7 @@ TEST(CutPath, APassThatIsMovedFarAlongItselfKeepsItsBends) {
   const ScratchFolder scratch;
   constexpr double kOff_mm = 1.0, kRadius_mm = 3.0;
   const auto nodes = wave();
-  std::string text = fmt::format("G21 F1000\nG0 X0 Y0 Z{:.6f}\n", nodes.front().z);
-  for (const Vec3& p : nodes) text += feed_to(p);
-  const CutPath path = path_of(scratch, text + "M30\n", kRadius_mm);
+  const CutPath path = path_over(scratch, nodes, kRadius_mm);
   const auto command = sampled(nodes);
   const CutChange aside{{kOff_mm, 0.0, 0.0}};
   double straight_is_off = 0.0;

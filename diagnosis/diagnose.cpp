@@ -247,9 +247,10 @@ void take_moments_of_all(detail::Search& search, Bank& bank, detail::Linearised&
 /// Which causes there are is settled; when and at what length each acted is said by all blocks. On
 /// those for choosing alone the moment of a step may be off by half a pass, and its size with it.
 /// What is made of its own size is made anew of the one beside those causes.
-void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
+/// @return whether a step is another now
+bool sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
              std::vector<detail::Confirmed>& confirmed) {
-  if (confirmed.empty()) return;
+  if (confirmed.empty()) return false;
   const bool of_a_size =
       std::any_of(confirmed.begin(), confirmed.end(), [](const detail::Confirmed& c) {
         const Form& form = c.member.form;
@@ -261,7 +262,12 @@ void sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
                                  sharp);
   sharp = with_no_more_borders(detail::at_own_size(std::move(sharp), search, bank, residuals),
                                detail::members_of(confirmed));
-  for (std::size_t k = 0; k < sharp.size(); ++k) confirmed[k].member = sharp[k];
+  bool another = false;
+  for (std::size_t k = 0; k < sharp.size(); ++k) {
+    const detail::Member was = std::exchange(confirmed[k].member, sharp[k]);
+    another |= detail::has_a_moment(was) && was.form.columns[0].key != sharp[k].form.columns[0].key;
+  }
+  return another;
 }
 
 /// Steps in height of which one is where a tool, a program or a band begins are the bands', and so
@@ -334,8 +340,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
   run.progress(0.7);
   take_moments_of_all(search, bank, residuals, confirmed, run);
-  const Members doubtful =
-      detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
+  Members doubtful = detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
   detail::make_plain(search, bank, residuals, confirmed);
   detail::join_slopes(search, bank, residuals, confirmed, d.rejected);
@@ -350,7 +355,11 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
       confirmed);
   prefer_borders_of_the_program(scene, confirmed);
   const auto as_chosen = confirmed;
-  sharpen(search, bank, residuals, confirmed);
+  if (sharpen(search, bank, residuals, confirmed)) {
+    const Members also =
+        detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
+    doubtful.insert(doubtful.end(), also.begin(), also.end());
+  }
   detail::name_causes(search, bank, residuals, null_squares, confirmed, doubtful, d);
 
   const Members named = detail::members_of(confirmed);

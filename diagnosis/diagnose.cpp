@@ -152,14 +152,6 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
   return poses;
 }
 
-/// A border more was neither chosen nor confirmed.
-Members with_no_more_borders(Members polished, const Members& as_chosen) {
-  for (std::size_t k = 0; k < polished.size(); ++k)
-    if (polished[k].form.columns.size() > as_chosen[k].form.columns.size())
-      polished[k] = as_chosen[k];
-  return polished;
-}
-
 /// Moments that the choosing blocks do not tell apart (no block of theirs sees the rest of the
 /// pass) are told by those that confirm: a row of points on the wrong side of a step outweighs the
 /// step.
@@ -257,11 +249,14 @@ bool sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
         return !form.move_moment && (form.of_size || form.at_size || form.columns[0].follows);
       });
   Members sharp = detail::members_of(confirmed);
-  if (!of_a_size)
-    sharp = with_no_more_borders(detail::polished(search, bank, sharp, residuals.settle(), kAll),
-                                 sharp);
-  sharp = with_no_more_borders(detail::at_own_size(std::move(sharp), search, bank, residuals),
-                               detail::members_of(confirmed));
+  if (!of_a_size) {
+    sharp = detail::polished(search, bank, std::move(sharp), residuals.settle(), kAll);
+    // A border more was neither chosen nor confirmed.
+    for (std::size_t k = 0; k < sharp.size(); ++k)
+      if (sharp[k].form.columns.size() > confirmed[k].member.form.columns.size())
+        sharp[k] = confirmed[k].member;
+  }
+  sharp = detail::at_own_size(std::move(sharp), search, bank, residuals);
   bool another = false;
   for (std::size_t k = 0; k < sharp.size(); ++k) {
     const detail::Member was = std::exchange(confirmed[k].member, sharp[k]);

@@ -2,11 +2,11 @@
 #include "diagnosis/detail/photo_bodies.hpp"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cmath>
 #include <deque>
 #include <map>
+#include <numbers>
 #include <optional>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -20,16 +20,7 @@ namespace maquette::diagnosis::detail {
 namespace {
 
 constexpr double kOff_mm = 1e-3;  // where a ray to the lamp starts above the surface
-constexpr double kHalfRoot = 0.70710678118654752;
-constexpr std::array<std::array<double, 2>, 9> kLampPlaces{{{0.0, 0.0},
-                                                            {1.0, 0.0},
-                                                            {kHalfRoot, kHalfRoot},
-                                                            {0.0, 1.0},
-                                                            {-kHalfRoot, kHalfRoot},
-                                                            {-1.0, 0.0},
-                                                            {-kHalfRoot, -kHalfRoot},
-                                                            {0.0, -1.0},
-                                                            {kHalfRoot, -kHalfRoot}}};
+constexpr int kAtRim = 8;         // places on a lamp's rim that shadows are traced to
 
 struct Lamp {
   std::vector<Vec3> places;  ///< on its disc; the first is the middle
@@ -37,9 +28,11 @@ struct Lamp {
 
   explicit Lamp(const PhotoInput& photo) : radius_mm(0.5 * photo.lamp_diameter_mm) {
     const auto axes = across(normalized(photo.lamp_position_mm - photo.lamp_target_mm));
-    for (const auto& [x, y] : kLampPlaces) {
-      places.push_back(photo.lamp_position_mm + radius_mm * (x * axes[0] + y * axes[1]));
-      if (!(radius_mm > 0.0)) break;
+    places.push_back(photo.lamp_position_mm);
+    for (int k = 0; k < kAtRim && radius_mm > 0.0; ++k) {
+      const double a = 2.0 * std::numbers::pi * k / kAtRim;
+      places.push_back(photo.lamp_position_mm +
+                       radius_mm * (std::cos(a) * axes[0] + std::sin(a) * axes[1]));
     }
   }
 };

@@ -422,14 +422,13 @@ void note_bodies(const detail::BodyPixels& bodies, const CaseInput& part,
                      : part.ground.empty() ? "an object"
                                            : "a stone, an object";
   notes.push_back(
-      fmt::format("photographs: pixels within {} of {} or its shadow ({:.1f} %) have "
-                  "no say",
+      fmt::format("photographs: pixels within {} of {} or its shadow ({:.1f} %) have no say",
                   kBesideBody_px, what, 100.0 * left_out / all));
   for (std::size_t i = 0; i < part.bodies.size(); ++i)
     if (bodies.pixels[i] == 0)
       notes.push_back(
-          fmt::format("photographs: none shows {}; is its position in mm of the model "
-                      "frame, and its scale right?",
+          fmt::format("photographs: none shows {}; is its position in mm of the model frame, and "
+                      "its scale right?",
                       part.bodies[i].mesh.filename().string()));
 }
 

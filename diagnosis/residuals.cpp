@@ -84,10 +84,9 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     return sum;
   };
   // What follows the program bends passes; the same states are met from many places.
-  const Pass* const pass = pass_of(all);
-  const bool tabled = pass != nullptr && !followed.empty();
+  const Pass* const pass = followed.empty() ? nullptr : pass_of(all);
   Displacements off;
-  if (tabled)
+  if (pass != nullptr)
     off = displacements(*pass,
                         [&](const CutState& s) { return sum_of(true, all.front(), s, {}).tip_mm; });
   if (anew)
@@ -106,17 +105,13 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
         return together;
       };
       const auto bent = [&](const PassBeside& p, double x, double y, double radius_mm) {
-        if (!tabled)
-          return pass->height_mm(p.state, x, y, radius_mm, [&](const CutState& s) {
-            const CutChange there = all_of_it(s, p.normal);
-            return there.tip_mm + towards_place(p.normal, ball_radius_mm, there.runout_mm);
-          });
         const CutChange more = sum_of(false, o, p.state, p.normal);
         return pass->height_mm(
             p.state, x, y, radius_mm, off,
             moved.tip_mm + more.tip_mm + towards_place(p.normal, ball_radius_mm, more.runout_mm));
       };
-      d = recut_mm(o, ball_radius_mm, all_of_it, bent);
+      d = pass != nullptr ? recut_mm(o, ball_radius_mm, all_of_it, bent)
+                          : recut_mm(o, ball_radius_mm, all_of_it);
       for (const Term& t : moving)
         if (!far) d -= t.at(i);
       if (levels) change[i] = d;

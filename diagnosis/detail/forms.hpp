@@ -209,9 +209,10 @@ inline constexpr double kStepUp_mm = 0.09;
       radius_mm,
       [axis, is_after](const CutState& s) { return along_axis(axis, is_after(s) ? 1.0 : 0.0); });
   if (axis != 2 || size_mm == 0.0) return c;
-  if (tangent)
+  if (tangent) {
     c = tangent_column(c.key + " tangent", c.parameter, size_mm, radius_mm, std::move(c.cut));
-  c.by_program = true;
+    c.by_program = true;
+  }
   c.secant.reset();
   // Lowered alike, passes stay who they are.
   c.value = [is_after, beside = std::move(c.value)](const Observation& o) {

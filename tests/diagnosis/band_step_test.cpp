@@ -105,13 +105,10 @@ TEST(StepAside, IsMeasuredFromItsMomentOn) {
   auto cut = passes;
   for (std::size_t k = kFirstAside; k < cut.size(); ++k)
     for (Vec3& tip : cut[k]) tip.x += kStep_mm;
-  const CutPath path = written(passes);
-  const auto d = diagnose(part(path, cut, std::nullopt, kWhite_mm, kSeed, kStretch), 1);
-  ASSERT_TRUE(d.has_value());
-  EXPECT_EQ(d->verdict, "explained");
-  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
-  EXPECT_EQ(d->causes[0].effect, "machine.step_loss_x");
-  const Estimate& size = d->causes[0].parameters[0];
+  const auto c = only_cause(passes, cut, kWhite_mm, kSeed, kStretch);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->effect, "machine.step_loss_x");
+  const Estimate& size = c->parameters[0];
   EXPECT_NEAR(size.value, kStep_mm, 0.03 * kStep_mm);
   EXPECT_LT(size.sigma, 0.02 * kStep_mm);
 }
@@ -129,14 +126,12 @@ TEST(StepsAside, OfOneDriveAreOneCause) {
   constexpr std::uint64_t kSeed = 20'261'130;
   const auto passes = command(kStretch);
   const auto cut = stepped_twice(passes, 41, {kFirst_mm, 0.0, 0.0}, 83, {kSecond_mm, 0.0, 0.0});
-  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed, kStretch), 1);
-  ASSERT_TRUE(d.has_value());
-  EXPECT_EQ(d->verdict, "explained");
-  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
-  EXPECT_EQ(d->causes[0].effect, "machine.step_loss_x") << d->causes[0].law;
-  ASSERT_EQ(d->causes[0].parameters.size(), 2U) << d->causes[0].law;
-  EXPECT_NEAR(d->causes[0].parameters[0].value, kFirst_mm, 0.03 * kFirst_mm);
-  EXPECT_NEAR(d->causes[0].parameters[1].value, kSecond_mm, 0.03 * kSecond_mm);
+  const auto c = only_cause(passes, cut, kWhite_mm, kSeed, kStretch);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->effect, "machine.step_loss_x") << c->law;
+  ASSERT_EQ(c->parameters.size(), 2U) << c->law;
+  EXPECT_NEAR(c->parameters[0].value, kFirst_mm, 0.03 * kFirst_mm);
+  EXPECT_NEAR(c->parameters[1].value, kSecond_mm, 0.03 * kSecond_mm);
 }
 
 TEST(StepsUp, WhereNoBandBeginsAreTheDrives) {
@@ -144,23 +139,20 @@ TEST(StepsUp, WhereNoBandBeginsAreTheDrives) {
   constexpr std::uint64_t kSeed = 20'261'131;
   const auto passes = command();
   const auto cut = stepped_twice(passes, 41, {0.0, 0.0, kFirst_mm}, 83, {0.0, 0.0, kSecond_mm});
-  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed), 1);
-  ASSERT_TRUE(d.has_value());
-  EXPECT_EQ(d->verdict, "explained");
-  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
-  const Cause& c = d->causes[0];
-  EXPECT_EQ(c.effect, "machine.step_loss_z") << c.law;
-  EXPECT_EQ(c.equivalent, std::vector<std::string>{"process.band_step"});
-  ASSERT_EQ(c.parameters.size(), 2U) << c.law;
-  EXPECT_NEAR(c.parameters[0].value, kFirst_mm, 4.0 * c.parameters[0].sigma);
-  EXPECT_NEAR(c.parameters[1].value, kSecond_mm, 4.0 * c.parameters[1].sigma);
+  const auto c = only_cause(passes, cut, kWhite_mm, kSeed);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->effect, "machine.step_loss_z") << c->law;
+  EXPECT_EQ(c->equivalent, std::vector<std::string>{"process.band_step"});
+  ASSERT_EQ(c->parameters.size(), 2U) << c->law;
+  EXPECT_NEAR(c->parameters[0].value, kFirst_mm, 4.0 * c->parameters[0].sigma);
+  EXPECT_NEAR(c->parameters[1].value, kSecond_mm, 4.0 * c->parameters[1].sigma);
 }
 
 /// Every other pass up the part, the others down: a zigzag without a lift.
 Passes interleaved(const Passes& passes) {
   Passes order;
   for (std::size_t k = 0; k < passes.size(); k += 2) order.push_back(passes[k]);
-  for (std::size_t k = passes.size() - 2; k < passes.size(); k -= 2) order.push_back(passes[k]);
+  for (std::size_t k = passes.size() / 2; k-- > 0;) order.push_back(passes[2 * k + 1]);
   for (std::size_t k = 0; k < order.size(); ++k)
     if ((order[k].front().x > order[k].back().x) != (k % 2 != 0))
       std::reverse(order[k].begin(), order[k].end());
@@ -174,14 +166,11 @@ TEST(StepsUp, OneIsOneWhereItLiftsEveryOtherPassClear) {
   constexpr std::uint64_t kSeed = 20'261'134;
   const auto passes = interleaved(command());
   const auto cut = stepped_twice(passes, 46, {0.0, 0.0, kStep_mm}, passes.size(), {});
-  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed), 1);
-  ASSERT_TRUE(d.has_value());
-  EXPECT_EQ(d->verdict, "explained");
-  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
-  const Cause& c = d->causes[0];
-  EXPECT_EQ(c.effect, "machine.step_loss_z") << c.law;
-  ASSERT_EQ(c.parameters.size(), 1U) << c.law;
-  EXPECT_NEAR(c.parameters[0].value, kStep_mm, 0.03 * kStep_mm);
+  const auto c = only_cause(passes, cut, kWhite_mm, kSeed);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->effect, "machine.step_loss_z") << c->law;
+  ASSERT_EQ(c->parameters.size(), 1U) << c->law;
+  EXPECT_NEAR(c->parameters[0].value, kStep_mm, 0.03 * kStep_mm);
 }
 
 TEST(StepsUp, ThreeAreBands) {
@@ -213,12 +202,10 @@ TEST_P(StepInThePass, LeavesNoEdgeBehind) {
   auto cut = stepped_twice(passes, GetParam() + 1, {0.0, 0.0, kStep_mm}, passes.size(), {});
   auto& pass = cut[GetParam()];
   for (std::size_t i = pass.size() / 2; i < pass.size(); ++i) pass[i].z += kStep_mm;
-  const auto d = diagnose(part(written(passes), cut, std::nullopt, kWhite_mm, kSeed), 1);
-  ASSERT_TRUE(d.has_value());
-  EXPECT_EQ(d->verdict, "explained");
-  ASSERT_EQ(d->causes.size(), 1U) << "seed " << kSeed;
-  EXPECT_EQ(d->causes[0].effect, "machine.step_loss_z");
-  EXPECT_NEAR(d->causes[0].parameters[0].value, kStep_mm, 0.03 * kStep_mm);
+  const auto c = only_cause(passes, cut, kWhite_mm, kSeed);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->effect, "machine.step_loss_z");
+  EXPECT_NEAR(c->parameters[0].value, kStep_mm, 0.03 * kStep_mm);
 }
 
 }  // namespace

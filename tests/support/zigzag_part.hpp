@@ -15,8 +15,10 @@
 #include <vector>
 
 #include <fmt/format.h>
+#include <gtest/gtest.h>
 
 #include "core/random.hpp"
+#include "diagnosis/diagnose.hpp"
 #include "diagnosis/effect.hpp"
 #include "diagnosis/path_contact.hpp"
 #include "diagnosis/surface.hpp"
@@ -151,6 +153,17 @@ inline CutPath written(const Passes& passes, const std::vector<std::size_t>& cha
   std::ofstream(scratch / "part.ngc") << text << "M30\n";
   const std::vector<std::filesystem::path> files{scratch / "part.ngc"};
   return CutPath::read(files, kRadius_mm, {}).value();
+}
+
+/// The one cause that explains all of a part of these passes; none is a failure.
+inline std::optional<Cause> only_cause(const Passes& passes, const Passes& cut, double white_mm,
+                                       std::uint64_t seed, double stretch = 1.0) {
+  const auto d = diagnose(part(written(passes), cut, std::nullopt, white_mm, seed, stretch), 1);
+  EXPECT_TRUE(d.has_value());
+  if (!d) return std::nullopt;
+  EXPECT_EQ(d->verdict, "explained");
+  EXPECT_EQ(d->causes.size(), 1U) << "seed " << seed;
+  return d->causes.size() == 1 ? std::optional(d->causes[0]) : std::nullopt;
 }
 
 }  // namespace maquette::diagnosis::zigzag_part

@@ -284,8 +284,11 @@ void add_pose_causes(const Measurements& m, const Bank& bank, const std::vector<
             (along.dot(best.weight * part.pose) + b.information * b.estimate) / curvature;
         if (form.sign != 0 && value * form.sign < 0.0) continue;
         const Eigen::VectorXd rest = part.pose - value * along;
+        const double of_poses = rest.dot(best.weight * rest);
+        // Residuals may ask for something else, of which poses know nothing: no answer to these.
+        if (of_poses > best.size.misfit + kEquivalent) continue;
         const double here =
-            rest.dot(best.weight * rest) +
+            of_poses +
             b.information * ((value - b.estimate) * (value - b.estimate) - b.estimate * b.estimate);
         if (here >= misfit) continue;
         misfit = here;

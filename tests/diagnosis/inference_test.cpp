@@ -910,6 +910,25 @@ TEST(Inference, SeesInThePosesWhatRegistrationTakes) {
             "scanner.registration");
 }
 
+// A coat that has run a little shows in the blocks, too little to be named, and moves no scan: it
+// was called the reason for a height of 0.3 mm.
+TEST(Inference, WhatBlocksAskForIsNoReasonForAHeight) {
+  const auto runs = [](const Observation& o) {
+    return static_cast<float>(0.02 * std::cos(o.place.x / 0.7) * std::cos(o.place.y / 0.9));
+  };
+  auto m = part(51, {0.03, 0.0, 20.0, 0.03}, [&](const Observation& o) {
+    return 0.3 * o.along.z + 0.4 * static_cast<double>(runs(o)) * o.normal.z * o.normal.z;
+  });
+  for (Observation& o : m.observations) o.levelled.fill(runs(o));
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  EXPECT_EQ(d->causes[0].effect, "tool.length_offset");
+  EXPECT_TRUE(std::any_of(d->rejected.begin(), d->rejected.end(), [](const Rejected& r) {
+    return r.effect == "coating.pooling";
+  })) << told(*d);
+}
+
 TEST(Inference, ACircleReadWrongOnceATurnMovesNoScan) {
   // Seen from a right angle apart over a few degrees, an error of this phase is as well one that
   // comes twice a turn, but for a turn of each scan about its station.

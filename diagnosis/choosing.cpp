@@ -219,6 +219,16 @@ std::vector<Members> by_another_law(const Members& with, const Search& search, c
   return models;
 }
 
+/// In -2 log likelihood, what the last member's law may be wrong by (a ball does not wear by a
+/// power of the length cut): causes more that gain no more than that only patch it up.
+/// @param best  of the models with them @param null  of that without any cause
+double owed_to_its_law(const Members& with, double best, double null, Linearised& residuals) {
+  const double share = std::pow(with.back().effect->signature_error, 2),
+               now = residuals.score(with);
+  if (!(now - share * (null - now) < best)) return 0.0;
+  return share * std::fmax(0.0, residuals.score(without(with, with.size() - 1)) - now);
+}
+
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -252,7 +262,7 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
     // first is cold, had an edge of 0.1 mm where the ball of one reaches over to the other.
     const double missed = std::fmax(kClose, kMissed * (null - best));
     for (Members& fewer : by_another_law(with, search, bank, residuals, best + missed))
-      try_it(std::move(fewer), 0.0);
+      try_it(fewer, -owed_to_its_law(fewer, best, null, residuals));
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());
   }

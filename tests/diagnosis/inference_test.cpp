@@ -655,6 +655,24 @@ TEST(Inference, WearAllRoundOverTwoBandsIsNoStepBesideIt) {
   EXPECT_EQ(d->verdict, "explained");
 }
 
+// A new edge wears faster, which no power of the length does: the rest was called a warm-up.
+TEST(Inference, WearThatBreaksInIsNoWarmUpBesideIt) {
+  constexpr double kWorn_mm = 0.25, kOfBreakIn = 0.5, kBreakIn = 0.08;
+  Measurements m = in_two_bands(part(61, {.white_mm = 0.02}, nothing));
+  for (Observation& o : m.observations)
+    o.residual_mm += kWorn_mm * (kOfBreakIn * (1.0 - std::exp(-o.cut_share / kBreakIn)) +
+                                 (1.0 - kOfBreakIn) * o.cut_share);
+  const auto d = diagnose(std::move(m), 1);
+  ASSERT_TRUE(d);
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  EXPECT_EQ(d->causes[0].effect, "tool.wear");
+  EXPECT_NEAR(d->causes[0].parameters[0].value, kWorn_mm, 4.0 * d->causes[0].parameters[0].sigma);
+  ASSERT_EQ(d->causes[0].parameters.size(), 2U);
+  EXPECT_NEAR(d->causes[0].parameters[1].value, kOfBreakIn * kWorn_mm,
+              4.0 * d->causes[0].parameters[1].sigma);
+  EXPECT_EQ(d->verdict, "explained");
+}
+
 /// A guide of x that goes aside by a whole wave, measured from the line through its ends, and axes
 /// that are not at right angles.
 Measurements bent_aside(double wave_mm, double angle_rad) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/choosing.hpp"
+#include "diagnosis/detail/a_while.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
@@ -463,6 +464,7 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     }
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
     chosen = of_one_step(chosen, search, bank, residuals);
+    chosen = lasting_a_while(std::move(chosen), search, bank, residuals, run);
     if (!follows_any(chosen, true))
       chosen = sized(std::move(chosen), search, bank, residuals, kSizeRoundsToChoose, kSameSize);
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);

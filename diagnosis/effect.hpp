@@ -65,6 +65,9 @@ struct Column {
   /// Beside causes that are cut anew the ridges between passes go along.
   std::function<Vec3(const Observation&)> moves{};
   std::optional<Follows> follows{};
+  /// Of waves along a pass: the curvature of one unit of the coefficient, 1 / mm^2. What curves as
+  /// the ball does is more than its slopes.
+  double bend_per_mm2 = 0.0;
   std::optional<Levels> levels{};
 };
 
@@ -83,6 +86,8 @@ struct Form {
   /// Of steps, a column each: the form with one of the moments later by a share of the program;
   /// nullopt: that is too close to another, or beyond the program. Empty: others.
   std::function<std::optional<Form>(std::size_t which, double later)> move_moment{};
+  /// Of waves: the form that lasts from one share of the program's time to another; empty: others.
+  std::function<Form(double from, double to)> during{};
   /// Where a size hangs on what the law fixes (a growth on its time constant): the form with other
   /// values of that, even in its logarithm; the spread of sizes over them is part of the error.
   std::function<std::vector<Form>()> alternatives{};

@@ -27,6 +27,17 @@ double distance(const Form& f, const KnownCause& k) {
   return sum;
 }
 
+/// Of a wave that lasts a while: shares of the program's time.
+std::optional<std::pair<double, double>> lasts(const KnownCause& k, double duration_min) {
+  std::optional<double> from, to;
+  for (const auto& [name, value] : k.fixed) {
+    if (name == "from_min") from = value / duration_min;
+    if (name == "to_min") to = value / duration_min;
+  }
+  if (!from || !to || !(duration_min > 0.0)) return std::nullopt;
+  return std::pair{*from, *to};
+}
+
 /// The form of that law; a refined one is reached through its neighbours, closest first; where no
 /// law is named so (a cause that only poses show), the first with these parameters.
 std::optional<Form> closest(const Effect& effect, const Scene& scene, const KnownCause& k) {
@@ -51,6 +62,9 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
       if (best->of_size && !best->fixed.empty() && name == best->fixed[0].first &&
           size_mm * (best->sign < 0 ? -1.0 : 1.0) > 0.0)
         return best->of_size(size_mm);
+    if (best->during)
+      if (const auto a_while = lasts(k, scene.duration_min))
+        return best->during(a_while->first, a_while->second);
     if (!best->finer || k.fixed.empty()) return *best;
     forms = best->finer();
   }

@@ -11,6 +11,8 @@ namespace {
 
 /// Of fitting and cutting anew.
 constexpr int kRounds = 4;
+/// The same while a size still goes on by more than it is wanted to (further()).
+constexpr int kSlowRounds = 8;
 /// Second order of a fiftieth of a size is a hundredth of second order.
 constexpr double kAtRest = 0.02, kAtRestSigmas = 0.2;
 /// Models whose residuals are kept: 10 MB each for 600 000 points.
@@ -35,6 +37,28 @@ bool runs_away(const Bank& bank, const Members& model, const Fit& f) {
       if (!(std::abs(size) < kFar * c.parameter.plausible)) return true;
     }
   return false;
+}
+
+/// What to go beyond a step, by secants, each cause along its own last way. Where passes swing most
+/// of the wave is cut away by their neighbours, what is left answers to a fifth of the size, and
+/// steps of first order shrink by a fifth each.
+/// @param way  between the last two sizes @param step_before, step  that fits wanted from these
+Eigen::VectorXd further(const Bank& bank, const Members& model, const Eigen::VectorXd& way,
+                        const Eigen::VectorXd& step_before, const Eigen::VectorXd& step) {
+  constexpr double kLeastAnswer = 0.25, kFullAnswer = 0.75;
+  const auto columns = columns_of(bank, model);
+  Eigen::VectorXd more = Eigen::VectorXd::Zero(step.size());
+  for (const Member& m : model) {
+    std::vector<Eigen::Index> at;
+    for (const Column& c : m.form.columns) at.push_back(place_of(bank, columns, c));
+    const Eigen::VectorXd own = way(at);
+    const double answer =
+        own.dot(Eigen::VectorXd(step_before(at) - step(at))) / std::fmax(1e-300, own.dot(own));
+    if (!(answer > 0.0) || answer > kFullAnswer) continue;
+    const double factor = 1.0 / std::fmax(kLeastAnswer, answer) - 1.0;
+    for (const Eigen::Index k : at) more(k) = factor * step(k);
+  }
+  return more;
 }
 
 }  // namespace
@@ -65,6 +89,13 @@ void Linearised::look_at(const std::vector<int>& sets) {
   about_.clear();
   now_.clear();
   recut({}, {});
+}
+
+void Linearised::begin_at(const Members& model, const Eigen::VectorXd& coefficients) {
+  Keys keys;
+  for (const Member& k : model)
+    for (const Column& c : k.form.columns) keys.push_back(c.key);
+  rested_[all()].try_emplace(std::move(keys), coefficients);
 }
 
 /// Coefficients with which the present model came to rest, on other blocks if need be.
@@ -107,9 +138,10 @@ void Linearised::about_alone(const Members& model) {
 }
 
 void Linearised::come_to_rest(const Members& model) {
-  Eigen::VectorXd last, before_last;
+  Eigen::VectorXd last, before_last, step, step_before;
   double least = INFINITY;  // of the objective, cut anew about before_last
-  for (int round = 0; round < (about_.empty() ? 1 : kRounds); ++round) {
+  int rounds = about_.empty() ? 1 : kRounds;
+  for (int round = 0; round < rounds; ++round) {
     Fit f;
     if (const auto* before = rested_before(); round == 0 && before != nullptr) {
       f.coefficients = *before;
@@ -127,6 +159,14 @@ void Linearised::come_to_rest(const Members& model) {
       break;
     }
     least = round > 0 ? f.objective : INFINITY;
+    if (round > 0) {
+      step_before = std::exchange(step, f.coefficients - last);
+      if (round > 1) {
+        const Eigen::VectorXd more = further(bank_, model, last - before_last, step_before, step);
+        if (!more.isZero(0.0)) rounds = kSlowRounds;
+        f.coefficients += more;
+      }
+    }
     before_last = std::exchange(last, f.coefficients);
     recut(model, last);
   }

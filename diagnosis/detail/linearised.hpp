@@ -39,6 +39,9 @@ class Linearised {
     return [this](const Members& model) { about_alone(model); };
   }
 
+  /// Coefficients with which a model that was not asked for yet begins to come to rest.
+  void begin_at(const Members& model, const Eigen::VectorXd& coefficients);
+
   /// From here on residuals are cut anew, models fitted and squares summed on the choosing blocks
   /// alone, a third of the work, or on all blocks again; elsewhere residuals are NaN.
   void look_at(const std::vector<int>& sets);

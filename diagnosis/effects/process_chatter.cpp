@@ -22,7 +22,9 @@ void add_process_chatter(std::vector<Effect>& all) {
   e.forms = [](const Scene& scene) {
     struct Make {
       int along;  // 0: x, 1: y, 2: path
-      double span;
+      double span, duration_min;
+      // Shares of the program's time: a spindle comes into resonance and out of it again.
+      double from = 0.0, to = 1.0;
       Form operator()(PathWave wave, double step) const {
         constexpr double kTurn = 2.0 * 3.14159265358979323846;
         const double k = kTurn * wave.waves / span;
@@ -34,26 +36,46 @@ void add_process_chatter(std::vector<Effect>& all) {
         const auto per_mm = [along = along, k](const CutState& s) {
           return k * (along == 0 ? s.feed.x : along == 1 ? s.feed.y : 1.0);
         };
-        const bool lifted = wave.rapid_share != 0.0 || wave.at_lifts != 0.0;
+        const bool lifted = wave.rapid_share != 0.0 || wave.at_lifts != 0.0,
+                   a_while = from > 0.0 || to < 1.0;
+        const auto lasts = [from = from, to = to, a_while](const CutState& s) {
+          return !a_while || (s.path_share >= from && s.path_share <= to);
+        };
         std::string key = fmt::format("chatter{}{:.4f}", along, wave.waves);
         if (lifted) key += fmt::format("r{:.6f}l{:.6f}", wave.rapid_share, wave.at_lifts);
+        if (a_while) key += fmt::format("from{:.6f}to{:.6f}", from, to);
         const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
-        Form f{fmt::format("wavelength {:.4f} mm along {}{}", span / wave.waves, where,
-                           lifted ? ", on while lifted" : ""),
+        Form f{fmt::format(
+                   "wavelength {:.4f} mm along {}{}{}", span / wave.waves, where,
+                   lifted ? ", on while lifted" : "",
+                   a_while ? fmt::format(", from {:.4f} to {:.4f} of the program", from, to) : ""),
                {drift_column(key + "s", {"sine_mm", 1.0, 1.0},
                              [=](const CutState& s) {
+                               if (!lasts(s)) return Drift{};
                                const double p = phase(s);
                                return Drift{{0, 0, std::sin(p)}, {0, 0, per_mm(s) * std::cos(p)}};
                              }),
                 drift_column(key + "c", {"cosine_mm", 1.0, 1.0}, [=](const CutState& s) {
+                  if (!lasts(s)) return Drift{};
                   const double p = phase(s);
                   return Drift{{0, 0, std::cos(p)}, {0, 0, -per_mm(s) * std::sin(p)}};
                 })}};
+        for (Column& c : f.columns) c.bend_per_mm2 = k * k;
         f.fixed = {{"wavelength_mm", span / wave.waves}};
         if (lifted) {
           f.fixed.emplace_back("rapid_share", wave.rapid_share);
           f.fixed.emplace_back("waves_a_lift", wave.at_lifts);
-        } else if (step > 0.02) {
+        }
+        f.during = [make = *this, wave, step](double begins, double ends) {
+          Make some = make;
+          some.from = begins;
+          some.to = ends;
+          return some(wave, step);
+        };
+        if (a_while) {
+          f.fixed.emplace_back("from_min", from * duration_min);
+          f.fixed.emplace_back("to_min", to * duration_min);
+        } else if (!lifted && step > 0.02) {
           f.finer = [make = *this, wave, step] {
             std::vector<Form> near;
             for (int i = -3; i <= 3; ++i)
@@ -66,10 +88,11 @@ void add_process_chatter(std::vector<Effect>& all) {
     };
     std::vector<Form> forms;
     for (const double waves : scene.waves_x)
-      forms.push_back(Make{0, 2.0 * scene.half_mm()}({waves}, 0.5));
+      forms.push_back(Make{0, 2.0 * scene.half_mm(), scene.duration_min}({waves}, 0.5));
     for (const double waves : scene.waves_y)
-      forms.push_back(Make{1, 2.0 * scene.half_mm()}({waves}, 0.5));
-    for (const PathWave& wave : scene.waves_path) forms.push_back(Make{2, scene.cut_mm}(wave, 0.5));
+      forms.push_back(Make{1, 2.0 * scene.half_mm(), scene.duration_min}({waves}, 0.5));
+    for (const PathWave& wave : scene.waves_path)
+      forms.push_back(Make{2, scene.cut_mm, scene.duration_min}(wave, 0.5));
     return forms;
   };
   all.push_back(std::move(e));

@@ -10,9 +10,9 @@ namespace maquette::diagnosis::detail {
 namespace {
 
 constexpr Eigen::Index kBins = 64;  // of the program's time
-/// In -2 log likelihood, what two more parameters and the choice among the bins' windows cost:
-/// twice the logarithm of 2080, and 2 each.
-constexpr double kPrice = 20.0;
+/// In -2 log likelihood, what two more parameters and the choice among 2080 windows cost: twice the
+/// logarithm of that is 15, and up to four times as much where neighbouring blocks agree.
+constexpr double kPrice = 60.0;
 
 struct While {
   double from = 0.0, to = 1.0, gain = 0.0;

@@ -11,7 +11,7 @@ namespace {
 
 /// Of fitting and cutting anew.
 constexpr int kRounds = 4;
-/// The same while a size still goes on by more than it is wanted to (further()).
+/// The same where a size goes on by more than its step (further()).
 constexpr int kSlowRounds = 8;
 /// Second order of a fiftieth of a size is a hundredth of second order.
 constexpr double kAtRest = 0.02, kAtRestSigmas = 0.2;

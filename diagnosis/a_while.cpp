@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/a_while.hpp"
 
-#include <array>
-#include <cmath>
-
 #include "diagnosis/detail/choosing.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -23,25 +20,21 @@ struct While {
 While best_while(const Form& wave, const Members& others, const Search& search, const Bank& bank,
                  const Linearised& residuals, double& whole) {
   const Fit f = residuals.fit_of(others);
-  const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(f.theta[0])],
-                                 bank.theta[static_cast<std::size_t>(f.theta[1])]};
-  std::vector<Column> columns;
-  for (const Member& m : others)
-    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
   std::vector<Form> bins;
+  std::vector<Column> columns;
   for (Eigen::Index b = 0; b < kBins; ++b) {
     bins.push_back(wave.during(static_cast<double>(b) / kBins, static_cast<double>(b + 1) / kBins));
     columns.insert(columns.end(), bins.back().columns.begin(), bins.back().columns.end());
   }
-  Bank small =
-      sum_up(search.observations, search.nuisances, columns, search.layout, &theta, kChoose);
-  small.weight = bank.weight;
+  const Bank small = bank_beside(search, bank, f, others, columns, {kChoose});
   const Eigen::MatrixXd rest = screen(small, others, {kChoose}).rest[0];
-  const auto at = [&](Eigen::Index bin) {
-    std::vector<int> columns_of_bin;
-    for (const Column& c : bins[static_cast<std::size_t>(bin)].columns)
-      columns_of_bin.push_back(small.index.at(c.key));
-    return columns_of_bin;
+  std::vector<std::vector<int>> of_bin;
+  for (const Form& bin : bins) {
+    of_bin.emplace_back();
+    for (const Column& c : bin.columns) of_bin.back().push_back(small.index.at(c.key));
+  }
+  const auto at = [&](Eigen::Index bin) -> const std::vector<int>& {
+    return of_bin[static_cast<std::size_t>(bin)];
   };
   const auto count = static_cast<Eigen::Index>(wave.columns.size());
   While best;
@@ -66,23 +59,13 @@ While best_while(const Form& wave, const Members& others, const Search& search, 
   return best;
 }
 
-/// A wave's ends, shares of the program's time.
-std::array<double, 2> ends_of(const Form& wave, double duration_min) {
-  std::array<double, 2> ends{0.0, 1.0};
-  for (const auto& [name, value] : wave.fixed) {
-    if (name == "from_min") ends[0] = value / duration_min;
-    if (name == "to_min") ends[1] = value / duration_min;
-  }
-  return ends;
-}
-
 /// The last member's ends where the model does best cut anew: to first order a wave misses that its
 /// passes lie lower.
-Members at_best_ends(Members model, Search& search, Bank& bank, Linearised& residuals,
+Members at_best_ends(Members model, const Search& search, Bank& bank, Linearised& residuals,
                      const std::vector<std::array<double, 2>>& also, const RunContext& run) {
   double now = residuals.score(model);
   Eigen::VectorXd sizes = residuals.fit_of(model).coefficients;
-  std::array<double, 2> ends = ends_of(model.back().form, residuals.scene().duration_min);
+  auto ends = *ends_of(model.back().form.fixed, residuals.scene().duration_min);
   const auto better_at = [&](const std::array<double, 2>& other) {
     if (run.stopped() || !(other[0] >= 0.0 && other[1] <= 1.0 && other[0] < other[1])) return false;
     Members moved = model;
@@ -115,6 +98,17 @@ Members at_best_ends(Members model, Search& search, Bank& bank, Linearised& resi
 
 }  // namespace
 
+std::optional<std::array<double, 2>> ends_of(
+    const std::vector<std::pair<std::string, double>>& fixed, double duration_min) {
+  std::optional<double> from, to;
+  for (const auto& [name, value] : fixed) {
+    if (name == "from_min") from = value / duration_min;
+    if (name == "to_min") to = value / duration_min;
+  }
+  if (!from || !to || !(duration_min > 0.0)) return std::nullopt;
+  return std::array{*from, *to};
+}
+
 Members lasting_a_while(Members with, Search& search, Bank& bank, Linearised& residuals,
                         const RunContext& run) {
   for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k) {
@@ -132,7 +126,7 @@ Members lasting_a_while(Members with, Search& search, Bank& bank, Linearised& re
             {m.form.fixed[0].second / duration_min, m.form.fixed[1].second / duration_min});
     Members unmoved = rest;
     unmoved.push_back(with[k]);
-    const bool known = ends_of(with[k].form, duration_min) != std::array{0.0, 1.0};
+    const bool known = ends_of(with[k].form.fixed, duration_min).has_value();
     if (!known) {
       residuals.about(others);
       double whole = 0.0;
@@ -146,9 +140,7 @@ Members lasting_a_while(Members with, Search& search, Bank& bank, Linearised& re
     }
     const Member wave = unmoved.back();
     // What steps gain beside it is owed to its law as far as that may be wrong.
-    const double alone = residuals.score(unmoved),
-                 owed = std::pow(wave.effect->signature_error, 2) *
-                        std::fmax(0.0, residuals.score(rest) - alone);
+    const double owed = owed_to_its_law(unmoved, residuals);
     Members best = with;
     double least = now;
     const auto try_it = [&](Members trial, double price) {

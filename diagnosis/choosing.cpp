@@ -33,6 +33,11 @@ constexpr int kRounds = 4;
 /// which second order is nothing. Most of it is noise, which nothing has to be cut anew for.
 constexpr double kLittle = 25.0;
 
+/// What a law may be wrong by, as a share of what it gains.
+double law_error(const Member& member) {
+  return std::pow(member.effect->signature_error, 2);
+}
+
 /// The same causes.
 bool alike(const Members& a, const Members& b) {
   return a.size() == b.size() &&
@@ -220,16 +225,6 @@ std::vector<Members> by_another_law(const Members& with, const Search& search, c
   return models;
 }
 
-/// In -2 log likelihood, what the last member's law may be wrong by (a ball does not wear by a
-/// power of the length cut): causes more that gain no more than that only patch it up.
-/// @param best  of the models with them @param null  of that without any cause
-double owed_to_its_law(const Members& with, double best, double null, Linearised& residuals) {
-  const double share = std::pow(with.back().effect->signature_error, 2),
-               now = residuals.score(with);
-  if (!(now - share * (null - now) < best)) return 0.0;
-  return share * std::fmax(0.0, residuals.score(without(with, with.size() - 1)) - now);
-}
-
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -262,8 +257,11 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
     // Of one cause less much may be missed to first order: a warm-up in two bands, of which the
     // first is cold, had an edge of 0.1 mm where the ball of one reaches over to the other.
     const double missed = std::fmax(kClose, kMissed * (null - best));
-    for (Members& fewer : by_another_law(with, search, bank, residuals, best + missed))
-      try_it(fewer, -owed_to_its_law(fewer, best, null, residuals));
+    for (Members& fewer : by_another_law(with, search, bank, residuals, best + missed)) {
+      const double now = residuals.score(fewer), most = law_error(fewer.back()) * (null - now);
+      const double owed = now - most < best ? owed_to_its_law(fewer, residuals) : 0.0;
+      try_it(std::move(fewer), -owed);
+    }
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());
   }
@@ -420,6 +418,12 @@ Members at_own_size(Members now, const Search& search, Bank& bank, Linearised& r
   return follows_any(now, true) && follows_any(now, false)
              ? now  // in_one_machine() has them
              : sized(std::move(now), search, bank, residuals, kSizeRounds, kSameAtLast);
+}
+
+double owed_to_its_law(const Members& with, Linearised& residuals) {
+  const double now = residuals.score(with);
+  return law_error(with.back()) *
+         std::fmax(0.0, residuals.score(without(with, with.size() - 1)) - now);
 }
 
 bool has_a_moment(const Member& member) {

@@ -9,6 +9,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "diagnosis/case_input.hpp"
+#include "diagnosis/detail/a_while.hpp"
 #include "diagnosis/detail/lag_and_slack.hpp"
 #include "diagnosis/detail/levelled_changes.hpp"
 #include "diagnosis/detail/with_slope.hpp"
@@ -25,17 +26,6 @@ double distance(const Form& f, const KnownCause& k) {
     for (const auto& [other, wanted] : k.fixed)
       if (name == other) sum += std::abs(value - wanted);
   return sum;
-}
-
-/// Of a wave that lasts a while: shares of the program's time.
-std::optional<std::pair<double, double>> lasts(const KnownCause& k, double duration_min) {
-  std::optional<double> from, to;
-  for (const auto& [name, value] : k.fixed) {
-    if (name == "from_min") from = value / duration_min;
-    if (name == "to_min") to = value / duration_min;
-  }
-  if (!from || !to || !(duration_min > 0.0)) return std::nullopt;
-  return std::pair{*from, *to};
 }
 
 /// The form of that law; a refined one is reached through its neighbours, closest first; where no
@@ -63,8 +53,8 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
           size_mm * (best->sign < 0 ? -1.0 : 1.0) > 0.0)
         return best->of_size(size_mm);
     if (best->during)
-      if (const auto a_while = lasts(k, scene.duration_min))
-        return best->during(a_while->first, a_while->second);
+      if (const auto ends = detail::ends_of(k.fixed, scene.duration_min))
+        return best->during((*ends)[0], (*ends)[1]);
     if (!best->finer || k.fixed.empty()) return *best;
     forms = best->finer();
   }

@@ -55,20 +55,14 @@ double score_of(const Bank& bank, const std::vector<Member>& members, const std:
 /// middle.
 void refine(const Search& search, const Bank& bank, State& state, const std::vector<int>& sets) {
   const Fit now = fit(bank, columns_of(bank, state.members), sets);
-  const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(now.theta[0])],
-                                 bank.theta[static_cast<std::size_t>(now.theta[1])]};
   for (int round = 0; round < 4; ++round) {
     Member& last = state.members.back();
     if (!last.form.finer) return;
     const auto near = last.form.finer();
     if (near.empty()) return;
     std::vector<Column> columns;
-    for (const Member& m : state.members)
-      columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
     for (const Form& f : near) columns.insert(columns.end(), f.columns.begin(), f.columns.end());
-    Bank small = sum_up(search.observations, search.nuisances, columns, search.layout, &theta,
-                        sets.size() == 1 ? sets[0] : -1);
-    small.weight = bank.weight;
+    const Bank small = bank_beside(search, bank, now, state.members, columns, sets);
     std::vector<double> scores(near.size());
     oneapi::tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t k) {
       auto members = state.members;
@@ -147,6 +141,21 @@ bool may_join(const std::vector<Member>& members, const Effect* effect) {
 std::vector<Member> without(std::vector<Member> members, std::size_t k) {
   members.erase(members.begin() + static_cast<std::ptrdiff_t>(k));
   return members;
+}
+
+Bank bank_beside(const Search& search, const Bank& bank, const Fit& f,
+                 const std::vector<Member>& members, const std::vector<Column>& more,
+                 const std::vector<int>& sets) {
+  const std::vector<Theta> theta{Theta{}, bank.theta[static_cast<std::size_t>(f.theta[0])],
+                                 bank.theta[static_cast<std::size_t>(f.theta[1])]};
+  std::vector<Column> columns;
+  for (const Member& m : members)
+    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
+  columns.insert(columns.end(), more.begin(), more.end());
+  Bank small = sum_up(search.observations, search.nuisances, columns, search.layout, &theta,
+                      sets.size() == 1 ? sets[0] : -1);
+  small.weight = bank.weight;
+  return small;
 }
 
 std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,

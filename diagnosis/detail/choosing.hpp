@@ -32,6 +32,10 @@ namespace maquette::diagnosis::detail {
                                       Bank& bank, const RunContext& run,
                                       const std::function<double(const Members&)>& score);
 
+/// In -2 log likelihood, what the last member's law may be wrong by (a ball does not wear by a
+/// power of the length cut): causes more that gain no more than that only patch it up.
+[[nodiscard]] double owed_to_its_law(const Members& with, Linearised& residuals);
+
 /// Is it a step at some moment of the program?
 [[nodiscard]] bool has_a_moment(const Member& member);
 

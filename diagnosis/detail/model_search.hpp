@@ -82,6 +82,12 @@ struct Search {
 /// Makes the bank's residuals those that a model of these members is fitted to.
 using Settle = std::function<void(const std::vector<Member>&)>;
 
+/// A bank of the members' columns and some more, summed anew for few laws of unevenness: white and
+/// those of a fit.
+[[nodiscard]] Bank bank_beside(const Search& search, const Bank& bank, const Fit& fit,
+                               const std::vector<Member>& members, const std::vector<Column>& more,
+                               const std::vector<int>& sets);
+
 /// The same causes with forms refined anew on the blocks of `sets`, each beside all others: a
 /// moment or a length that was found while others were missing is a little off.
 [[nodiscard]] std::vector<Member> polished(Search& search, Bank& bank, std::vector<Member> members,

@@ -3,7 +3,7 @@
 // The cutter or the work swings at a steady frequency: a wave along the path of wavelength feed
 // over frequency, upright. Two phases: counted along the path (steady in time, also while the
 // cutter is lifted) or along the axis of the passes (locked to the machine's travel, as of a screw
-// or a rack). 1 to 20 um.
+// or a rack). 1 to 20 um. It may last for a while only (detail/a_while.hpp).
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {

@@ -7,9 +7,9 @@
 //       these beside a wave of a fifth of its size
 //   all the while .... the only cause; no lag beside it, though its crests curve as the ball does
 
-#include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include <gtest/gtest.h>
 

@@ -65,9 +65,6 @@ struct Column {
   /// Beside causes that are cut anew the ridges between passes go along.
   std::function<Vec3(const Observation&)> moves{};
   std::optional<Follows> follows{};
-  /// Of waves along a pass: the curvature of one unit of the coefficient, 1 / mm^2. What curves as
-  /// the ball does is more than its slopes.
-  double bend_per_mm2 = 0.0;
   std::optional<Levels> levels{};
 };
 

@@ -39,10 +39,17 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
       if (f.columns[c].parameter.name != k.parameters[c].first) return false;
     return true;
   };
+  const auto ends = detail::ends_of(k.fixed, scene.duration_min);
+  const auto as_long = [&](const Form& f) {
+    return ends && f.during ? f.during((*ends)[0], (*ends)[1]) : f;
+  };
+  const auto has_its_law = [&](const Form& f) {
+    return f.law == k.law || (ends && f.during && k.law.starts_with(f.law + ", from "));
+  };
   for (int depth = 0; depth < 8 && !forms.empty(); ++depth) {
     const Form* best = nullptr;
     for (const Form& f : forms) {
-      if (f.law == k.law) return f;
+      if (has_its_law(f)) return as_long(f);
       if (!fits(f) || (!k.fixed.empty() && f.fixed.empty())) continue;
       if (best == nullptr || distance(f, k) < distance(*best, k)) best = &f;
     }
@@ -52,10 +59,7 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
       if (best->of_size && !best->fixed.empty() && name == best->fixed[0].first &&
           size_mm * (best->sign < 0 ? -1.0 : 1.0) > 0.0)
         return best->of_size(size_mm);
-    if (best->during)
-      if (const auto ends = detail::ends_of(k.fixed, scene.duration_min))
-        return best->during((*ends)[0], (*ends)[1]);
-    if (!best->finer || k.fixed.empty()) return *best;
+    if (!best->finer || k.fixed.empty() || (ends && best->during)) return as_long(*best);
     forms = best->finer();
   }
   return std::nullopt;

@@ -134,18 +134,26 @@ struct CutChange {
   double radius_mm = 0.0;
   Vec3 tip_per_mm{};   ///< by how much more elsewhere with each mm of way; small changes need none
   bool bends = false;  ///< within kBendReach_mm of the way `tip_per_mm` jumps
-  double runout_mm = 0.0;  ///< its axis turns about the spindle's at that distance
+  double runout_mm = 0.0;         ///< its axis turns about the spindle's at that distance
+  double curvature_per_mm = 0.0;  ///< of the tip's way along the feed, at most
   [[nodiscard]] bool turns() const { return dot(tip_per_mm, tip_per_mm) > 0.0; }
+  /// Is it not as good as straight to the ball? What curves as that does is more than its slopes.
+  [[nodiscard]] bool curves(double ball_radius_mm) const {
+    constexpr double kStraight = 0.1;
+    return bends || curvature_per_mm * ball_radius_mm > kStraight;
+  }
   CutChange& operator+=(const CutChange& o) {
     tip_mm += o.tip_mm;
     radius_mm += o.radius_mm;
     tip_per_mm += o.tip_per_mm;
     bends |= o.bends;
     runout_mm += o.runout_mm;
+    curvature_per_mm += o.curvature_per_mm;
     return *this;
   }
   friend CutChange operator*(double k, const CutChange& c) {
-    return {k * c.tip_mm, k * c.radius_mm, k * c.tip_per_mm, c.bends && k != 0.0, k * c.runout_mm};
+    return {k * c.tip_mm,        k * c.radius_mm, k * c.tip_per_mm,
+            c.bends && k != 0.0, k * c.runout_mm, std::abs(k) * c.curvature_per_mm};
   }
 };
 
@@ -269,7 +277,8 @@ template <class Bent>
                                     const PassChanges& changes, const Bent& bent, Vec3 up) {
   double lowest = INFINITY;
   const auto let_in = [&](const PassBeside& p, const CutChange& c) {
-    const bool as_it_is = o.pass && (c.bends || std::hypot(c.tip_mm.x, c.tip_mm.y) > kStraight_mm);
+    const bool as_it_is =
+        o.pass && (c.curves(radius_mm) || std::hypot(c.tip_mm.x, c.tip_mm.y) > kStraight_mm);
     if (!as_it_is && !c.turns() && dot(p.normal, up) > kLeastCosine) {
       const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
       if (first_order_rise_mm(p, tip, c, up) >= lowest) return;
@@ -329,7 +338,8 @@ template <class Change>
 /// Off the command by `at`, and by `per_mm` more with each mm of way.
 struct Drift {
   Vec3 at, per_mm;
-  std::array<bool, 3> bends{};  ///< by axis: `per_mm` jumps within kBendReach_mm of the way
+  std::array<bool, 3> bends{};    ///< by axis: `per_mm` jumps within kBendReach_mm of the way
+  double curvature_per_mm = 0.0;  ///< of a wave, at most
 };
 /// What follows the command all along the program: where it stands at a state.
 using Trail = std::function<Drift(const CutState&)>;

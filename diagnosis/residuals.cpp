@@ -17,8 +17,6 @@ namespace {
 /// A part that is moved sideways by more has other passes there than those that are known
 /// (kRivalHeight_mm): it is moved without its ridges.
 constexpr double kFar_mm = 0.5;
-/// A pass that curves by less of what the ball does is as good as straight.
-constexpr double kStraight = 0.1;
 
 }  // namespace
 
@@ -77,24 +75,21 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
   for (const Term& t : cut)
     if (t.column.follows) followed.push_back({*t.column.follows, t.coefficient});
   const auto pairs = both.changes(followed);
-  double bend_per_mm = 0.0;
-  for (const Term& t : cut) bend_per_mm += std::abs(t.coefficient) * t.column.bend_per_mm2;
-  const bool curves = bend_per_mm * ball_radius_mm > kStraight;
   const auto sum_of = [&](bool by_program, const Observation& o, const CutState& s, Vec3 n) {
     CutChange sum;
     for (const Term& t : cut)
-      if (t.column.by_program == by_program) {
-        const CutChange its = t.coefficient * t.column.cut(o, s, n);
-        sum += its;
-        sum.bends |= curves && t.column.bend_per_mm2 > 0.0 && its.tip_mm.z != 0.0;
-      }
+      if (t.column.by_program == by_program) sum += t.coefficient * t.column.cut(o, s, n);
     if (by_program)
       for (const auto& pair : pairs) sum += pair(s);
     return sum;
   };
   // What follows the program bends passes, and so do waves; the same states are met from many
   // places.
-  const Pass* const pass = followed.empty() && !curves ? nullptr : pass_of(all);
+  constexpr std::size_t kEvery = 61;  // a look at so few shows whether any do for a while
+  bool bends = !followed.empty();
+  for (std::size_t i = 0; i < all.size() && !bends && !cut.empty(); i += kEvery)
+    bends = sum_of(true, all[i], all[i], {}).curves(ball_radius_mm);
+  const Pass* const pass = bends ? pass_of(all) : nullptr;
   Displacements off;
   if (pass != nullptr)
     off = displacements(*pass,

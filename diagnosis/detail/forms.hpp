@@ -71,7 +71,9 @@ template <class DriftOf>
            }};
   c.cut = [d](const Observation&, const CutState& s, Vec3) {
     const Drift drift = d(s);
-    return CutChange{drift.at, 0.0, drift.per_mm};
+    CutChange change{drift.at, 0.0, drift.per_mm};
+    change.curvature_per_mm = drift.curvature_per_mm;
+    return change;
   };
   c.by_program = true;
   return c;

@@ -36,6 +36,10 @@ void add_process_chatter(std::vector<Effect>& all) {
         const auto per_mm = [along = along, k](const CutState& s) {
           return k * (along == 0 ? s.feed.x : along == 1 ? s.feed.y : 1.0);
         };
+        const auto rises = [per_mm](const CutState& s, double height, double by_phase) {
+          const double turn = per_mm(s);
+          return Drift{{0, 0, height}, {0, 0, turn * by_phase}, {}, turn * turn};
+        };
         const bool lifted = wave.rapid_share != 0.0 || wave.at_lifts != 0.0,
                    a_while = from > 0.0 || to < 1.0;
         const auto lasts = [from = from, to = to, a_while](const CutState& s) {
@@ -53,14 +57,13 @@ void add_process_chatter(std::vector<Effect>& all) {
                              [=](const CutState& s) {
                                if (!lasts(s)) return Drift{};
                                const double p = phase(s);
-                               return Drift{{0, 0, std::sin(p)}, {0, 0, per_mm(s) * std::cos(p)}};
+                               return rises(s, std::sin(p), std::cos(p));
                              }),
                 drift_column(key + "c", {"cosine_mm", 1.0, 1.0}, [=](const CutState& s) {
                   if (!lasts(s)) return Drift{};
                   const double p = phase(s);
-                  return Drift{{0, 0, std::cos(p)}, {0, 0, -per_mm(s) * std::sin(p)}};
+                  return rises(s, std::cos(p), -std::sin(p));
                 })}};
-        for (Column& c : f.columns) c.bend_per_mm2 = k * k;
         f.fixed = {{"wavelength_mm", span / wave.waves}};
         if (lifted) {
           f.fixed.emplace_back("rapid_share", wave.rapid_share);

@@ -56,6 +56,13 @@ TEST(Chatter, ForAWhileIsOneCause) {
   EXPECT_EQ(c->fixed[2].first, "to_min");
   EXPECT_NEAR(c->fixed[1].second / duration_min, kFirst / count, 1.0 / count);
   EXPECT_NEAR(c->fixed[2].second / duration_min, kLast / count, 1.0 / count);
+  // Once it is known it is cut as it was found.
+  auto rest =
+      part(written(passes), swinging(passes, kFirst, kLast), std::nullopt, kWhite_mm, kSeed);
+  ASSERT_TRUE(take_off({as_known(*c)}, rest));
+  const auto again = diagnose(std::move(rest), 1);
+  ASSERT_TRUE(again.has_value());
+  EXPECT_EQ(again->verdict, "consistent") << (again->causes.empty() ? "" : again->causes[0].law);
 }
 
 TEST(Chatter, AllTheWhileHasNoLagBesideIt) {

@@ -274,12 +274,13 @@ Points sort_points(const std::vector<Observation>& all, const Layout& layout, in
     p.rows += cell.means;
     double weight = next.weight[0];
     for (std::size_t a = 1; a < next.size(); ++a) {
-      constexpr double kOfOtherPlaces = 1e-3;
-      set.top[1].weight.push_back(weight * next.weight[a] / (weight + next.weight[a]) *
-                                  (see_alike(level, next, a) ? 1.0 : kOfOtherPlaces));
-      set.top[1].centre.push_back(centre);
-      set.top[1].rise.push_back(rise);
-      set.top[1].which.push_back(static_cast<std::uint32_t>(a));
+      if (see_alike(level, next, a)) {
+        set.top[1].weight.push_back(weight * next.weight[a] / (weight + next.weight[a]));
+        set.top[1].centre.push_back(centre);
+        set.top[1].rise.push_back(rise);
+        set.top[1].which.push_back(static_cast<std::uint32_t>(a));
+        cell.differences.push_back(static_cast<Index>(a));
+      }
       weight += next.weight[a];
     }
     for (TopSums* top : {&set.top[0], &bank.joint}) {

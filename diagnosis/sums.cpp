@@ -156,10 +156,10 @@ MatrixXd means_of(const Points& points, const FloatRows& block, std::size_t set,
   Index at = 0;
   for (const Points::Cell& c : points.cells) {
     if (set < kSets && static_cast<std::size_t>(c.set) != set) continue;
-    const Index rows = top == 0 ? 1 : c.means - 1;
-    means.middleRows(at, rows) =
-        block.middleRows(top == 0 ? c.mean : c.mean + 1, rows).cast<double>();
-    at += rows;
+    if (top == 0)
+      means.row(at++) = block.row(c.mean).cast<double>();
+    else
+      for (const Index a : c.differences) means.row(at++) = block.row(c.mean + a).cast<double>();
   }
   return means;
 }

@@ -880,6 +880,33 @@ TEST(Inference, ScansThatSeeOtherPiecesOfACellSayLittleOfEachOther) {
   EXPECT_GT(worth(1.0, 0.1), 0.05 * all);
 }
 
+// Nor of how much the others scatter: counted among them at next to no weight they made that seem
+// less, and scans of a part without any cause differed by something smooth.
+TEST(Inference, ScansThatSeeOtherPiecesOfMostCellsDoNotDiffer) {
+  const Noise noise{0.05, 0.0, 20.0, 0.02};
+  auto m = part(63, noise, [](const Observation&) { return 0.0; });
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  // Of two cells in three the second scan sees a corner.
+  for (Observation& o : m.observations) {
+    const double column = std::floor(o.place.x / layout.cell_mm),
+                 row = std::floor(o.place.y / layout.cell_mm);
+    if (o.set_up == 0 || std::fmod(column + row, 3.0) == 0.0) continue;
+    constexpr double kSeen = 0.4;
+    o.place.x = layout.cell_mm * (column + kSeen * (o.place.x / layout.cell_mm - column));
+    o.place.y = layout.cell_mm * (row + kSeen * (o.place.y / layout.cell_mm - row));
+  }
+  const auto bank = detail::sum_up(m.observations, detail::nuisances_of(m), {}, layout);
+  const auto f = detail::fit(bank, detail::columns_of(bank, {}), detail::kAll);
+  double points = 0.0, cells = 0.0;
+  for (const auto& set : bank.sets) {
+    points += set.top[1].points();
+    cells += static_cast<double>(set.top[1].weight.size());
+  }
+  ASSERT_GT(cells, 50.0);
+  const double variance = f.top_variance[1] * points / cells, of_points = 0.05 * 0.05;
+  EXPECT_NEAR(variance, of_points, 3.0 * std::sqrt(2.0 / cells) * of_points);
+}
+
 // A block that has crept by the cube of its height: the best scale of z explains most of it.
 TEST(Inference, WhatGrowsByTheCubeOfTheHeightIsNoScale) {
   const auto d = diagnose(part(48, {},

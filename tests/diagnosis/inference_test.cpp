@@ -23,6 +23,7 @@
 //   a coat that is the sum of plane waves ........... consistent
 //   wear all round over two bands, a guide bent aside  each the only cause; no step, no squareness
 //   a model on the choosing blocks alone ............ at rest as on all
+//   scans that see other pieces of cells ............ not compared there
 //   errors of signatures ............................ by hand; full where they look like the cause
 //   a step where a band begins, and elsewhere ....... the band's, the drive's
 //   chi-squared tail ................................ tabulated values

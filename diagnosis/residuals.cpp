@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <ranges>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -48,11 +47,6 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     return std::any_of(m.form.columns.begin(), m.form.columns.end(),
                        [&](const Column& c) { return c.cut || (has_ridges && c.moves); });
   });
-  // Ridges that are not in the data are nowhere else when the part moves.
-  double seen = 1.0;
-  for (std::size_t k = 0; anew && k < static_cast<std::size_t>(bank.nuisances); ++k)
-    if (column(k).key == kMilledMinusDesign)
-      seen = std::clamp(1.0 + coefficients(static_cast<Eigen::Index>(k)), 0.0, 1.0);
   // Of causes that act through the cut, of what moves the part with its ridges, of those that
   // level, and of all others where any levels.
   std::vector<Term> cut, moving, levelling, others;
@@ -121,16 +115,12 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
             p.state, x, y, radius_mm, off,
             moved.tip_mm + more.tip_mm + towards_place(p.normal, ball_radius_mm, more.runout_mm));
       };
-      std::optional<Vec3> shift;
-      d = pass != nullptr ? recut_mm(o, ball_radius_mm, all_of_it, bent, &shift)
-                          : recut_mm(o, ball_radius_mm, all_of_it, &shift);
+      d = pass != nullptr ? recut_mm(o, ball_radius_mm, all_of_it, bent)
+                          : recut_mm(o, ball_radius_mm, all_of_it);
       for (const Term& t : moving)
         if (!far) d -= t.at(i);
-      double of_cut = 0.0;
-      for (const Term& t : cut) of_cut += t.at(i);
-      d -= of_cut;
-      if (shift) d = seen * d + (1.0 - seen) * o.normal.z * second_order_rise_mm(o, *shift);
-      if (levels) change[i] = d + of_cut;
+      if (levels) change[i] = d;
+      for (const Term& t : cut) d -= t.at(i);
     });
   if (!levels) return beyond;
   oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {

@@ -41,7 +41,8 @@ struct Points {
     std::uint64_t at = 0;                         // row of cells times their number a row + column
     Vec3 centre;
     double rise = 1.0;  // mean z of the points' `along`
-    // Of those, where both sides see the same of the cell: set-ups, counted within it.
+    // Rows after `mean` of the differences whose two sides see the same of the cell: the others are
+    // not compared (TopSums).
     std::vector<Eigen::Index> differences{};
   };
   /// Cells that tell of each other, and for each of them its quadric from their means.

@@ -4,7 +4,7 @@
 // (support/zigzag_part.hpp).
 //
 //   for a while ...... the only cause, with its size and the moments of both ends; not steps at
-//       these beside a wave of a fifth of its size
+//       these beside a wave of a fifth of its size; consistent once it is known
 //   all the while .... the only cause; no lag beside it, though its crests curve as the ball does
 
 #include <cmath>

@@ -9,6 +9,7 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <Eigen/Dense>
 
+#include "diagnosis/detail/forms.hpp"
 #include "diagnosis/extended_model.hpp"
 #include "heightmap/field_io.hpp"
 
@@ -82,6 +83,13 @@ Compensation compensation_of(const Diagnosis& d, const Scene& scene) {
       continue;
     }
     const double value = cause.parameters.empty() ? 0.0 : cause.parameters[0].value;
+    if (!cause.fixed.empty() && cause.fixed[0].first == detail::kOvercompensatedWidth) {
+      c.left.emplace_back(name,
+                          fmt::format("the control's own backlash compensation is too large by "
+                                      "{:.3g} mm: set it lower there",
+                                      value));
+      continue;
+    }
     if (is("machine.scale_")) axis_of(e.scale_um_per_m, axis) = value;
     if (name == "machine.squareness_xy") e.squareness_xy_urad += value;
     if (name == "machine.squareness_xz") e.squareness_xz_urad = value;

@@ -2,6 +2,7 @@
 
 // What extended.toml has added to the model, as functions of an observation; taken off residuals.
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -37,7 +38,11 @@ std::optional<Form> closest(const Effect& effect, const Scene& scene, const Know
     if (f.columns.size() != k.parameters.size()) return false;
     for (std::size_t c = 0; c < f.columns.size(); ++c)
       if (f.columns[c].parameter.name != k.parameters[c].first) return false;
-    return true;
+    // What a law has beside its parameters tells it from others, unless the file has none of it.
+    return k.fixed.empty() || std::ranges::all_of(f.fixed, [&](const auto& its) {
+             return std::ranges::any_of(
+                 k.fixed, [&](const auto& known) { return known.first == its.first; });
+           });
   };
   const auto ends = detail::ends_of(k.fixed, scene.duration_min);
   const auto as_long = [&](const Form& f) {

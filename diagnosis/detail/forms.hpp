@@ -230,6 +230,8 @@ inline constexpr double kStepUp_mm = 0.09;
 [[nodiscard]] inline std::vector<double> sizes_of_drifts(const Scene& scene, double usual_mm) {
   return scene.passes_cross ? std::vector{usual_mm, -usual_mm} : std::vector{0.0};
 }
+/// Fixed by the law of a drive that its control moves further than it loses.
+inline constexpr const char* kOvercompensatedWidth = "overcompensated_width_mm";
 /// Law of bands that begin where the program says.
 inline constexpr const char* kBandsOfTheProgram = "bands of the program";
 /// Moments at which a drive may have lost steps: with more it would look like any drift.

@@ -21,6 +21,7 @@
 #include "cnc/verify.hpp"
 #include "core/files.hpp"
 #include "diagnosis/compensation.hpp"
+#include "diagnosis/detail/forms.hpp"
 #include "heightmap/field_io.hpp"
 #include "support/matchers.hpp"
 #include "support/scan_terrain.hpp"
@@ -222,7 +223,16 @@ TEST_F(MadeGood, OnlyWhatIsSureAndComesBack) {
       {"machine.thermal_growth_z", "x", {{"growth_mm", 0.1, 0.01}}, {}, 0.5, 1e-9, {}, ""});
   EXPECT_EQ(diagnosis::compensation_toml(d, scene), "");
   d.causes.push_back({"machine.backlash_z", "x", {{"width_mm", 0.1, 0.01}}, {}, 0.5, 1e-9, {}, ""});
+  d.causes.push_back({"machine.backlash_y",
+                      "x",
+                      {{"width_mm", 0.05, 0.01}},
+                      {{diagnosis::detail::kOvercompensatedWidth, 0.05}},
+                      0.5,
+                      1e-9,
+                      {},
+                      ""});
   const std::string toml = diagnosis::compensation_toml(d, scene);
+  EXPECT_THAT(toml, HasSubstr("# left: machine.backlash_y: the control's own"));
   EXPECT_THAT(toml, HasSubstr("backlash_z_mm = 0.1"));
   EXPECT_THAT(toml, HasSubstr("# left: machine.scale_x: not told from stock.swelling"));
   EXPECT_THAT(toml, HasSubstr("# left: machine.thermal_growth_z"));

@@ -22,7 +22,7 @@ std::vector<Column> nuisances_of(const Measurements& m) {
           }));
   }
   if (m.scene.has_path)
-    all.push_back(column("milled_minus_design", {"", 1.0, INFINITY}, [](const Observation& o) {
+    all.push_back(column(kMilledMinusDesign, {"", 1.0, INFINITY}, [](const Observation& o) {
       return o.on_surface ? o.milled_minus_design_mm : 0.0;
     }));
   // Nobody declares whether a film follows the ridges between passes or levels over them.

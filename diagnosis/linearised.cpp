@@ -74,7 +74,7 @@ Linearised::Linearised(const Scene& scene, std::vector<Observation>& observation
 
 void Linearised::recut(const Members& model, const Eigen::VectorXd& coefficients) {
   auto beyond =
-      beyond_linear(observations_, model, bank_, coefficients, scene_.ball_radius_mm,
+      beyond_linear(observations_, given_, model, bank_, coefficients, scene_.ball_radius_mm,
                     scene_.has_path, signatures_, lag_and_slack_, all() ? nullptr : &choosing_);
   for (std::size_t i = 0; i < given_.size(); ++i)
     observations_[i].residual_mm = beyond[i] =

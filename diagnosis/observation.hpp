@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -91,6 +92,8 @@ struct Observation : CutState {
   Vec3 normal;  ///< outward
   /// The same of the surface levelled over 0.5 mm: the slope without the ridges between passes.
   Vec3 slope_normal;
+  /// The same surface's second derivatives along xx, xy, yy, 1 / mm.
+  std::array<float, 3> curvature_per_mm{};
   /// Where the tip would be were there a pass just here: `tip` goes by half a stepover from pass to
   /// pass. NaN: as `tip`.
   Vec3 level_tip{NAN, NAN, NAN};
@@ -237,6 +240,15 @@ inline constexpr double kLeastCosine = 0.1;
   return {o.rivals->data(), std::min(o.rivals->size(), kMostRivals)};
 }
 
+/// What a surface without ridges rises by beyond its slope if it is moved as a whole, mm: half of
+/// its curvature times the way squared.
+[[nodiscard]] inline double second_order_rise_mm(const Observation& o, Vec3 moved_mm) {
+  const auto& h = o.curvature_per_mm;
+  return 0.5 * (static_cast<double>(h[0]) * moved_mm.x * moved_mm.x +
+                2.0 * static_cast<double>(h[1]) * moved_mm.x * moved_mm.y +
+                static_cast<double>(h[2]) * moved_mm.y * moved_mm.y);
+}
+
 /// How a place's passes are changed: the one that made it, then its rivals.
 using PassChanges = std::array<CutChange, 1 + kMostRivals>;
 
@@ -310,9 +322,11 @@ template <class Bent>
 /// otherwise; what moves them alike is looked up over it, for along the beam it would be met beyond
 /// the passes that are known.
 /// @param bent  bent(pass, x, y, radius): Pass::height_mm of a pass that bends, so changed
+/// @param shift  unless null: how all of them are moved alike; nullopt: they are not, or the ball
+///   is another
 template <class Change, class Bent>
 [[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change,
-                              const Bent& bent) {
+                              const Bent& bent, std::optional<Vec3>* shift = nullptr) {
   if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
   PassChanges changes;
   changes[0] = change(o, o.normal);
@@ -320,19 +334,25 @@ template <class Change, class Bent>
   // The second bound is one that compilers see.
   for (std::size_t i = 0; i < rivals.size() && i < kMostRivals; ++i)
     changes[i + 1] = change(rivals[i].state, rivals[i].normal);
-  const Vec3 up = passes_part(o, changes) ? seen_along(o) : Vec3{0.0, 0.0, 1.0};
+  const bool part = passes_part(o, changes);
+  if (shift != nullptr && !part && changes[0].radius_mm == 0.0 && changes[0].runout_mm == 0.0)
+    *shift = changes[0].tip_mm;
+  const Vec3 up = part ? seen_along(o) : Vec3{0.0, 0.0, 1.0};
   return lowest_rise_mm(o, radius_mm, changes, bent, up) * dot(o.along, o.normal) *
          dot(up, o.normal);
 }
 template <class Change>
-[[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change) {
-  return recut_mm(o, radius_mm, change,
-                  [&](const PassBeside& p, double x, double y, double radius) {
-                    return o.pass->height_mm(p.state, x, y, radius, [&](const CutState& t) {
-                      const CutChange there = change(t, p.normal);
-                      return there.tip_mm + towards_place(p.normal, radius_mm, there.runout_mm);
-                    });
-                  });
+[[nodiscard]] double recut_mm(const Observation& o, double radius_mm, const Change& change,
+                              std::optional<Vec3>* shift = nullptr) {
+  return recut_mm(
+      o, radius_mm, change,
+      [&](const PassBeside& p, double x, double y, double radius) {
+        return o.pass->height_mm(p.state, x, y, radius, [&](const CutState& t) {
+          const CutChange there = change(t, p.normal);
+          return there.tip_mm + towards_place(p.normal, radius_mm, there.runout_mm);
+        });
+      },
+      shift);
 }
 
 /// Off the command by `at`, and by `per_mm` more with each mm of way.

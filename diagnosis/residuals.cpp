@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <optional>
 #include <ranges>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -18,9 +20,36 @@ namespace {
 /// (kRivalHeight_mm): it is moved without its ridges.
 constexpr double kFar_mm = 0.5;
 
+/// Ridges between passes that a scanner or a coat has smoothed away are nowhere else when the part
+/// moves: of what moving them did, the share stays that the data show of them where they would be
+/// now, and of the rest what a surface without them does.
+/// @param left_mm  measured less all signatures, with ridges where they were
+/// @param smooth_mm  what a surface without ridges moves beyond its signatures; NaN: passes do not
+///   move alike there
+void take_ridges_by_their_share(const std::vector<Observation>& all,
+                                const std::function<double(std::size_t)>& left_mm,
+                                const std::vector<char>* wanted,
+                                const std::vector<float>& smooth_mm, std::vector<double>& beyond) {
+  double seen = 0.0, there = 0.0, known = 0.0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if ((wanted != nullptr && (*wanted)[i] == 0) || std::isnan(smooth_mm[i])) continue;
+    const double ridge = all[i].milled_minus_design_mm, smooth = static_cast<double>(smooth_mm[i]),
+                 now = ridge + beyond[i] - smooth;
+    seen += now * (left_mm(i) + ridge - smooth);
+    there += now * now;
+    known += ridge * ridge;
+  }
+  if (!(there > 0.0) || !(known > 0.0)) return;
+  const double share = std::clamp(seen / there, 0.0, 1.0);
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if (!std::isnan(smooth_mm[i]))
+      beyond[i] = share * beyond[i] + (1.0 - share) * static_cast<double>(smooth_mm[i]);
+}
+
 }  // namespace
 
 std::vector<double> beyond_linear(const std::vector<Observation>& all,
+                                  std::span<const double> measured_mm,
                                   const std::vector<Member>& members, const Bank& bank,
                                   const Eigen::VectorXd& coefficients, double ball_radius_mm,
                                   bool has_ridges, Signatures& known, LagAndSlack& both,
@@ -47,13 +76,16 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     return std::any_of(m.form.columns.begin(), m.form.columns.end(),
                        [&](const Column& c) { return c.cut || (has_ridges && c.moves); });
   });
+  // A film takes ridges off by itself.
+  const bool by_their_share = anew && !levels && has_ridges && !measured_mm.empty();
   // Of causes that act through the cut, of what moves the part with its ridges, of those that
-  // level, and of all others where any levels.
+  // level, and of all others.
   std::vector<Term> cut, moving, levelling, others;
   for (std::size_t k = 0; k < model.size(); ++k) {
     const Column& c = column(k);
     const bool nuisance = static_cast<int>(k) < bank.nuisances, moves = anew && c.moves;
-    if (!moves && (nuisance || !(c.cut || levels))) continue;
+    if (c.key == kMilledMinusDesign) continue;
+    if (!moves && !by_their_share && (nuisance || !(c.cut || levels))) continue;
     std::vector<float>& signature = known[c.key];
     signature.resize(all.size(), NAN);
     const auto is_asked_for = [&](std::size_t i) {
@@ -68,9 +100,15 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
     }
     const Term term{c, coefficients(static_cast<Eigen::Index>(k)), &signature};
     if (moves) moving.push_back(term);
-    if (!nuisance) (c.cut ? cut : c.levels ? levelling : others).push_back(term);
+    if (c.cut)
+      cut.push_back(term);
+    else if (c.levels)
+      levelling.push_back(term);
+    else if (levels ? !nuisance : !moves)
+      others.push_back(term);
   }
   std::vector<double> beyond(all.size(), 0.0), change(levels ? all.size() : 0, 0.0);
+  std::vector<float> without_ridges(by_their_share ? all.size() : 0, NAN);  // mm
   std::vector<FollowedTerm> followed;
   for (const Term& t : cut)
     if (t.column.follows) followed.push_back({*t.column.follows, t.coefficient});
@@ -115,13 +153,27 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
             p.state, x, y, radius_mm, off,
             moved.tip_mm + more.tip_mm + towards_place(p.normal, ball_radius_mm, more.runout_mm));
       };
-      d = pass != nullptr ? recut_mm(o, ball_radius_mm, all_of_it, bent)
-                          : recut_mm(o, ball_radius_mm, all_of_it);
+      std::optional<Vec3> shift;
+      d = pass != nullptr ? recut_mm(o, ball_radius_mm, all_of_it, bent, &shift)
+                          : recut_mm(o, ball_radius_mm, all_of_it, &shift);
       for (const Term& t : moving)
         if (!far) d -= t.at(i);
-      if (levels) change[i] = d;
-      for (const Term& t : cut) d -= t.at(i);
+      double of_cut = 0.0;
+      for (const Term& t : cut) of_cut += t.at(i);
+      d -= of_cut;
+      if (levels) change[i] = d + of_cut;
+      if (shift && !without_ridges.empty())
+        without_ridges[i] = static_cast<float>(o.normal.z * second_order_rise_mm(o, *shift));
     });
+  if (by_their_share) {
+    const auto left = [&](std::size_t i) {
+      double sum = measured_mm[i];
+      for (const auto* terms : {&cut, &moving, &others})
+        for (const Term& t : *terms) sum -= t.at(i);
+      return sum;
+    };
+    take_ridges_by_their_share(all, left, wanted, without_ridges, beyond);
+  }
   if (!levels) return beyond;
   oneapi::tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
     for (const Term& t : others) change[i] += t.at(i);

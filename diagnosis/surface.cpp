@@ -108,6 +108,7 @@ std::optional<Observation> SimulatedSurface::observe(double x, double y) const {
     o.pass = pass_;
   }
   o.slope_normal = slope_normal(x, y).value_or(o.normal);
+  o.curvature_per_mm = curvature_per_mm(x, y);
   if (place->contact)
     o.level_tip = o.place + path_->ball_radius_mm() * (o.slope_normal - Vec3{0.0, 0.0, 1.0});
   o.levelled = levelled(x, y, o.place.z);
@@ -121,6 +122,18 @@ std::optional<Vec3> SimulatedSurface::slope_normal(double x, double y) const {
   const double gx = (z(h, 0.0) - z(-h, 0.0)) / (2.0 * h), gy = (z(0.0, h) - z(0.0, -h)) / (2.0 * h);
   if (std::isnan(gx) || std::isnan(gy)) return std::nullopt;
   return normalized(Vec3{-gx, -gy, 1.0});
+}
+
+std::array<float, 3> SimulatedSurface::curvature_per_mm(double x, double y) const {
+  // Between nodes heights run straight on: over less than two of them that would be a kink or none.
+  const ModelField& f = smooth_[0];
+  const double h = std::fmax(kFilmLengths_mm[0], 2.0 * f.spacing.value());
+  const auto z = [&](double dx, double dy) { return heightmap::height_at(f, x + dx, y + dy); };
+  const double middle = z(0.0, 0.0), xx = (z(h, 0.0) - 2.0 * middle + z(-h, 0.0)) / (h * h),
+               yy = (z(0.0, h) - 2.0 * middle + z(0.0, -h)) / (h * h),
+               xy = (z(h, h) - z(h, -h) - z(-h, h) + z(-h, -h)) / (4.0 * h * h);
+  if (!std::isfinite(xx + yy + xy)) return {};
+  return {static_cast<float>(xx), static_cast<float>(xy), static_cast<float>(yy)};
 }
 
 std::array<float, kFilmLengths_mm.size()> SimulatedSurface::levelled(double x, double y,

@@ -50,6 +50,8 @@ class SimulatedSurface {
   /// Normal of the surface levelled over the shortest of kFilmLengths_mm, by central differences;
   /// none: at a border or void.
   [[nodiscard]] std::optional<Vec3> slope_normal(double x_mm, double y_mm) const;
+  /// Second derivatives of that surface along xx, xy, yy, 1 / mm; 0 where there are none.
+  [[nodiscard]] std::array<float, 3> curvature_per_mm(double x_mm, double y_mm) const;
   /// The surface levelled over each of kFilmLengths_mm less `height_mm`, which it has there;
   /// upwards, mm.
   [[nodiscard]] std::array<float, kFilmLengths_mm.size()> levelled(double x_mm, double y_mm,

@@ -41,7 +41,10 @@ struct Candidate {
 inline constexpr double kPricePerColumn = 6.0;
 inline constexpr double kPricePerCause = 14.0;
 
-/// Six directions of each set-up's pose, and the difference between cut and designed surface.
+/// Six directions of each set-up's pose, and the difference between cut and designed surface. Its
+/// coefficient is 0 where the data show all that the cut leaves, the ridges between passes, and -1
+/// where a scanner or a coat has smoothed them away.
+inline constexpr const char* kMilledMinusDesign = "milled_minus_design";
 [[nodiscard]] std::vector<Column> nuisances_of(const Measurements& measurements);
 /// All causes with a form that these data can test. @param untestable  the names of the others
 [[nodiscard]] std::vector<Candidate> candidates_of(const Scene& scene,

@@ -97,7 +97,7 @@ std::vector<double> changes(const std::vector<Observation>& all, double from, do
   if (cause != 0.0) size_of(bank.y() - 2) = cause;
   Signatures known;
   LagAndSlack both{m.scene};
-  std::vector<double> sum = beyond_linear(all, members, bank, b, kRadius_mm, true, known, both);
+  std::vector<double> sum = beyond_linear(all, {}, members, bank, b, kRadius_mm, true, known, both);
   for (std::size_t i = 0; i < all.size(); ++i)
     for (std::size_t k = 0; k < model.size(); ++k)
       sum[i] += b(static_cast<Eigen::Index>(k)) *

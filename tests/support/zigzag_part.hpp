@@ -5,6 +5,7 @@
 // a test has displaced their tips (shares no code with path_contact.hpp but to read the program).
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -40,6 +41,16 @@ inline Vec3 slope_normal(double x, double y, double stretch = 1.0) {
   const auto z = [&](double dx, double dy) { return ground_mm(x + dx, y + dy, stretch); };
   return normalized(
       Vec3{-(z(h, 0.0) - z(-h, 0.0)) / (2.0 * h), -(z(0.0, h) - z(0.0, -h)) / (2.0 * h), 1.0});
+}
+
+/// Along xx, xy, yy.
+inline std::array<float, 3> curvature_per_mm(double x, double y, double stretch = 1.0) {
+  constexpr double h = 1e-3;
+  const auto z = [&](double dx, double dy) { return ground_mm(x + dx, y + dy, stretch); };
+  const double middle = z(0.0, 0.0);
+  return {static_cast<float>((z(h, 0.0) - 2.0 * middle + z(-h, 0.0)) / (h * h)),
+          static_cast<float>((z(h, h) - z(h, -h) - z(-h, h) + z(-h, -h)) / (4.0 * h * h)),
+          static_cast<float>((z(0.0, h) - 2.0 * middle + z(0.0, -h)) / (h * h))};
 }
 
 using Passes = std::vector<std::vector<Vec3>>;  ///< tips
@@ -128,6 +139,7 @@ inline Measurements part(const CutPath& path, const Passes& cut, const Station_m
     o.place = {x, y, contact->height_mm};
     o.normal = o.along = contact->normal;
     o.slope_normal = slope_normal(x, y, stretch);
+    o.curvature_per_mm = curvature_per_mm(x, y, stretch);
     o.level_tip = o.place + kRadius_mm * (o.slope_normal - Vec3{0.0, 0.0, 1.0});
     o.rivals = std::make_shared<std::vector<Rival>>(std::move(rivals));
     o.pass = path.pass();

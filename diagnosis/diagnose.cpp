@@ -253,7 +253,8 @@ bool sharpen(detail::Search& search, Bank& bank, detail::Linearised& residuals,
     sharp = detail::polished(search, bank, std::move(sharp), residuals.settle(), kAll);
     // A border more was neither chosen nor confirmed.
     for (std::size_t k = 0; k < sharp.size(); ++k)
-      if (sharp[k].form.columns.size() > confirmed[k].member.form.columns.size())
+      if (confirmed[k].by_squares ||
+          sharp[k].form.columns.size() > confirmed[k].member.form.columns.size())
         sharp[k] = confirmed[k].member;
   }
   sharp = detail::at_own_size(std::move(sharp), search, bank, residuals);
@@ -338,6 +339,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   Members doubtful = detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   run.progress(0.8);
   detail::make_plain(search, bank, residuals, confirmed);
+  detail::prefer_few_parameters(search, bank, residuals, confirmed);
   detail::join_slopes(search, bank, residuals, confirmed, d.rejected);
   detail::prefer_poses_as_given(
       search, bank, residuals,

@@ -23,6 +23,8 @@ constexpr double kEquivalentShare = 0.01;
 constexpr double kTellApart_mm = 0.0015;
 /// A rival within this many times what is told apart to first order is cut anew.
 constexpr double kCloseGain = 10.0, kCloseSquares = 4.0;
+/// A cause that it looks like and that misses a smaller share of what it explains is refined.
+constexpr double kCloseShare = 0.5;
 /// A rival that gains less in an empty place is not worth a line.
 constexpr double kWorthALine = 20.0;
 /// A cause that explains less of the excess than this, and in whose place two others would do, is
@@ -87,16 +89,52 @@ bool says_the_same(const Member& member, const Effect* other) {
          member.form.columns.size() <= kMostLosses;
 }
 
+bool look_alike(const Effect* a, const Effect* b) {
+  const auto lists = [](const Effect* of, const Effect* other) {
+    return std::ranges::find(of->looks_like, other->name) != of->looks_like.end();
+  };
+  return lists(a, b) || lists(b, a);
+}
+
+/// The cause in the k-th place in that of its forms, refined, which leaves the least squares to
+/// first order about the residuals as they are: where noise may be smooth, likelihoods hardly tell
+/// laws of a drift from each other.
+/// @param most  columns
+std::optional<Member> by_squares(const Candidate& cause, Members with, std::size_t k,
+                                 std::size_t most, const Search& search, Bank& bank,
+                                 const Linearised& residuals) {
+  double left = INFINITY;
+  std::optional<Form> best;
+  // The one that was best comes back among its finer neighbours, with a smaller step.
+  const auto as_good = [&](const std::vector<Form>& forms) {
+    bool any = false;
+    for (const Form& f : forms) {
+      if (f.columns.size() > most) continue;
+      add_columns(bank, search.observations, f.columns);
+      with[k] = {cause.effect, f};
+      answer(bank, columns_of(bank, with));
+      const double now = residuals.left_by(with);
+      if (!(now <= left)) continue;
+      left = now;
+      best = f;
+      any = true;
+    }
+    return any;
+  };
+  for (bool more = as_good(cause.forms); more;) more = best->finer && as_good(best->finer());
+  return best ? std::optional(Member{cause.effect, *best}) : std::nullopt;
+}
+
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
 /// @param sizes  of the k-th
 Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<Estimate>& sizes,
-                           const Search& search, const Bank& bank, Linearised& residuals,
+                           const Search& search, Bank& bank, Linearised& residuals,
                            std::vector<Rejected>& ruled_out) {
   const auto others = without(model.members, k);
   auto beside_it = others;
   if (const auto may = what_may_be_none(model.members[k], sizes)) beside_it.push_back(*may);
   residuals.about(others);
-  const double missed = residuals.fit_of(others).objective;
+  const auto [missed, missed_squares] = scored(residuals, others);
   // Rivals are compared with the member as it is without its own second order, and where they come
   // close with that of each.
   const Scored linear = scored(residuals, model.members);
@@ -124,6 +162,23 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
   };
   const Screen beside = screen(bank, others, kAll), beside_all = screen(bank, beside_it, kAll);
   Equivalents equivalent;
+  const auto judge = [&](const Effect* other, const Worse& worse, double objective) {
+    if (does_as_well(worse)) {
+      equivalent.names.push_back(other->name);
+      equivalent.shapes += std::abs(worse.objective) >= kSameShape;
+    } else if (missed - objective > kWorthALine) {
+      ruled_out.push_back(
+          {other->name,
+           fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
+                       model.members[k].effect->name, worse.objective / 4.605)});
+    }
+  };
+  struct Coarse {
+    const Candidate& rival;
+    Worse worse;
+    double objective;
+  };
+  std::vector<Coarse> coarse;
   for (const Candidate& other : search.candidates) {
     if (has(model.members, other.effect) || !may_join(others, other.effect)) continue;
     if (says_the_same(model.members[k], other.effect)) {
@@ -138,15 +193,21 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
       if (std::isfinite(with.objective))
         worse = worse_by(beside_it, {other.effect, other.forms[with.form]});
     }
-    if (does_as_well(worse)) {
-      equivalent.names.push_back(other.effect->name);
-      equivalent.shapes += std::abs(worse.objective) >= kSameShape;
-    } else if (missed - found.objective > kWorthALine) {
-      ruled_out.push_back(
-          {other.effect->name,
-           fmt::format("in the place of {} it makes the data 10^{:.1f} times less likely",
-                       model.members[k].effect->name, worse.objective / 4.605)});
-    }
+    const bool may_be_finer =
+        std::ranges::any_of(other.forms, [](const Form& f) { return static_cast<bool>(f.finer); });
+    if (!does_as_well(worse) && may_be_finer && look_alike(other.effect, model.members[k].effect) &&
+        worse.squares < kCloseShare * (missed_squares - model.left.squares))
+      coarse.push_back({other, worse, found.objective});
+    else
+      judge(other.effect, worse, found.objective);
+  }
+  for (const Coarse& c : coarse) {
+    residuals.about(others);
+    Members with = others;
+    with.push_back({c.rival.effect, c.rival.forms[0]});
+    const auto law = by_squares(c.rival, with, others.size(), SIZE_MAX, search, bank, residuals);
+    const Worse worse = law ? worse_by(others, *law) : c.worse;
+    judge(c.rival.effect, does_as_well(worse) ? worse : c.worse, c.objective);
   }
   return equivalent;
 }
@@ -166,7 +227,7 @@ std::vector<double> shares_of(const Model& model, Linearised& residuals) {
 
 /// @param shapes  of its equivalents, how many are other than its own
 Cause cause_of(const Model& model, std::size_t k, std::vector<Estimate> sizes, double p_value,
-               const Search& search, const Bank& bank, Linearised& residuals,
+               const Search& search, Bank& bank, Linearised& residuals,
                std::vector<Rejected>& ruled_out, std::size_t& shapes) {
   const Member& member = model.members[k];
   Cause c;
@@ -261,6 +322,42 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
           confirmed[j].member.form = instead[j].form;
       }
       break;
+    }
+  }
+  residuals.about(members_of(confirmed));
+}
+
+void prefer_few_parameters(const Search& search, Bank& bank, Linearised& residuals,
+                           std::vector<Confirmed>& confirmed) {
+  constexpr std::size_t kFewer = 3;  // times
+  for (std::size_t k = 0; k < confirmed.size(); ++k) {
+    const Members members = members_of(confirmed), others = without(members, k);
+    if (members[k].form.columns.size() < kFewer) continue;
+    residuals.about(members);
+    double points = 0.0;
+    const double squares = residuals.left_by(members, &points);
+    residuals.about(others);
+    const double explained = residuals.left_by(others) - squares;
+    double least = points * kTellApart_mm * kTellApart_mm;
+    for (const Candidate& other : search.candidates) {
+      if (has(members, other.effect) || !may_join(others, other.effect) ||
+          !look_alike(other.effect, members[k].effect))
+        continue;
+      residuals.about(others);
+      const auto law = by_squares(other, members, k, members[k].form.columns.size() / kFewer,
+                                  search, bank, residuals);
+      if (!law) continue;
+      Members instead = members;
+      instead[k] = *law;
+      residuals.about(instead);
+      const double more = residuals.left_by(instead) - squares,
+                   error = other.effect->signature_error;
+      if (!(more < least) || !(more < error * error * explained) ||
+          !believable(bank, instead, residuals.fit_of(instead)))
+        continue;
+      least = more;
+      confirmed[k].member = instead[k];
+      confirmed[k].by_squares = true;
     }
   }
   residuals.about(members_of(confirmed));

@@ -102,6 +102,8 @@ struct Confirmed {
   double p_value = 1.0;
   /// With the moments that were chosen, where all blocks have others.
   std::optional<Form> chosen{};
+  /// In the form that leaves the least squares (prefer_few_parameters).
+  bool by_squares = false;
 };
 /// Those of `members` that hold on the confirming blocks.
 /// @param sharp     the same, at the moments that all blocks ask for: by these it is told how much

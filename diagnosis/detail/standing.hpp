@@ -39,6 +39,12 @@ struct Left {
 void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
                 std::vector<Confirmed>& confirmed);
 
+/// A curve of many parameters fits whatever is smooth, where it is a micrometre better for what
+/// second order leaves of a large cause. A law of a third of them or fewer that it looks like is
+/// preferred where what it leaves more is less than it may be wrong by, and than is told apart.
+void prefer_few_parameters(const Search& search, Bank& bank, Linearised& residuals,
+                           std::vector<Confirmed>& confirmed);
+
 /// Of causes that the rest of the data cannot tell apart the one that needs no shift of the scans:
 /// a smaller ball whose tip was held leaves them where their files say, the film that looks the
 /// same raises them all. The larger the shift that is spared, the less likely the data may be.

@@ -22,6 +22,7 @@
 //   a wave, and one that scan columns make of ridges  unexplained, consistent
 //   a coat that is the sum of plane waves ........... consistent
 //   wear all round over two bands, a guide bent aside  each the only cause; no step, no squareness
+//   a curve of eight degrees that is a warm-up ...... a warm-up; one that is none stays
 //   a model on the choosing blocks alone ............ at rest as on all
 //   scans that see other pieces of cells ............ not compared there
 //   errors of signatures ............................ by hand; full where they look like the cause
@@ -40,6 +41,7 @@
 #include "core/random.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/sizes.hpp"
+#include "diagnosis/detail/standing.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
 #include "diagnosis/detectability.hpp"
 #include "diagnosis/diagnose.hpp"
@@ -540,6 +542,42 @@ TEST(Inference, SizesAreLessCertainByWhatMayBeBesideThem) {
   EXPECT_TRUE(d.notes[0].starts_with("tool.wear, too small")) << d.notes[0];
 }
 
+// A curve of eight degrees is as near to a warm-up as its second order; a guide that waves is not.
+TEST(Naming, PrefersALawOfFewParameters) {
+  constexpr double kGrowth_mm = 0.3, kTau = 0.21;
+  const Effect* guide = find_effect("machine.straightness_y");
+  const Effect* growth = find_effect("machine.thermal_growth_z");
+  for (const bool warms_up : {true, false}) {
+    auto m = part(65, {.white_mm = 0.01}, [&](const Observation& o) {
+      const double u = o.place.y / 80.0 - 1.0;
+      return o.normal.z *
+             (warms_up ? kGrowth_mm * std::expm1(-o.path_share / kTau) : 0.03 * std::sin(6.0 * u));
+    });
+    const std::vector<detail::Candidate> candidates{{guide, guide->forms(m.scene)},
+                                                    {growth, growth->forms(m.scene)}};
+    const auto curve =
+        std::ranges::find(candidates[0].forms, 7U, [](const Form& f) { return f.columns.size(); });
+    ASSERT_NE(curve, candidates[0].forms.end());
+    std::vector<detail::Confirmed> confirmed{{{guide, *curve}, 0.0}};
+    const auto nuisances = detail::nuisances_of(m);
+    const auto layout = detail::lay_out(m.scene.box, 1);
+    auto bank = detail::sum_up(m.observations, nuisances, curve->columns, layout);
+    const detail::Search search{m.observations, nuisances, layout, candidates};
+    detail::Linearised residuals(m.scene, m.observations, bank);
+    residuals.about(detail::members_of(confirmed));
+    detail::prefer_few_parameters(search, bank, residuals, confirmed);
+    const Form& now = confirmed[0].member.form;
+    if (!warms_up) {
+      EXPECT_EQ(confirmed[0].member.effect, guide) << now.law;
+      continue;
+    }
+    ASSERT_EQ(confirmed[0].member.effect, growth) << now.law;
+    // The grid's last ratio is 1.003; noise moves the constant by as much.
+    EXPECT_NEAR(now.fixed[0].second, kTau * m.scene.duration_min,
+                0.01 * kTau * m.scene.duration_min);
+  }
+}
+
 // On the choosing blocks alone a model comes to rest as it would on all, and nothing else is known.
 TEST(Linearised, LooksAtTheChoosingBlocksAlone) {
   auto m = part(63, {}, [](const Observation& o) { return 0.1 * (o.normal.z - 1.0); });
@@ -747,11 +785,13 @@ TEST(Inference, HowAFilmLiesOverRidgesIsNoCause) {
     const auto d = diagnose(std::move(m), 1);
     ASSERT_TRUE(d.has_value());
     ASSERT_FALSE(d->ranking.empty());
+    // The best of a hundred waves gains 30 on smooth noise, the film's ridges 64.
+    constexpr double kBetween = 45.0;
     if (declared) {
       EXPECT_EQ(d->verdict, "consistent");
-      EXPECT_LT(d->ranking[0].gain, 30.0) << d->ranking[0].effect;
+      EXPECT_LT(d->ranking[0].gain, kBetween) << d->ranking[0].effect;
     } else {
-      EXPECT_GT(d->ranking[0].gain, 30.0);
+      EXPECT_GT(d->ranking[0].gain, kBetween);
     }
   }
 }

@@ -327,6 +327,31 @@ Result<StonesSeen> read_stones(const CaseInput& input, const heightmap::ModelFie
 
 }  // namespace
 
+bool cut_by_tip(Observation& o, const Scene& scene) {
+  const auto above = scene.above(o.place.x, o.place.y);
+  if (!above) return false;
+  static_cast<CutState&>(o) = *above;
+  o.tip = o.level_tip = o.place;
+  o.by_tip = true;
+  o.rivals.reset();
+  o.pass.reset();
+  if (!o.on_surface) return true;
+  // Without the slopes of ridges. A point is off along its beam, or upright.
+  const Vec3 way = o.has_station ? o.beam : Vec3{0.0, 0.0, 1.0};
+  const double flatter = dot(way, o.slope_normal) / dot(way, o.normal);
+  o.residual_mm = flatter * (o.residual_mm + scene.coat_mm) - scene.coat_mm;
+  o.milled_minus_design_mm *= o.slope_normal.z / o.normal.z;
+  o.normal = o.along = o.slope_normal;
+  return true;
+}
+
+void cut_by_tips(Measurements& m) {
+  oneapi::tbb::parallel_for(std::size_t{0}, m.observations.size(),
+                            [&](std::size_t i) { (void)cut_by_tip(m.observations[i], m.scene); });
+  m.scene.passes_cross = false;
+  m.contact = MadeBy::tip;
+}
+
 Result<std::optional<heightmap::ModelField>> read_ground(const CaseInput& input,
                                                          const heightmap::ModelField& design) {
   if (input.ground.empty()) return std::nullopt;
@@ -629,6 +654,8 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                             blocks.size(), layout.set_of_block.size(),
                             layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
   m.scene.passes_cross = do_passes_cross(m.observations);
+  m.contact = input.contact;
+  if (path && m.contact == MadeBy::tip) cut_by_tips(m);
   MAQUETTE_TRY_VOID(take_off(input.known, m));
   if (seen_stones) {
     MAQUETTE_TRY_VOID(detail::shift_seats(input.known, m, seen_stones->plan));

@@ -51,6 +51,11 @@ struct Body {
   double scale = 1.0;  ///< of the mesh, before it is moved
 };
 
+/// Which pass made a place: that whose ball touches it, or the one just above, as of a cutter that
+/// is much finer than the ball that was declared. Causes that hang on direction, order or time of
+/// the cut are another pattern then.
+enum class MadeBy { unknown, ball, tip };
+
 struct CaseInput {
   std::filesystem::path design;
   /// The design without the stones that are glued on after milling; empty: there are none. What is
@@ -62,6 +67,7 @@ struct CaseInput {
   std::vector<Body> bodies;
   std::vector<std::filesystem::path> programs;
   double ball_diameter_mm = 6.0;
+  MadeBy contact = MadeBy::unknown;
   double coat_mm = 0.0, coat_sigma_mm = 0.04, coat_correlation_mm = 0.25;
   double reach_mm = 2.0;
   std::vector<ScanInput> scans;
@@ -81,6 +87,7 @@ struct SetUp {
 
 struct Measurements {
   Scene scene;
+  MadeBy contact = MadeBy::unknown;  ///< of the observations: unknown as ball
   std::vector<SetUp> set_ups;
   std::vector<Observation> observations;
   std::vector<std::string> notes;  ///< what could not be used and why
@@ -97,6 +104,11 @@ inline constexpr double kStone_mm = 1e-3;
 
 /// About which the poses of the set-ups turn.
 [[nodiscard]] std::vector<Vec3> centres_of(const Measurements& measurements);
+
+/// From here on each place is what the pass above it made (MadeBy::tip).
+void cut_by_tips(Measurements& measurements);
+/// The same of one observation. @return whether a pass is near enough
+bool cut_by_tip(Observation& observation, const Scene& scene);
 
 /// Takes what known causes move off the residuals. @return DIAGNOSIS_UNKNOWN_CAUSE
 [[nodiscard]] Result<void> take_off(const std::vector<KnownCause>& known,

@@ -170,6 +170,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   const std::size_t all = m.observations.size();
   const std::size_t kept = std::min(all, kControlPoints);
   few.notes.clear();
+  few.contact = d.contact;
   few.observations.clear();
   for (std::size_t k = 0; k < kept; ++k) {
     const std::size_t first = k * all / kept, end = (k + 1) * all / kept;

@@ -3,7 +3,10 @@
 
 #include <array>
 #include <cmath>
+#include <memory>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "diagnosis/detail/choosing.hpp"
 #include "diagnosis/detail/forms.hpp"
@@ -308,24 +311,83 @@ std::string verdict_of(const Diagnosis& d) {
   return more ? "partly_explained" : "explained";
 }
 
-}  // namespace
+/// All that is needed to choose causes.
+struct Prepared {
+  Measurements m;
+  Scene scene;
+  Layout layout;
+  std::vector<Column> nuisances;
+  std::vector<std::string> untestable;
+  detail::Search search{m.observations, nuisances, layout, {}};
+  Bank bank;
 
-Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext& run) {
+  Prepared(Measurements measured, std::uint64_t seed)
+      : m(std::move(measured)),
+        scene(m.scene),
+        layout(detail::lay_out(scene.box, seed, !scene.section_starts.empty())),
+        nuisances(detail::nuisances_of(m)) {
+    Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
+    layout.smooth = detail::smooth_law(plain, layout);
+    plain.tried = detail::plain_thetas(layout.cell_mm).size();
+    if (scene.has_path) look_along_the_program(m.observations, plain, layout, scene);
+    search.candidates = detail::candidates_of(scene, untestable);
+    bank =
+        detail::sum_up(m.observations, nuisances, detail::all_columns(search.candidates), layout);
+  }
+  Prepared(const Prepared&) = delete;
+  Prepared& operator=(const Prepared&) = delete;
+};
+
+/// What the best of the causes that hang on the program gains alone on the choosing blocks, to
+/// first order, in -2 log likelihood.
+double best_of_the_program(const Bank& bank, const std::vector<detail::Candidate>& candidates) {
+  const detail::Screen beside = detail::screen(bank, {}, {kChoose});
+  const double without = detail::fit(bank, detail::columns_of(bank, {}), {kChoose}).objective;
+  double most = 0.0;
+  for (const auto& c : candidates)
+    if (c.effect->needs == Needs::path)
+      most = std::fmax(most,
+                       without - detail::best_form(bank, {}, c, {kChoose}, true, beside).objective);
+  return most;
+}
+
+/// The same were each place what the pass above it made.
+double best_of_tips(const Prepared& ball) {
+  Measurements m;
+  m.scene = ball.m.scene;
+  m.set_ups = ball.m.set_ups;
+  const auto chosen = detail::those_in(ball.bank, kChoose, ball.m.observations.size());
+  for (std::size_t i = 0; i < chosen.size(); ++i)
+    if (chosen[i] != 0) m.observations.push_back(ball.m.observations[i]);
+  cut_by_tips(m);
+  Scene scene = m.scene;
+  Bank plain = detail::sum_up(m.observations, ball.nuisances, {}, ball.layout);
+  plain.tried = ball.bank.tried;
+  look_along_the_program(m.observations, plain, ball.layout, scene);
+  std::vector<std::string> untestable;
+  auto candidates = detail::candidates_of(scene, untestable);
+  std::erase_if(candidates,
+                [](const detail::Candidate& c) { return c.effect->needs != Needs::path; });
+  const Bank bank =
+      detail::sum_up(m.observations, ball.nuisances, detail::all_columns(candidates), ball.layout);
+  return best_of_the_program(bank, candidates);
+}
+
+/// Whether causes that hang on the program fit far better as of the passes above their places.
+bool is_cut_by_tips(const Prepared& ball) {
+  // Where neither fits, or a drift that is alike for neighbouring passes, gains hardly differ.
+  constexpr double kClearly = 30.0, kRatio = 1.35;
+  const double by_ball = best_of_the_program(ball.bank, ball.search.candidates);
+  const double by_tips = best_of_tips(ball);
+  return by_tips > kClearly + kRatio * by_ball;
+}
+
+Result<Diagnosis> diagnose(Prepared& prepared, const RunContext& run) {
+  auto& [m, scene, layout, nuisances, untestable, search, bank] = prepared;
   Diagnosis d;
   d.notes = m.notes;
-  Scene scene = m.scene;
-  Layout layout = detail::lay_out(scene.box, seed, !scene.section_starts.empty());
-  const auto nuisances = detail::nuisances_of(m);
-  Bank plain = detail::sum_up(m.observations, nuisances, {}, layout);
-  layout.smooth = detail::smooth_law(plain, layout);
-  plain.tried = detail::plain_thetas(layout.cell_mm).size();
-  if (scene.has_path) look_along_the_program(m.observations, plain, layout, scene);
-  detail::Search search{m.observations, nuisances, layout,
-                        detail::candidates_of(scene, d.untestable)};
-  Bank bank =
-      detail::sum_up(m.observations, nuisances, detail::all_columns(search.candidates), layout);
-  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
-  run.progress(0.3);
+  d.contact = m.contact == MadeBy::tip ? MadeBy::tip : MadeBy::ball;
+  d.untestable = untestable;
 
   report_before(bank, d);
   detail::Linearised residuals(scene, m.observations, bank);
@@ -378,6 +440,27 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   d.verdict = verdict_of(d);
   run.progress(1.0);
   return d;
+}
+
+}  // namespace
+
+Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext& run) {
+  const bool unknown = m.contact == MadeBy::unknown && m.scene.above;
+  auto prepared = std::make_unique<Prepared>(std::move(m), seed);
+  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  run.progress(0.25);
+  if (unknown && is_cut_by_tips(*prepared)) {
+    Measurements by_tips = std::move(prepared->m);
+    cut_by_tips(by_tips);
+    by_tips.notes.push_back(
+        fmt::format("the part follows the passes just above each place, not those whose ball of {} "
+                    "mm touches it: was a finer cutter used? Causes are those of such passes",
+                    2.0 * by_tips.scene.ball_radius_mm));
+    prepared = std::make_unique<Prepared>(std::move(by_tips), seed);
+  }
+  if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  run.progress(0.3);
+  return diagnose(*prepared, run);
 }
 
 }  // namespace maquette::diagnosis

@@ -154,6 +154,7 @@ struct StoneReport {
 struct Diagnosis {
   std::string unit = "mm";  ///< of rms, map, dependences and what remains; photographs: "/ 255"
   std::string verdict = "consistent";
+  MadeBy contact = MadeBy::ball;  ///< as the case says, or as the data say: of what is found
   std::vector<Cause> causes;
   std::vector<Rejected> rejected;
   std::vector<Ranked> ranking;

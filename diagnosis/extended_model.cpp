@@ -18,6 +18,7 @@ struct ExtendedModel::Parts {
   std::optional<SimulatedSurface> surface;
   Scene scene;
   double coat_mm = 0.0;
+  bool by_tips = false;
   std::vector<KnownTerm> built, seen;
   std::vector<std::string> names;
   bool blurs = false;
@@ -57,6 +58,7 @@ Result<ExtendedModel> ExtendedModel::make(const CaseInput& input, const RunConte
   }
   p.surface.emplace(p.ground, p.path ? &*p.path : nullptr, run);
   p.coat_mm = input.coat_mm;
+  p.by_tips = p.path && input.contact == MadeBy::tip;
   const std::vector<Vec3> centres(input.scans.size() + input.probes.size(), p.scene.centre());
   MAQUETTE_TRY(auto terms, restore(input.known, p.scene, centres));
   for (KnownTerm& t : terms) (t.scanner ? p.seen : p.built).push_back(std::move(t));
@@ -70,6 +72,7 @@ Result<ExtendedModel> ExtendedModel::make(const CaseInput& input, const RunConte
 std::optional<Observation> ExtendedModel::place(double x, double y) const {
   auto o = parts_->surface->observe(x, y);
   if (!o) return std::nullopt;
+  if (parts_->by_tips) (void)cut_by_tip(*o, parts_->scene);
   o->residual_mm = parts_->coat_mm + moved_mm(*o, parts_->built, parts_->scene.ball_radius_mm);
   return o;
 }

@@ -102,6 +102,7 @@ struct Observation : CutState {
   double sigma_mm = 0.05;               ///< as declared
   std::uint32_t set_up = 0;             ///< scan or probe list it belongs to
   bool on_surface = true;               ///< false: a mark, which coats and cutters do not move
+  bool by_tip = false;                  ///< the pass above made it, not where its ball touches
   double milled_minus_design_mm = 0.0;  ///< along the normal
 
   /// Passes within kRivalHeight_mm above, kMostRivals at most; shared, for most causes do not look
@@ -330,6 +331,12 @@ template <class Change, class Bent>
   if (!o.on_surface) return dot(o.along, change(o, o.normal).tip_mm);
   PassChanges changes;
   changes[0] = change(o, o.normal);
+  if (o.by_tip) {
+    const CutChange& c = changes[0];
+    if (shift != nullptr && c.radius_mm == 0.0 && c.runout_mm == 0.0) *shift = c.tip_mm;
+    const Vec3 tip = c.tip_mm + towards_place(o.normal, radius_mm, c.runout_mm);
+    return dot(o.along, o.normal) * first_order_rise_mm({o, o.normal}, tip, c, o.normal);
+  }
   const auto rivals = rivals_of(o);
   // The second bound is one that compilers see.
   for (std::size_t i = 0; i < rivals.size() && i < kMostRivals; ++i)
@@ -399,6 +406,9 @@ struct Scene {
   std::function<Trail(int axis, double width_mm, double lag_mm, bool lag_first)> slack_with_lag;
   /// Candidates of steps along x, y, z: shares of the program's time.
   std::array<std::vector<double>, 3> steps;
+  /// What the machine did above a place, for a cutter that cuts with its tip; none: no pass within
+  /// a ball's radius. Empty without a program.
+  std::function<std::optional<CutState>(double x_mm, double y_mm)> above;
   std::vector<bool> has_station;  ///< by set-up
   std::vector<Vec3> stations;
   [[nodiscard]] Vec3 centre() const { return 0.5 * (box.min + box.max); }

@@ -185,6 +185,8 @@ struct CutPath::Moves {
 
   void bin();
   template <class Visit>
+  void each_ring(double x, double y, const Visit& visit) const;
+  template <class Visit>
   void each_near(double x, double y, const double& limit, const Visit& visit) const;
   [[nodiscard]] std::vector<std::array<bool, 3>> bends(const std::vector<Small>& side) const;
   [[nodiscard]] CutState state(std::uint32_t index, double share) const;
@@ -503,12 +505,11 @@ Under under(const Swath& m, double x, double y, double r2, double radius, double
 template <class Visit>
 void CutPath::Moves::each_near(double x, double y, const double& limit, const Visit& visit) const {
   const double r2 = radius * radius;
-  const auto try_bin = [&](std::ptrdiff_t r, std::ptrdiff_t c) {
-    if (r < 0 || c < 0 || r >= rows || c >= cols) return;
-    const auto b = static_cast<std::size_t>(r * cols + c);
+  each_ring(x, y, [&](std::ptrdiff_t, std::ptrdiff_t row, std::ptrdiff_t col) {
+    const auto b = static_cast<std::size_t>(row * cols + col);
     if (!(lowest[b] < limit)) return;
-    const double bx = x0 + kBin_mm * static_cast<double>(c),
-                 by = y0 + kBin_mm * static_cast<double>(r);
+    const double bx = x0 + kBin_mm * static_cast<double>(col),
+                 by = y0 + kBin_mm * static_cast<double>(row);
     const double gx = std::fmax(0.0, std::fmax(bx - x, x - bx - kBin_mm));
     const double gy = std::fmax(0.0, std::fmax(by - y, y - by - kBin_mm));
     const double near2 = gx * gx + gy * gy;
@@ -517,7 +518,12 @@ void CutPath::Moves::each_near(double x, double y, const double& limit, const Vi
       const Under u = under(swaths[items[i]], x, y, r2, radius, limit);
       if (u.height < limit) visit(items[i], u);
     }
-  };
+  });
+}
+
+/// Calls visit(ring, row, column) for all squares within a radius, those about the place first.
+template <class Visit>
+void CutPath::Moves::each_ring(double x, double y, const Visit& visit) const {
   const auto c = static_cast<std::ptrdiff_t>(std::floor((x - x0) / kBin_mm));
   const auto r = static_cast<std::ptrdiff_t>(std::floor((y - y0) / kBin_mm));
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(radius / kBin_mm));
@@ -525,7 +531,7 @@ void CutPath::Moves::each_near(double x, double y, const double& limit, const Vi
     for (std::ptrdiff_t i = -ring; i <= ring; ++i)
       for (std::ptrdiff_t j = -ring; j <= ring;
            j += (std::abs(i) == ring || ring == 0) ? 1 : 2 * ring)
-        try_bin(r + i, c + j);
+        if (r + i >= 0 && c + j >= 0 && r + i < rows && c + j < cols) visit(ring, r + i, c + j);
 }
 
 CutState CutPath::Moves::state(std::uint32_t index, double share) const {
@@ -662,6 +668,29 @@ std::optional<Contact> CutPath::at(double x, double y, std::vector<Rival>* rival
     if (r.normal.z > 0.05) rivals->push_back(r);
   }
   return contact;
+}
+
+std::optional<CutState> CutPath::above(double x, double y) const {
+  const Moves& m = *moves_;
+  double least2 = m.radius * m.radius, share = 0.0;
+  std::optional<std::uint32_t> found;
+  const auto look_at = [&](std::uint32_t i) {
+    const Swath& s = m.swaths[i];
+    if (!(s.plan > 0.0)) return;
+    const double ax = x - s.x, ay = y - s.y, t = std::clamp(ax * s.ux + ay * s.uy, 0.0, s.plan),
+                 dx = ax - t * s.ux, dy = ay - t * s.uy, d2 = dx * dx + dy * dy;
+    if (!(d2 < least2)) return;
+    least2 = d2;
+    share = t / s.plan;
+    found = i;
+  };
+  m.each_ring(x, y, [&](std::ptrdiff_t ring, std::ptrdiff_t row, std::ptrdiff_t col) {
+    const auto bin = static_cast<std::size_t>(row * m.cols + col);
+    const double nearest = kBin_mm * static_cast<double>(ring - 1);
+    if (ring > 1 && nearest * nearest > least2) return;
+    for (std::uint32_t i = m.start[bin]; i < m.start[bin + 1]; ++i) look_at(m.items[i]);
+  });
+  return found ? std::optional(m.state(*found, share)) : std::nullopt;
 }
 
 std::optional<double> CutPath::height(double x, double y) const {

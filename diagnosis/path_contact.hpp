@@ -44,6 +44,8 @@ class CutPath {
   ///   there, lowest first, at most kMostRivals
   [[nodiscard]] std::optional<Contact> at(double x_mm, double y_mm,
                                           std::vector<Rival>* rivals = nullptr) const;
+  /// The nearest place of the program in plan; none: no cutting move within a radius.
+  [[nodiscard]] std::optional<CutState> above(double x_mm, double y_mm) const;
   /// Of the cut surface alone, in half the time.
   [[nodiscard]] std::optional<double> height(double x_mm, double y_mm) const;
   /// The passes of these programs, for observations.

@@ -51,6 +51,7 @@ std::string to_json(const Diagnosis& d) {
     j["residual_after"]["smooth_noise_length_mm"] = d.remainder.smooth_length_mm;
   }
   j["unit"] = d.unit;
+  j["contact"] = d.contact == MadeBy::tip ? "tip" : "ball";
   j["extended_model"] = "extended.toml";
   j["poses"] = ordered_json::array();
   for (const PoseEstimate& p : d.poses)
@@ -102,6 +103,7 @@ std::string extension_toml(const Diagnosis& d) {
   std::string text = "\n# What the diagnosis has added to the model.\n";
   for (const Cause& c : d.causes) {
     text += fmt::format("\n[[cause]]\neffect = \"{}\"\nlaw = \"{}\"\n", c.effect, c.law);
+    if (d.contact == MadeBy::tip) text += "contact = \"tip\"\n";
     std::vector<std::pair<std::string, double>> values = c.raw;
     if (values.empty())
       for (const Estimate& p : c.parameters) values.emplace_back(p.name, p.value);

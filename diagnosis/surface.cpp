@@ -32,6 +32,7 @@ Scene scene_of(const ModelField& design, const CutPath* path, double ball_radius
   scene.section_starts = path->section_starts();
   scene.slack = [of = *path](double width_mm) { return of.slack(width_mm); };
   scene.lag = [of = *path](double lag_mm) { return of.lag(lag_mm); };
+  scene.above = [of = *path](double x, double y) { return of.above(x, y); };
   scene.slack_with_lag = [of = *path](int axis, double width_mm, double lag_mm, bool lag_first) {
     return of.slack_with_lag(axis, width_mm, lag_mm, lag_first);
   };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tools/extended.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include <oneapi/tbb/parallel_for.h>
@@ -17,6 +18,12 @@ diagnosis::CaseInput diagnosis_input(const Case& c, std::uint64_t seed) {
   for (const fs::path& program : c.gcode)
     for (fs::path& part : parts_of(program)) input.programs.push_back(std::move(part));
   input.ball_diameter_mm = c.ball_diameter_mm;
+  const auto by_tip = [](const CaseCause& cause) { return cause.contact == "tip"; };
+  if (!c.contact.empty() || !c.causes.empty())
+    input.contact =
+        c.contact == "tip" || (c.contact.empty() && std::ranges::any_of(c.causes, by_tip))
+            ? diagnosis::MadeBy::tip
+            : diagnosis::MadeBy::ball;
   input.coat_mm = c.coating_thickness_mm;
   input.coat_sigma_mm = c.coating_roughness_sigma_mm;
   input.coat_correlation_mm = c.coating_roughness_correlation_mm;

@@ -166,6 +166,7 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
     // They show the part as the scans found it.
     diagnosis::CaseInput as_found = input;
     MAQUETTE_TRY(as_found.bodies, bodies_of(*c));
+    if (points) as_found.contact = d.contact;
     for (const diagnosis::Cause& cause : d.causes)
       as_found.known.push_back(diagnosis::as_known(cause));
     MAQUETTE_TRY(pictures,

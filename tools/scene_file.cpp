@@ -173,6 +173,13 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
   t.add({"as_milled", &c.as_milled,
          "simulated cut of the ground: what it leaves on the design is expected, not found"});
   t.add({"tool.ball_diameter_mm", &c.ball_diameter_mm, "", 0.01, 1000});
+  t.add({"tool.contact",
+         &c.contact,
+         "which pass made a place: that whose ball touches it, or, of a much finer cutter, the one "
+         "just above; not given: what fits the data better",
+         -kInf,
+         kInf,
+         {"ball", "tip"}});
   t.add({"coating.thickness_mm", &c.coating_thickness_mm, "as declared", 0, 100});
   t.add({"coating.roughness_sigma_mm", &c.coating_roughness_sigma_mm, "", 0, 10});
   t.add({"coating.roughness_correlation_mm", &c.coating_roughness_correlation_mm, "", 0, 1000});
@@ -246,6 +253,7 @@ Result<std::unique_ptr<Case>> read_case(const std::filesystem::path& path) {
     Schema e;
     e.add({"effect", &cause.effect, "", -kInf, kInf, {}, true});
     e.add({"law", &cause.law, ""});
+    e.add({"contact", &cause.contact, "as of tool, for all causes", -kInf, kInf, {"ball", "tip"}});
     e.add({"names", &cause.names, "of the parameters"});
     e.add({"values", &cause.values, "of the parameters", -1e12, 1e12});
     e.add({"fixed_names", &cause.fixed_names, "of what the law fixes"});

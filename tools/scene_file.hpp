@@ -96,6 +96,7 @@ struct CaseProbe {
 /// What a diagnosis has added to the model (extended.toml).
 struct CaseCause {
   std::string effect, law;
+  std::string contact;  ///< "tip": it was found so, and all causes with it
   std::vector<std::string> names, fixed_names;
   std::vector<double> values, fixed_values;
 };
@@ -125,6 +126,7 @@ struct Case {
   std::filesystem::path bands;               ///< bands.json; empty: even ones, if any
   double band_width_mm = 0.0;                ///< 0 without `bands`: no table of bands
   double ball_diameter_mm = 6.0;
+  std::string contact;  ///< "ball", "tip"; empty: as the causes say, or the data
   double coating_thickness_mm = 0.0, coating_roughness_sigma_mm = 0.04,
          coating_roughness_correlation_mm = 0.25;
   double reach_mm = 5.0;

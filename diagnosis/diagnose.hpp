@@ -15,6 +15,10 @@
 ///   stationary process, of the part or of each set-up, whose size and length are refitted in each
 ///   model (restricted likelihood, on a grid); smaller scales are blind to it (detail/points.hpp).
 ///   A cause must beat that process.
+/// - A place is made by the pass whose ball touches it; by the one just above (MadeBy), as of a
+/// much
+///   finer cutter, where the case says so, or causes that hang on the program explain far more of
+///   the choosing blocks so.
 /// - Signatures are of one cause alone and to first order. Causes that act through the cut are cut
 ///   anew together, at their estimated sizes, and what that moves beyond the sum of their
 ///   signatures is taken off the residuals before the next round (Gauss and Newton with a fixed

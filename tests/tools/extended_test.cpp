@@ -17,6 +17,8 @@
 #include "support/matchers.hpp"
 #include "support/program.hpp"
 #include "support/scan_terrain.hpp"
+#include "tools/extended.hpp"
+#include "tools/scene_file.hpp"
 
 namespace maquette::tools {
 namespace {
@@ -28,6 +30,7 @@ using testing_support::Outcome;
 using testing_support::run_program;
 using testing_support::ScratchFolder;
 using testing_support::slurp;
+using testing_support::Succeeds;
 
 constexpr double kScale_um_per_m = 4000.0, kBias_mm = 0.25;
 
@@ -193,6 +196,24 @@ TEST_F(ExtendedModels, AreKeysOfASite) {
   EXPECT_TRUE(fs::exists(scratch / "out/s1000/as_built.tif"));
   const json manifest = json::parse(slurp(scratch / "out/manifest.json"));
   EXPECT_THAT(manifest.dump(), HasSubstr("as_built"));
+}
+
+TEST(CaseFile, SaysWhichPassMadeAPlace) {
+  const ScratchFolder scratch;
+  const auto of = [&](const std::string& tool, const std::string& causes) {
+    std::ofstream(scratch / "case.toml") << "schema = \"maquette.case/1\"\ndesign = \"d.tif\"\n" +
+                                                tool + "[[scan]]\npoints = \"a.ply\"\n" + causes;
+    const auto c = read_case(scratch / "case.toml");
+    EXPECT_THAT(c, Succeeds());
+    return c ? diagnosis_input(**c, 1).contact : diagnosis::MadeBy::unknown;
+  };
+  const std::string cause = "[[cause]]\neffect = \"stock.warp\"\n",
+                    by_tip = cause + "contact = \"tip\"\n";
+  EXPECT_EQ(of("", ""), diagnosis::MadeBy::unknown);
+  EXPECT_EQ(of("", cause), diagnosis::MadeBy::ball) << "the model was made so";
+  EXPECT_EQ(of("", cause + by_tip), diagnosis::MadeBy::tip);
+  EXPECT_EQ(of("[tool]\ncontact = \"tip\"\n", ""), diagnosis::MadeBy::tip);
+  EXPECT_EQ(of("[tool]\ncontact = \"ball\"\n", by_tip), diagnosis::MadeBy::ball);
 }
 
 }  // namespace

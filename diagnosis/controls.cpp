@@ -170,13 +170,15 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   const std::size_t all = m.observations.size();
   const std::size_t kept = std::min(all, kControlPoints);
   few.notes.clear();
-  few.contact = d.contact;
   few.observations.clear();
   for (std::size_t k = 0; k < kept; ++k) {
     const std::size_t first = k * all / kept, end = (k + 1) * all / kept;
     few.observations.push_back(m.observations[first + random_bits(seed ^ 0xc0, k) % (end - first)]);
   }
   c.points = kept;
+  // As the diagnosis saw them.
+  if (d.contact == MadeBy::tip && m.contact != MadeBy::tip) cut_by_tips(few);
+  few.contact = d.contact;
   auto noise = simulated_noise(few.observations, m.set_ups.size(), m.scene.box, d.noise,
                                static_cast<double>(all) / static_cast<double>(kept), mix64(seed));
   // A shift of all poses along an axis is that of named causes where they, or those that may stand

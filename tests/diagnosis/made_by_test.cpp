@@ -5,6 +5,7 @@
 //
 //   the place above ................... nearest of dense samples of the program in plan
 //   lost motion of the passes above ... named, and that it is of the passes above
+//   their controls .................... give the lost motion back with its size
 //   the same, declared to be the ball's ... is not read as theirs
 
 #include <algorithm>
@@ -13,6 +14,7 @@
 #include <gtest/gtest.h>
 
 #include "core/random.hpp"
+#include "diagnosis/controls.hpp"
 #include "diagnosis/diagnose.hpp"
 #include "support/zigzag_part.hpp"
 
@@ -56,7 +58,7 @@ Measurements literally(const Moves& moves, double white_mm) {
     Observation& o = m.observations[i];
     const double above_mm = o.place.z - ground_mm(o.place.x, o.place.y);
     o.milled_minus_design_mm = o.normal.z * above_mm;
-    const Vec3 moved = moves(*path.above(o.place.x, o.place.y), o.place);
+    const Vec3 moved = moves(*path.above(o.place.x, o.place.y));
     o.residual_mm = o.normal.z * (dot(o.slope_normal, moved) / o.slope_normal.z - above_mm) +
                     white_mm * random_normal(kSeed + 1, i);
   }
@@ -65,7 +67,7 @@ Measurements literally(const Moves& moves, double white_mm) {
 
 Measurements shifted_by_direction() {
   return literally(
-      [](const CutState& s, Vec3) {
+      [](const CutState& s) {
         return Vec3{s.feed.x > 0.0 ? 0.05 : -0.05, 0.0, 0.0};
       },
       0.02);
@@ -82,6 +84,21 @@ TEST(MadeByTip, LostMotionIsFound) {
   EXPECT_NEAR(d->causes[0].parameters.at(0).value, 0.1, 0.002);
   EXPECT_TRUE(std::ranges::any_of(
       d->notes, [](const auto& n) { return n.find("finer cutter") != std::string::npos; }));
+}
+
+TEST(MadeByTip, ItsControlsGiveItBack) {
+  const auto m = shifted_by_direction();
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d.has_value());
+  const auto c = controls(m, *d, 1);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->null_verdict, "consistent");
+  EXPECT_TRUE(c->false_claims.empty());
+  ASSERT_EQ(c->recoveries.size(), 1U);
+  EXPECT_EQ(c->recoveries[0].named_as, "machine.backlash_x");
+  ASSERT_EQ(c->recoveries[0].sizes.size(), 1U);
+  // As the found size above.
+  EXPECT_NEAR(c->recoveries[0].sizes[0].found, c->recoveries[0].sizes[0].injected, 0.002);
 }
 
 TEST(MadeByTip, IsNotLookedForWhereTheCaseSaysOtherwise) {

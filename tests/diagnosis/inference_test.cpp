@@ -785,11 +785,13 @@ TEST(Inference, HowAFilmLiesOverRidgesIsNoCause) {
     const auto d = diagnose(std::move(m), 1);
     ASSERT_TRUE(d.has_value());
     ASSERT_FALSE(d->ranking.empty());
-    // The best of a hundred waves gains 30 on smooth noise, the film's ridges 64.
-    constexpr double kBetween = 45.0;
+    // The film's ridges gain 64 where it is not declared; of a hundred waves the best gains 30.01
+    // on this noise.
+    constexpr double kBetween = 45.0, kNothing = 30.0;
     if (declared) {
       EXPECT_EQ(d->verdict, "consistent");
-      EXPECT_LT(d->ranking[0].gain, kBetween) << d->ranking[0].effect;
+      for (const Ranked& r : d->ranking)
+        EXPECT_LT(r.gain, r.effect == "process.chatter" ? kBetween : kNothing) << r.effect;
     } else {
       EXPECT_GT(d->ranking[0].gain, kBetween);
     }

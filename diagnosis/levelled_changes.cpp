@@ -98,7 +98,7 @@ void add_mean(const std::vector<Observation>& all, const SetUpPlaces& places,
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c)
       sum(r, c) = count(r, c) > 0.0F ? sum(r, c) / count(r, c) : NAN;
-  const heightmap::ModelField mean{smoothed(sum, nodes), Millimetres{cell},
+  const heightmap::ModelField mean{smoothed(sum, std::array{nodes}).front(), Millimetres{cell},
                                    Millimetres{places.box.min.x + 0.5 * cell},
                                    Millimetres{places.box.min.y + 0.5 * cell}};
   oneapi::tbb::parallel_for(std::size_t{0}, places.at.size(), [&](std::size_t k) {

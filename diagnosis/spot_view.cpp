@@ -91,9 +91,12 @@ SpotView::SpotView(const heightmap::ModelField& surface, const heightmap::FieldT
     width_mm_[k] = k == 0             ? kSpotWidths_mm.front() / ratio
                    : k + 1 == kImages ? kSpotWidths_mm.back() * ratio
                                       : kSpotWidths_mm[k - 1];
-    mean_[k] = {detail::smoothed(range.z_mm, width_mm_[k] / pixel), range.spacing, range.x0,
-                range.y0};
   }
+  auto widths_pixels = width_mm_;
+  for (double& width : widths_pixels) width /= pixel;
+  auto mean = detail::smoothed(range.z_mm, widths_pixels);
+  for (std::size_t k = 0; k < kImages; ++k)
+    mean_[k] = {std::move(mean[k]), range.spacing, range.x0, range.y0};
 }
 
 bool SpotView::project(Vec3 place, double& u, double& v) const {

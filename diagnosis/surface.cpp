@@ -87,9 +87,11 @@ SimulatedSurface::SimulatedSurface(const ModelField& design, const CutPath* path
     if (!std::isnan(v)) d.push_back(static_cast<double>(v));
   cut_share_ = static_cast<double>(d.size()) / static_cast<double>(off.cells().size());
   misfit_ = d.empty() ? INFINITY : nmad(std::move(d));
+  auto lengths_nodes = kFilmLengths_mm;
+  for (double& length : lengths_nodes) length /= step;
+  auto smooth = detail::smoothed(cut.z_mm, lengths_nodes);
   for (std::size_t k = 0; k < smooth_.size(); ++k)
-    smooth_[k] = {detail::smoothed(cut.z_mm, kFilmLengths_mm[k] / step), cut.spacing, cut.x0,
-                  cut.y0};
+    smooth_[k] = {std::move(smooth[k]), cut.spacing, cut.x0, cut.y0};
   cut_ = std::move(cut);
   tracer_.emplace(cut_);
 }

@@ -3,6 +3,7 @@
 // What a film or a spot makes of other causes' changes, against the mean of x cos(k x) under a
 // Gaussian: exp(-k^2 s^2 / 2) (x cos(k x) - k s^2 sin(k x)).
 
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -10,6 +11,7 @@
 
 #include "core/random.hpp"
 #include "diagnosis/detail/levelled_changes.hpp"
+#include "diagnosis/detail/smoothed.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -84,6 +86,52 @@ TEST(LevelledChanges, NeedPointsUnderTheMean) {
   std::vector<double> added(all.size(), 0.0);
   add_levelled(all, changes_of(all), {term(false)}, added);
   for (const double v : added) ASSERT_EQ(v, 0.0);
+}
+
+// Against sums in double precision over the same nodes, with a hole and an edge that is not
+// straight.
+TEST(Smoothed, IsTheMeanOfWhatIsKnown) {
+  constexpr std::ptrdiff_t kRows = 70, kCols = 101;
+  constexpr double kSigma = 4.3;
+  Grid<float> z(kRows, kCols);
+  for (std::ptrdiff_t r = 0; r < kRows; ++r)
+    for (std::ptrdiff_t c = 0; c < kCols; ++c) {
+      const auto i = static_cast<std::uint64_t>(r * kCols + c);
+      const bool hole = r > 12 && r < 66 && c > 20 && c<75, edge = c> 90 + r / 8;
+      z(r, c) = hole || edge ? NAN : static_cast<float>(10.0 + random_normal(5, i));
+    }
+  // Means along rows, then of these along columns, each of what is known.
+  const auto along = [](const Grid<float>& in, std::ptrdiff_t dr, std::ptrdiff_t dc) {
+    Grid<float> out(kRows, kCols, NAN);
+    const auto reach = static_cast<std::ptrdiff_t>(std::ceil(3.5 * kSigma));
+    for (std::ptrdiff_t r = 0; r < kRows; ++r)
+      for (std::ptrdiff_t c = 0; c < kCols; ++c) {
+        double sum = 0.0, weight = 0.0;
+        for (std::ptrdiff_t i = -reach; i <= reach; ++i) {
+          if (!in.contains(r + i * dr, c + i * dc)) continue;
+          const double v = in(r + i * dr, c + i * dc), u = static_cast<double>(i) / kSigma,
+                       w = std::exp(-0.5 * u * u);
+          if (std::isnan(v)) continue;
+          sum += w * v;
+          weight += w;
+        }
+        if (weight > 0.0) out(r, c) = static_cast<float>(sum / weight);
+      }
+    return out;
+  };
+  const auto wanted = along(along(z, 0, 1), 1, 0),
+             found = smoothed(z, std::array{2.0, kSigma, 9.0})[1];
+  std::size_t unknown = 0;
+  for (std::ptrdiff_t r = 0; r < kRows; ++r)
+    for (std::ptrdiff_t c = 0; c < kCols; ++c) {
+      ASSERT_EQ(std::isnan(found(r, c)), std::isnan(wanted(r, c))) << r << ' ' << c;
+      if (std::isnan(wanted(r, c))) ++unknown;
+      // Sums of some 31 floats of about 10, twice.
+      if (!std::isnan(wanted(r, c))) {
+        ASSERT_NEAR(found(r, c), wanted(r, c), 2e-5);
+      }
+    }
+  EXPECT_GT(unknown, 100U) << "there is a hole wider than the kernel";
 }
 
 }  // namespace

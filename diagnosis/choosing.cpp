@@ -84,13 +84,13 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
 
 /// Steps so large that what passes do beside the border is not of first order, at the moments that
 /// do best cut anew.
-/// @param before  a model whose moments may do better
+/// @param before  a model whose moments were found so, and may do better
 Members at_their_moments(Members with, const Members& before, const Search& search, Bank& bank,
                          Linearised& residuals, const RunContext& run) {
   constexpr double kLarge_mm = 0.12;
   for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k) {
     if (!with[k].form.move_moment) continue;
-    const double now = residuals.score(with);
+    residuals.about_alone(with);
     const Fit f = residuals.fit_of(with);
     const auto model = columns_of(bank, with);
     const auto& columns = with[k].form.columns;
@@ -101,7 +101,7 @@ Members at_their_moments(Members with, const Members& before, const Search& sear
     std::vector<Form> also;
     for (const Member& m : before)
       if (m.effect == with[k].effect && m.form.move_moment) also.push_back(m.form);
-    with = at_best_moments(std::move(with), k, now, also, search, bank, run,
+    with = at_best_moments(std::move(with), k, also, search, bank, residuals, run,
                            [&](const Members& moved) { return residuals.score(moved); });
   }
   residuals.about(with);
@@ -389,23 +389,31 @@ Members sized(Members now, const Search& search, Bank& bank, Linearised& residua
 
 }  // namespace
 
-Members at_best_moments(Members with, std::size_t k, double now, const std::vector<Form>& also,
-                        const Search& search, Bank& bank, const RunContext& run,
-                        const std::function<double(const Members&)>& score) {
+Members at_best_moments(Members with, std::size_t k, const std::vector<Form>& also,
+                        const Search& search, Bank& bank, Linearised& residuals,
+                        const RunContext& run, const std::function<double(const Members&)>& score) {
   constexpr double kFarthest = 1.0 / 128, kNearest = 1.0 / 4096;
   constexpr int kMoves = 4;  // at one distance
+  double now = score(with);
+  Eigen::VectorXd sizes = residuals.fit_of(with).coefficients;
   const auto better_as = [&](const std::optional<Form>& form) {
     if (!form || run.stopped()) return false;
     Members moved = with;
     moved[k].form = *form;
     add_columns(bank, search.observations, form->columns);
+    // At another moment sizes are much the same: they are cut anew from there.
+    if (moved[k].form.columns.size() == with[k].form.columns.size())
+      residuals.begin_at(moved, sizes);
     const double s = score(moved);
     if (!(s < now)) return false;
     now = s;
+    sizes = residuals.fit_of(moved).coefficients;
     with = std::move(moved);
     return true;
   };
   for (const Form& form : also) better_as(form);
+  if (std::ranges::any_of(also, [&](const Form& f) { return f.law == with[k].form.law; }))
+    return with;
   for (double d = kFarthest; d >= kNearest; d *= 0.5)
     for (std::size_t c = 0; c < with[k].form.columns.size(); ++c)
       for (const double later : {d, -d})
@@ -473,9 +481,12 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
       chosen = sized(std::move(chosen), search, bank, residuals, kSizeRoundsToChoose, kSameSize);
     if (round == 0) chosen = in_one_machine(chosen, search, bank, residuals, run);
     chosen = pruned(std::move(chosen), search, bank, residuals, run);
-    auto other = exchanged(chosen, search, bank, residuals, run);
-    chosen = alike(other, chosen) ? std::move(other)
-                                  : pruned(std::move(other), search, bank, residuals, run);
+    // What is chosen again was exchanged in the last round.
+    if (round == 0 || !alike(chosen, members)) {
+      auto other = exchanged(chosen, search, bank, residuals, run);
+      chosen = alike(other, chosen) ? std::move(other)
+                                    : pruned(std::move(other), search, bank, residuals, run);
+    }
     residuals.look_at(kAll);
     residuals.about(chosen);
     weigh(chosen);

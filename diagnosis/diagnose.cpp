@@ -172,7 +172,7 @@ double take_moments_of(detail::Search& search, Bank& bank, detail::Linearised& r
   };
   for (std::size_t k = 0; k < both.size(); ++k)
     if (both[k].form.move_moment)
-      both = detail::at_best_moments(both, k, score(both), {}, search, bank, run, score);
+      both = detail::at_best_moments(both, k, {}, search, bank, residuals, run, score);
   double looks = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
     if (!detail::has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;

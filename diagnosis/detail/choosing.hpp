@@ -24,12 +24,12 @@ namespace maquette::diagnosis::detail {
 /// border by dz R / stepover, and to first order the step seems that much earlier or later and, for
 /// all that contradicts it, half as large.
 /// @param k      a member that has Form::move_moment
-/// @param now    score(with)
-/// @param also   forms that may do better
-/// @param score  less is better
-[[nodiscard]] Members at_best_moments(Members with, std::size_t k, double now,
-                                      const std::vector<Form>& also, const Search& search,
-                                      Bank& bank, const RunContext& run,
+/// @param also   forms whose moments were found so; where one of them does better than what is
+///   given, or is what is given, it stays
+/// @param score  less is better; leaves the residuals about the model
+[[nodiscard]] Members at_best_moments(Members with, std::size_t k, const std::vector<Form>& also,
+                                      const Search& search, Bank& bank, Linearised& residuals,
+                                      const RunContext& run,
                                       const std::function<double(const Members&)>& score);
 
 /// In -2 log likelihood, what the last member's law may be wrong by (a ball does not wear by a

@@ -84,7 +84,7 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
 
 /// Steps so large that what passes do beside the border is not of first order, at the moments that
 /// do best cut anew.
-/// @param before  a model whose moments were found so, and may do better
+/// @param before  the last round's model, whose moments may do better
 Members at_their_moments(Members with, const Members& before, const Search& search, Bank& bank,
                          Linearised& residuals, const RunContext& run) {
   constexpr double kLarge_mm = 0.12;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -98,8 +99,8 @@ void add_mean(const std::vector<Observation>& all, const SetUpPlaces& places,
   for (std::ptrdiff_t r = 0; r < rows; ++r)
     for (std::ptrdiff_t c = 0; c < cols; ++c)
       sum(r, c) = count(r, c) > 0.0F ? sum(r, c) / count(r, c) : NAN;
-  const heightmap::ModelField mean{smoothed(sum, std::array{nodes}).front(), Millimetres{cell},
-                                   Millimetres{places.box.min.x + 0.5 * cell},
+  const heightmap::ModelField mean{std::move(smoothed(sum, std::array{nodes})[0]),
+                                   Millimetres{cell}, Millimetres{places.box.min.x + 0.5 * cell},
                                    Millimetres{places.box.min.y + 0.5 * cell}};
   oneapi::tbb::parallel_for(std::size_t{0}, places.at.size(), [&](std::size_t k) {
     const std::uint32_t i = places.at[k];

@@ -24,8 +24,8 @@ namespace maquette::diagnosis::detail {
 /// border by dz R / stepover, and to first order the step seems that much earlier or later and, for
 /// all that contradicts it, half as large.
 /// @param k      a member that has Form::move_moment
-/// @param also   forms whose moments were found so; where one of them does better than what is
-///   given, or is what is given, it stays
+/// @param also   forms that were chosen before; where one of them does better than what is given,
+///   or is what is given, it stays as it is
 /// @param score  less is better; leaves the residuals about the model
 [[nodiscard]] Members at_best_moments(Members with, std::size_t k, const std::vector<Form>& also,
                                       const Search& search, Bank& bank, Linearised& residuals,

@@ -177,6 +177,9 @@ inline constexpr double kSteepPass = 0.8;
 /// A pass that is moved further than that in plan is swept as it is: straight on from its place it
 /// would soon be far below or above itself (a valley that moves by 1 mm along its pass, by 0.1 mm).
 inline constexpr double kStraight_mm = 0.2;
+[[nodiscard]] inline bool is_far(const CutChange& c) {
+  return std::hypot(c.tip_mm.x, c.tip_mm.y) > kStraight_mm;
+}
 
 /// A pass as it is beside a place: the ball's normal there, and its underside over the place.
 struct PassBeside {
@@ -290,8 +293,7 @@ template <class Bent>
                                     const PassChanges& changes, const Bent& bent, Vec3 up) {
   double lowest = INFINITY;
   const auto let_in = [&](const PassBeside& p, const CutChange& c) {
-    const bool as_it_is =
-        o.pass && (c.curves(radius_mm) || std::hypot(c.tip_mm.x, c.tip_mm.y) > kStraight_mm);
+    const bool as_it_is = o.pass && (c.curves(radius_mm) || is_far(c));
     if (!as_it_is && !c.turns() && dot(p.normal, up) > kLeastCosine) {
       const Vec3 tip = c.tip_mm + towards_place(p.normal, radius_mm, c.runout_mm);
       if (first_order_rise_mm(p, tip, c, up) >= lowest) return;

@@ -121,12 +121,23 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
       for (const auto& pair : pairs) sum += pair(s);
     return sum;
   };
-  // What follows the program bends passes, and so do waves; the same states are met from many
-  // places.
+  // All passes alike.
+  const auto moved_of = [&](const Observation& o) {
+    CutChange moved;
+    for (const Term& t : moving) moved.tip_mm += t.coefficient * t.column.moves(o);
+    return moved;
+  };
+  // What follows the program bends passes, and so do waves; what is far from its place is swept as
+  // it is. The same states are met from many places then.
   constexpr std::size_t kEvery = 61;  // a look at so few shows whether any do for a while
   bool bends = !followed.empty();
-  for (std::size_t i = 0; i < all.size() && !bends && !cut.empty(); i += kEvery)
-    bends = sum_of(true, all[i], all[i], {}).curves(ball_radius_mm);
+  for (std::size_t i = 0; i < all.size() && !bends && !cut.empty(); i += kEvery) {
+    CutChange c = sum_of(true, all[i], all[i], {});
+    bends = c.curves(ball_radius_mm);
+    c += sum_of(false, all[i], all[i], all[i].normal);
+    c += moved_of(all[i]);
+    bends |= is_far(c);
+  }
   const Pass* const pass = bends ? pass_of(all) : nullptr;
   Displacements off;
   if (pass != nullptr)
@@ -137,8 +148,7 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
       if (!is_wanted(i)) return;
       const Observation& o = all[i];
       double& d = beyond[i];
-      CutChange moved;  // all passes alike
-      for (const Term& t : moving) moved.tip_mm += t.coefficient * t.column.moves(o);
+      CutChange moved = moved_of(o);
       const bool far = std::hypot(moved.tip_mm.x, moved.tip_mm.y) > kFar_mm;
       if (far) moved = {};
       const auto all_of_it = [&](const CutState& s, Vec3 n) {
@@ -186,10 +196,10 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
 }
 
 std::vector<double> residuals_of(const std::vector<Observation>& all,
-                                 const std::vector<Member>& members, const Bank& bank,
-                                 const Fit& f) {
+                                 const std::vector<Member>& members, const Bank& bank, const Fit& f,
+                                 const std::vector<int>& sets) {
   const auto model = columns_of(bank, members);
-  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, kAll);
+  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, sets);
   std::vector<double> r(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) r[i] = all[i].residual_mm;
   for (std::size_t k = 0; k < model.size(); ++k) {

@@ -4,6 +4,8 @@
 // What the files of diagnosis/effects share.
 
 #include <algorithm>
+#include <array>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -170,15 +172,23 @@ template <class Make>
     return near;
   };
 }
-/// Legendre polynomial of degree 0 .. 8.
+/// Legendre polynomial of degree 0 .. 10.
 [[nodiscard]] inline double legendre(int degree, double u) {
-  double before = 1.0, now = u;
-  if (degree == 0) return before;
-  for (int k = 1; k < degree; ++k) {
-    const double next = ((2 * k + 1) * u * now - k * before) / (k + 1);
-    before = now;
-    now = next;
-  }
+  // Of the recurrence, divided once: guides' curves are asked for at every pass of every place.
+  struct Step {
+    double now, before;
+  };
+  constexpr auto kSteps = [] {
+    std::array<Step, 10> steps{};
+    for (std::size_t k = 0; k < steps.size(); ++k) {
+      const auto n = static_cast<double>(k);
+      steps[k] = {(2.0 * n + 1.0) / (n + 1.0), n / (n + 1.0)};
+    }
+    return steps;
+  }();
+  double before = 0.0, now = 1.0;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(degree); ++k)
+    before = std::exchange(now, kSteps[k].now * u * now - kSteps[k].before * before);
   return now;
 }
 

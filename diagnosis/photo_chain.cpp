@@ -198,6 +198,24 @@ double shown_after(const PhotoPixel& p, int channel, const PhotoState& state,
                 static_cast<double>(p.dvv) * dv * dv);
 }
 
+// What is fainter at the part leaves the rest the more of the exposure.
+double lamp_further(const PhotoInput& photo, const PhotoScene& scene) {
+  const auto squared = [](const PhotoInput& of) {
+    const Vec3 to = of.lamp_position_mm - of.lamp_target_mm;
+    return dot(to, to);
+  };
+  return squared(photo) / squared(scene.photos.front());
+}
+
+// (1 + all) (1 - sum h) is 1 with h = added / (1 + all).
+void add_to_halo(PhotoState& s, std::size_t width, double share) {
+  const double more = (1.0 + s.halo_added + share) / (1.0 + s.halo_added);
+  for (double& h : s.halo) h /= more;
+  s.halo_added += share;
+  s.halo[width] += share / (1.0 + s.halo_added);
+  for (PictureState& own : s.picture) own.exposure = (1.0 + own.exposure) * more - 1.0;
+}
+
 double tint(const PhotoPixel& p, int channel, const PhotoState& s, const PhotoScene& scene) {
   const double more = channel == 0 ? s.ambient_red : channel == 2 ? s.ambient_blue : 0.0;
   if (more == 0.0) return 0.0;
@@ -231,7 +249,8 @@ bool same_light(const PhotoState& a, const PhotoState& b) {
          a.bounce == b.bounce && a.bounce_all == b.bounce_all && a.lamp_mm == b.lamp_mm &&
          a.lamp_refocused_mm == b.lamp_refocused_mm && a.lamp_diameter_mm == b.lamp_diameter_mm &&
          a.falloff == b.falloff && a.beam_power == b.beam_power && a.ambient_sky == b.ambient_sky &&
-         a.ambient_even == b.ambient_even && a.ambient_side == b.ambient_side &&
+         a.ambient_even == b.ambient_even && a.ambient_steady == b.ambient_steady &&
+         a.ambient_side == b.ambient_side &&
          std::equal(a.picture.begin(), a.picture.end(), b.picture.begin(),
                     [](const PictureState& x, const PictureState& y) {
                       return x.camera_mm == y.camera_mm;
@@ -355,7 +374,8 @@ double PhotoChain::radiance(const PhotoPixel& p) const {
     out += e * factor;
   }
   const auto toward = [&](std::size_t axis) { return static_cast<double>(p.sky_side[axis]); };
-  const double whole = p.sky, sky = s.ambient_sky * whole + s.ambient_side.x * toward(0) +
+  const double even = s.ambient_sky + s.ambient_steady * lamp_further(photo, scene_);
+  const double whole = p.sky, sky = even * whole + s.ambient_side.x * toward(0) +
                                     s.ambient_side.y * toward(1) +
                                     s.ambient_side.z * (toward(2) - whole);
   out += albedo * (sky + s.ambient_even + s.bounce * static_cast<double>(p.bounce) +

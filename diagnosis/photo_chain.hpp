@@ -99,6 +99,9 @@ struct PhotoState {
   double beam_power = 0.0;    ///< and with cos^power of the angle off the lamp's axis
   double ambient_sky = 0.0;   ///< irradiance of an even sky, of a white surface's value
   double ambient_even = 0.0;  ///< the same without regard to what hides the sky
+  /// Irradiance of an even sky that is the same wherever the lamp stands (lit by others than it),
+  /// of a white surface's value under the first photograph's lamp.
+  double ambient_steady = 0.0;
   /// Of a sky whose radiance grows evenly towards x, y, z: what an open place gets more where its
   /// normal leans by 1 that way; a level one gets nothing more of z.
   Vec3 ambient_side;
@@ -119,6 +122,7 @@ struct PhotoState {
   double veil_scattered = 0.0;                ///< the same, taken off the picture
   /// Of the light, what the lens spreads about each place by one of kHaloWidths.
   std::array<double, kHaloWidths.size()> halo{};
+  double halo_added = 0.0;  ///< of the light, what halos add to it (add_to_halo)
   // sensor
   double gamma = 0.0;  ///< exponent less 1
 };
@@ -187,6 +191,13 @@ struct PhotoPixel {
 /// of the stated albedo.
 [[nodiscard]] double tint(const PhotoPixel& pixel, int channel, const PhotoState& state,
                           const PhotoScene& scene);
+/// Square of the distance at which a photograph's lamp stands from its target, over that of the
+/// first: what shines beside it is that much more in numbers of the same value under the lamp.
+[[nodiscard]] double lamp_further(const PhotoInput& photo, const PhotoScene& scene);
+/// Light of its own place that the lens spreads about it by one of kHaloWidths, nothing taken from
+/// the place: as much more light, of which the halos then take their shares.
+/// @pre all of the state's halo is added
+void add_to_halo(PhotoState& state, std::size_t width, double share);
 /// What the sensor makes of it.
 /// @param around  of the picture with its halo, before the sensor
 [[nodiscard]] double exposed(double behind_lens, double mean, const Surroundings& around,

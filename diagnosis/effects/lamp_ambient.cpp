@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+#include <algorithm>
+#include <cmath>
+
 #include "diagnosis/detail/photo_forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -23,6 +26,16 @@ void add_lamp_ambient(std::vector<Effect>& all) {
          {number("ambient_even", "of_lamp", 0.002, &PhotoState::ambient_even)},
          {},
          1}};
+    // Of light that the lamp brings itself there is the less the further it stands.
+    constexpr double kAsFar = 0.02;  // of a sky of 5 %, a thousandth of the lamp
+    if (std::any_of(scene.photos.begin(), scene.photos.end(), [&](const PhotoInput& p) {
+          return std::abs(lamp_further(p, scene) - 1.0) > kAsFar;
+        }))
+      forms.push_back(
+          {"as far as the sky is seen, the same wherever the lamp stands",
+           {number("ambient_steady", "of_first_lamp", 0.002, &PhotoState::ambient_steady)},
+           {},
+           1});
     // Windows and white ceilings: brighter there, and of another colour than the lamp.
     std::vector<PhotoParameter> side, colour;
     for (int axis = 0; axis < 3; ++axis)

@@ -797,6 +797,70 @@ TEST(Photographs, LightThatTheLensSpreadsAboutItsPlaceIsAVeil) {
   EXPECT_NEAR(share, kShare, 0.1 * kShare) << d->causes[0].law;
 }
 
+/// Cosine-weighted share of the sky above the horizon that the formula leaves open, at nodes 1 mm
+/// apart; the part stands alone.
+Grid<double> open_sky() {
+  constexpr int kTurns = 24, kHeights = 10;
+  constexpr double kStep_mm = 0.25, kHighest_mm = 2.0;
+  Grid<double> open(41, 41, 0.0);
+  for (std::ptrdiff_t r = 0; r < 41; ++r)
+    for (std::ptrdiff_t c = 0; c < 41; ++c) {
+      const auto x = static_cast<double>(c), y = static_cast<double>(r);
+      const Vec3 n = normal(x, y);
+      for (int i = 0; i < kTurns; ++i)
+        for (int k = 0; k < kHeights; ++k) {
+          const double turn = 2.0 * std::numbers::pi * (i + 0.5) / kTurns,
+                       up = (k + 0.5) / kHeights;  // even in solid angle
+          const Vec3 d{std::sqrt(1.0 - up * up) * std::cos(turn),
+                       std::sqrt(1.0 - up * up) * std::sin(turn), up};
+          if (!(dot(n, d) > 0.0)) continue;
+          bool free = true;
+          for (double t = kStep_mm; free; t += kStep_mm) {
+            const Vec3 at = Vec3{x, y, height(x, y)} + t * d;
+            if (at.z > kHighest_mm || at.x < 0.0 || at.y < 0.0 || at.x > kSide_mm ||
+                at.y > kSide_mm)
+              break;
+            free = at.z > height(at.x, at.y);
+          }
+          if (free) open(r, c) += 2.0 * dot(n, d) / (kTurns * kHeights);
+        }
+    }
+  return open;
+}
+
+// A room lit by others than the lamp, which is carried to half its distance for one picture, the
+// exposure less by as much.
+TEST(Photographs, ARoomLitByOthersStaysWhereTheLampIsCarried) {
+  constexpr double kRoom = 0.03;
+  const Grid<double> open = open_sky();
+  const auto far2 = [](const PhotoInput& p) {
+    const Vec3 to = p.lamp_position_mm - p.lamp_target_mm;
+    return dot(to, to);
+  };
+  const double first2 = far2(photo(0));
+  const auto with_room = [&](const PhotoInput& of, double u, double v) {
+    const Vec3 at = place_at(of, u, v);
+    if (at.x < 0.0 || at.y < 0.0 || at.x > kSide_mm || at.y > kSide_mm) return 0.0;
+    const auto c = std::min<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(at.x), 39),
+               r = std::min<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(at.y), 39);
+    const double a = at.x - static_cast<double>(c), b = at.y - static_cast<double>(r);
+    const double sky = (1.0 - b) * ((1.0 - a) * open(r, c) + a * open(r, c + 1)) +
+                       b * ((1.0 - a) * open(r + 1, c) + a * open(r + 1, c + 1));
+    return light(of, u, v) + of.exposure_scale * of.albedo * kRoom * sky * far2(of) / first2;
+  };
+  Pictures p;
+  take(p, with_room, as_it_is, 1.0, [](PhotoInput& of, int k) {
+    if (k == 1)
+      of.lamp_position_mm = of.lamp_target_mm + 0.5 * (of.lamp_position_mm - of.lamp_target_mm);
+  });
+  const auto d = diagnose_photographs(p.part, p.photos, false);
+  ASSERT_THAT(d, Succeeds());
+  ASSERT_EQ(names_of(*d), std::vector<std::string>{"lamp.ambient"});
+  EXPECT_EQ(d->causes[0].law, "as far as the sky is seen, the same wherever the lamp stands");
+  // Between nodes of 1 mm the sky is straight on: 2 % where the ground curves most.
+  EXPECT_NEAR(d->causes[0].parameters[0].value, kRoom, 0.01 * kRoom);
+}
+
 TEST(Photographs, APictureOfAnotherSizeIsRefused) {
   Pictures p;
   take(p, light, as_it_is);
@@ -1157,6 +1221,42 @@ TEST(PhotoChain, ARoomLightsByHowAPlaceLeansAndByBand) {
   p.light = PhotoChain(s, dark, scene).radiance(p);
   for (const auto& [channel, more] : {std::pair{0, -0.01}, {1, 0.0}, {2, 0.006}})
     EXPECT_NEAR(PhotoChain(s, dark, scene).value(p, channel, p.light), 0.3 * 0.9 * more, 1e-8);
+}
+
+TEST(PhotoChain, OtherLightIsMoreOfTheExposureWhereTheLampIsFurther) {
+  PhotoScene scene = one_photo();
+  scene.photos.push_back(scene.photos[0]);
+  scene.photos[1].lamp_position_mm = 2.0 * scene.photos[0].lamp_position_mm;
+  scene.lamp_of = {0, 1};
+  scene.lamps = 2;
+  PhotoState dark;
+  dark.lamp_mm.resize(2);
+  dark.lamp_refocused_mm.resize(2);
+  dark.picture.resize(2);
+  PhotoState s = dark;
+  s.ambient_steady = 0.03;
+  PhotoPixel p;
+  p.normal = {0.0, 0.0, 1.0};
+  p.sky = 0.9F;
+  for (const std::uint32_t k : {0U, 1U}) {
+    p.photo = k;
+    EXPECT_NEAR(PhotoChain(s, dark, scene).radiance(p) - PhotoChain(dark, dark, scene).radiance(p),
+                0.3 * 0.9 * 0.03 * (k == 0 ? 1.0 : 4.0), 1e-8);
+  }
+}
+
+TEST(PhotoChain, AHaloThatIsAddedTakesNothing) {
+  PhotoState s = nothing();
+  add_to_halo(s, 0, 0.06);
+  add_to_halo(s, 2, 0.04);
+  // A place alone in the dark keeps its light; one among its like gets all shares.
+  EXPECT_NEAR(exposed(0.5, 0.0, {}, 0.0, 1, 0, s), 0.5, 1e-12);
+  EXPECT_NEAR(exposed(0.5, 0.5, {0.5F, 0.5F, 0.5F}, 0.0, 1, 0, s), 0.5 * 1.1, 1e-7);
+  // In the middle of what the narrow halo sees, alone in what the wide one does.
+  const float seen_wide = 0.0F;
+  const double narrow =
+      exposed(0.5, 0.0, {0.5F * (1.0F - 0.04F / 1.1F), seen_wide, seen_wide}, 0.0, 1, 0, s);
+  EXPECT_NEAR(narrow, 0.5 * 1.06, 2e-4);
 }
 
 TEST(PhotoChain, TheDarkestOfASkyIsTheLeastOfAllDirections) {

@@ -338,21 +338,44 @@ struct Prepared {
   Prepared& operator=(const Prepared&) = delete;
 };
 
-/// What the best of the causes that hang on the program gains alone on the choosing blocks, to
-/// first order, in -2 log likelihood.
-double best_of_the_program(const Bank& bank, const std::vector<detail::Candidate>& candidates) {
-  const detail::Screen beside = detail::screen(bank, {}, {kChoose});
-  const double without = detail::fit(bank, detail::columns_of(bank, {}), {kChoose}).objective;
+/// The best alone, to first order, of the causes that hang on places alone; none: none is worth its
+/// price.
+Members best_of_places(const Prepared& p) {
+  const detail::Screen beside = detail::screen(p.bank, {}, {kChoose});
+  double least = detail::fit(p.bank, detail::columns_of(p.bank, {}), {kChoose}).objective;
+  Members best;
+  for (const auto& c : p.search.candidates) {
+    if (c.effect->needs == Needs::path) continue;
+    const auto found = detail::best_form(p.bank, {}, c, {kChoose}, true, beside);
+    if (!(found.objective < least)) continue;
+    least = found.objective;
+    best = {{c.effect, c.forms[found.form]}};
+  }
+  return best;
+}
+
+/// What the best of the causes that hang on the program gains beside others on the choosing blocks,
+/// to first order, in -2 log likelihood.
+double best_of_the_program(const Bank& bank, const std::vector<detail::Candidate>& candidates,
+                           const Members& others) {
+  const detail::Screen beside = detail::screen(bank, others, {kChoose});
+  const double without = detail::fit(bank, detail::columns_of(bank, others), {kChoose}).objective;
   double most = 0.0;
   for (const auto& c : candidates)
-    if (c.effect->needs == Needs::path)
-      most = std::fmax(most,
-                       without - detail::best_form(bank, {}, c, {kChoose}, true, beside).objective);
+    if (c.effect->needs == Needs::path && detail::may_join(others, c.effect))
+      most = std::fmax(
+          most, without - detail::best_form(bank, others, c, {kChoose}, true, beside).objective);
   return most;
 }
 
-/// The same were each place what the pass above it made.
-double best_of_tips(const Prepared& ball) {
+/// Whether causes that hang on the program fit far better were each place what the pass above it
+/// made: alone, and beside the best of those that hang on places. A large cause of the latter is
+/// imitated by the former at either contact, by one of them better, which says nothing of it.
+bool is_cut_by_tips(const Prepared& ball) {
+  // Where neither fits, or a drift that is alike for neighbouring passes, gains hardly differ.
+  constexpr double kClearly = 30.0, kRatio = 1.35;
+  const Members of_places = best_of_places(ball);
+
   Measurements m;
   m.scene = ball.m.scene;
   m.set_ups = ball.m.set_ups;
@@ -368,18 +391,16 @@ double best_of_tips(const Prepared& ball) {
   auto candidates = detail::candidates_of(scene, untestable);
   std::erase_if(candidates,
                 [](const detail::Candidate& c) { return c.effect->needs != Needs::path; });
-  const Bank bank =
-      detail::sum_up(m.observations, ball.nuisances, detail::all_columns(candidates), ball.layout);
-  return best_of_the_program(bank, candidates);
-}
+  auto columns = detail::all_columns(candidates);
+  for (const detail::Member& member : of_places)
+    columns.insert(columns.end(), member.form.columns.begin(), member.form.columns.end());
+  const Bank tips = detail::sum_up(m.observations, ball.nuisances, columns, ball.layout);
 
-/// Whether causes that hang on the program fit far better as of the passes above their places.
-bool is_cut_by_tips(const Prepared& ball) {
-  // Where neither fits, or a drift that is alike for neighbouring passes, gains hardly differ.
-  constexpr double kClearly = 30.0, kRatio = 1.35;
-  const double by_ball = best_of_the_program(ball.bank, ball.search.candidates);
-  const double by_tips = best_of_tips(ball);
-  return by_tips > kClearly + kRatio * by_ball;
+  const auto is_far_better = [&](const Members& others) {
+    return best_of_the_program(tips, candidates, others) >
+           kClearly + kRatio * best_of_the_program(ball.bank, ball.search.candidates, others);
+  };
+  return is_far_better({}) && (of_places.empty() || is_far_better(of_places));
 }
 
 Result<Diagnosis> diagnose(Prepared& prepared, const RunContext& run) {

@@ -3,6 +3,7 @@
 #include "diagnosis/detail/a_while.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/steps.hpp"
+#include "diagnosis/detail/thinned.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
 
 #include <algorithm>
@@ -159,8 +160,8 @@ Members of_one_step(const Members& with, const Search& search, Bank& bank, Linea
 /// So steps are looked for again in what the model leaves, and leaves without each of its members;
 /// the sharpest that is new along each axis becomes a form of all causes that may be steps, alone
 /// and beside the one that the model has along that axis.
-void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
-                           Linearised& residuals) {
+void look_for_steps_beside(const Members& chosen, const std::vector<int>& sets, Search& search,
+                           Bank& bank, Linearised& residuals) {
   constexpr double kSameMoment = 1.0 / 256;  // of the program; closer ones are found by refining
   const Scene& scene = residuals.scene();
   std::vector<Column> added;
@@ -188,7 +189,8 @@ void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
   for (std::size_t k = 0; k <= chosen.size(); ++k) {
     const auto others = k < chosen.size() ? without(chosen, k) : chosen;
     residuals.about_alone(others);
-    const auto left = residuals_of(search.observations, others, bank, residuals.fit_of(others));
+    const auto left =
+        residuals_of(search.observations, others, bank, residuals.fit_of(others), sets);
     for (int axis = 0; axis < 3; ++axis) {
       const auto found = sharpest_steps(search.observations, left, search.layout, axis);
       if (found.empty()) continue;
@@ -445,33 +447,38 @@ bool follows_any(const Members& members, bool lag) {
   });
 }
 
-Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
-                         std::vector<Ranked>& ranking, const RunContext& run) {
-  // What details are worth, from what the nuisances leave and again from what the chosen leave.
-  const auto weigh = [&](const Members& with) {
-    bank.weight = effective_weights(bank, columns_of(bank, with), residuals.fit_of(with));
-  };
-  weigh({});
+namespace {
+
+/// What details are worth, from what a model leaves.
+void weigh(Bank& bank, const Linearised& residuals, const Members& with) {
+  bank.weight = effective_weights(bank, columns_of(bank, with), residuals.fit_of(with));
+}
+
+Members chosen_to_first_order(Search& search, Bank& bank, std::vector<Ranked>& ranking,
+                              const RunContext& run) {
+  ranking.clear();
+  bank.tried = plain_thetas(search.layout.cell_mm).size();
+  Members chosen = choose(search, bank, ranking, run);
+  bank.tried = bank.theta.size();
+  return chosen;
+}
+
+/// Cut anew, refined, dropped where not missed, changed for rivals that do better; again from
+/// nothing with the residuals which that leaves, until the causes stay.
+/// @param sets  that the bank has
+Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Search& search,
+                              Bank& bank, Linearised& residuals, std::vector<Ranked>& ranking,
+                              const RunContext& run) {
   Members members, before;  // of the last round, and of the one before that
   for (int round = 0; round < kRounds; ++round) {
-    std::vector<Ranked> alone;
-    bank.tried = plain_thetas(search.layout.cell_mm).size();
-    auto chosen = choose(search, bank, alone, run);
-    bank.tried = bank.theta.size();
-    ranking = std::move(alone);
+    if (round > 0) chosen = chosen_to_first_order(search, bank, ranking, run);
     if (chosen.empty() && members.empty()) break;
-    // Sizes that nobody would believe are no little gain: those are pruned below.
-    const double gain = residuals.score_as_is({}) - residuals.score_as_is(chosen);
-    if (round == 0 && std::isfinite(gain) && gain < kLittle) {
-      residuals.about(chosen);
-      return chosen;
-    }
     residuals.look_at({kChoose});
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
     if (round == 0 && residuals.scene().has_path) {
-      residuals.look_at(kAll);
-      look_for_steps_beside(chosen, search, bank, residuals);
+      residuals.look_at(sets);
+      look_for_steps_beside(chosen, sets, search, bank, residuals);
       residuals.look_at({kChoose});
     }
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
@@ -487,9 +494,9 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
       chosen = alike(other, chosen) ? std::move(other)
                                     : pruned(std::move(other), search, bank, residuals, run);
     }
-    residuals.look_at(kAll);
+    residuals.look_at(sets);
     residuals.about(chosen);
-    weigh(chosen);
+    weigh(bank, residuals, chosen);
     const bool settled = round > 0 && alike(chosen, members);
     if (!settled && round > 1 && alike(chosen, before)) {
       // To and fro: with what was straightened for the one the other is chosen.
@@ -501,6 +508,53 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
   }
   members = in_one_machine(members, search, bank, residuals, run);
   return at_own_size(std::move(members), search, bank, residuals);
+}
+
+/// The same on as few points as that needs; then at all.
+Members recut_on(std::vector<Observation> few, const Members& chosen, Search& search, Bank& bank,
+                 Linearised& residuals, const RunContext& run) {
+  Search among{few, search.nuisances, search.layout, search.candidates};
+  auto columns = all_columns(search.candidates);
+  for (const Member& m : chosen)
+    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
+  Bank sums = sum_up(few, search.nuisances, columns, search.layout, nullptr, kChoose);
+  Linearised left(residuals.scene(), few, sums);
+  left.look_at({kChoose});
+  if (left.lag_first() != residuals.lag_first()) left.take_order(residuals.lag_first());
+  weigh(sums, left, {});
+  std::vector<Ranked> of_few;
+  Members members = recut_until_they_stay(chosen, {kChoose}, among, sums, left, of_few, run);
+  if (left.lag_first() != residuals.lag_first()) residuals.take_order(left.lag_first());
+
+  // Forms that were refined, or made beside others, are there for what follows.
+  search.candidates = std::move(among.candidates);
+  columns = all_columns(search.candidates);
+  for (const Member& m : members)
+    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
+  add_columns(bank, search.observations, columns);
+  members = at_own_size(std::move(members), search, bank, residuals);
+  residuals.about(members);
+  weigh(bank, residuals, members);
+  return members;
+}
+
+}  // namespace
+
+Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
+                         std::vector<Ranked>& ranking, const RunContext& run) {
+  weigh(bank, residuals, {});
+  Members chosen = chosen_to_first_order(search, bank, ranking, run);
+  if (chosen.empty()) return chosen;
+  // Sizes that nobody would believe are no little gain: those are pruned below.
+  const double gain = residuals.score_as_is({}) - residuals.score_as_is(chosen);
+  if (std::isfinite(gain) && gain < kLittle) {
+    residuals.about(chosen);
+    return chosen;
+  }
+  if (gain > kToldByFew)
+    if (auto few = thinned(search.observations, search.layout); !few.empty())
+      return recut_on(std::move(few), chosen, search, bank, residuals, run);
+  return recut_until_they_stay(std::move(chosen), kAll, search, bank, residuals, ranking, run);
 }
 
 }  // namespace maquette::diagnosis::detail

@@ -16,6 +16,7 @@
 #include "diagnosis/detail/standing.hpp"
 #include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/stones.hpp"
+#include "diagnosis/detail/thinned.hpp"
 #include "diagnosis/detail/waves.hpp"
 #include "diagnosis/detail/with_slope.hpp"
 
@@ -155,6 +156,41 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
   return poses;
 }
 
+/// The same causes at the moments that do best on these sets, cut anew.
+Members at_moments_of(const std::vector<int>& sets, const Members& members, detail::Search& search,
+                      Bank& bank, detail::Linearised& residuals, const RunContext& run) {
+  Members both = detail::polished(search, bank, members, residuals.settle(), sets);
+  const auto score = [&](const Members& with) {
+    residuals.about_alone(with);
+    return detail::fit(bank, detail::columns_of(bank, with), sets).objective;
+  };
+  for (std::size_t k = 0; k < both.size(); ++k)
+    if (both[k].form.move_moment)
+      both = detail::at_best_moments(both, k, {}, search, bank, residuals, run, score);
+  return both;
+}
+
+/// The same on as few points as choose; none: there are no more, or these tell too little.
+std::optional<Members> at_moments_of_few(const std::vector<int>& sets, const Members& members,
+                                         const detail::Search& search, const Bank& bank,
+                                         detail::Linearised& residuals, const RunContext& run) {
+  residuals.about(members);
+  if (!(residuals.score_as_is({}) - residuals.score_as_is(members) > detail::kToldByFew))
+    return std::nullopt;
+  const Fit f = residuals.fit_of(members);
+  residuals.about({});
+  auto few = detail::thinned(search.observations, search.layout);
+  if (few.empty()) return std::nullopt;
+  detail::Search among{few, search.nuisances, search.layout, {}};
+  for (const auto& c : search.candidates)
+    if (detail::has(members, c.effect)) among.candidates.push_back(c);
+  Bank sums =
+      detail::bank_beside(among, bank, f, members, detail::all_columns(among.candidates), kAll);
+  detail::Linearised left(residuals.scene(), few, sums);
+  if (left.lag_first() != residuals.lag_first()) left.take_order(residuals.lag_first());
+  return at_moments_of(sets, members, among, sums, left, run);
+}
+
 /// Moments that the choosing blocks do not tell apart (no block of theirs sees the rest of the
 /// pass) are told by those that confirm: a row of points on the wrong side of a step outweighs the
 /// step.
@@ -165,19 +201,15 @@ double take_moments_of(detail::Search& search, Bank& bank, detail::Linearised& r
   constexpr double kMoments = 200.0;  // 19 and twice 13 neighbours of a few, and up to 48 cut anew
   if (std::none_of(members.begin(), members.end(), detail::has_a_moment)) return 1.0;
   const double chosen = residuals.score(members);
-  Members both = detail::polished(search, bank, members, residuals.settle(), sets);
-  const auto score = [&](const Members& with) {
-    residuals.about_alone(with);
-    return detail::fit(bank, detail::columns_of(bank, with), sets).objective;
-  };
-  for (std::size_t k = 0; k < both.size(); ++k)
-    if (both[k].form.move_moment)
-      both = detail::at_best_moments(both, k, {}, search, bank, residuals, run, score);
+  auto both = at_moments_of_few(sets, members, search, bank, residuals, run);
+  if (!both) both = at_moments_of(sets, members, search, bank, residuals, run);
+  for (const detail::Member& m : *both)
+    detail::add_columns(bank, search.observations, m.form.columns);
   double looks = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
-    if (!detail::has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;
+    if (!detail::has_a_moment(members[k]) || (*both)[k].form.law == members[k].form.law) continue;
     Members instead = members;
-    instead[k] = both[k];
+    instead[k] = (*both)[k];
     if (sets.size() < kAll.size() && !(residuals.score(instead) < chosen + kNotTold)) continue;
     members = std::move(instead);
     looks = kMoments;

@@ -374,7 +374,8 @@ double PhotoChain::radiance(const PhotoPixel& p) const {
     out += e * factor;
   }
   const auto toward = [&](std::size_t axis) { return static_cast<double>(p.sky_side[axis]); };
-  const double even = s.ambient_sky + s.ambient_steady * lamp_further(photo, scene_);
+  double even = s.ambient_sky;
+  if (s.ambient_steady != 0.0) even += s.ambient_steady * lamp_further(photo, scene_);
   const double whole = p.sky, sky = even * whole + s.ambient_side.x * toward(0) +
                                     s.ambient_side.y * toward(1) +
                                     s.ambient_side.z * (toward(2) - whole);

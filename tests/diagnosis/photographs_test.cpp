@@ -857,7 +857,8 @@ TEST(Photographs, ARoomLitByOthersStaysWhereTheLampIsCarried) {
   ASSERT_THAT(d, Succeeds());
   ASSERT_EQ(names_of(*d), std::vector<std::string>{"lamp.ambient"});
   EXPECT_EQ(d->causes[0].law, "as far as the sky is seen, the same wherever the lamp stands");
-  // Between nodes of 1 mm the sky is straight on: 2 % where the ground curves most.
+  // Between nodes of 1 mm the sky is straight on: 2 % off where the ground curves most, to both
+  // sides elsewhere.
   EXPECT_NEAR(d->causes[0].parameters[0].value, kRoom, 0.01 * kRoom);
 }
 

@@ -91,6 +91,13 @@ void Linearised::look_at(const std::vector<int>& sets) {
   recut({}, {});
 }
 
+Linearised Linearised::in_other_sums(Bank& sums) const {
+  Linearised other(scene_, observations_, sums);
+  other.look_at(sets_);
+  if (other.lag_first() != lag_first()) other.take_order(lag_first());
+  return other;
+}
+
 void Linearised::begin_at(const Members& model, const Eigen::VectorXd& coefficients) {
   Keys keys;
   for (const Member& k : model)
@@ -112,6 +119,11 @@ void Linearised::about(const Members& model) {
 }
 
 void Linearised::about_alone(const Members& model) {
+  settle_unless(model, INFINITY);
+}
+
+/// @return false: the model is hopeless, and residuals are about no model that may be asked for
+bool Linearised::settle_unless(const Members& model, double hopeless) {
   Keys keys, cut, moving;
   bool levels = false;
   for (const Member& k : model)
@@ -131,13 +143,14 @@ void Linearised::about_alone(const Members& model) {
     const auto known = states_[all()].find(now_);
     if (known != states_[all()].end() && known->second.weight == bank_.weight)
       restore(known->second);
-    else
-      come_to_rest(model);
+    else if (!come_to_rest(model, hopeless))
+      return false;
   }
   answer(bank_, columns_of(bank_, model));
+  return true;
 }
 
-void Linearised::come_to_rest(const Members& model) {
+bool Linearised::come_to_rest(const Members& model, double hopeless) {
   Eigen::VectorXd last, before_last, step, step_before;
   double least = INFINITY;  // of the objective, cut anew about before_last
   int rounds = about_.empty() ? 1 : kRounds;
@@ -148,6 +161,10 @@ void Linearised::come_to_rest(const Members& model) {
     } else {
       answer(bank_, columns_of(bank_, model));
       f = fit_of(model);
+    }
+    if (round > 0 && f.objective + price(bank_, model) > hopeless) {
+      about_ = {"none that is at rest"};
+      return false;
     }
     if (round > 0 && at_rest(last, f, bank_.nuisances)) break;
     if (round > 0 && runs_away(bank_, model, f)) break;
@@ -172,6 +189,7 @@ void Linearised::come_to_rest(const Members& model) {
   }
   rested_[all()][now_] = last;
   keep();
+  return true;
 }
 
 void Linearised::keep() {
@@ -201,6 +219,11 @@ double Linearised::score_as_is(const Members& model) const {
 
 double Linearised::score(const Members& model) {
   about_alone(model);
+  return score_as_is(model);
+}
+
+std::optional<double> Linearised::score_unless(const Members& model, double hopeless) {
+  if (!settle_unless(model, hopeless)) return std::nullopt;
   return score_as_is(model);
 }
 

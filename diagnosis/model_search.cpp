@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <mutex>
 #include <numeric>
 
@@ -12,6 +14,7 @@
 #include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/ridge.hpp"
+#include "diagnosis/detail/thinned.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -20,6 +23,9 @@ constexpr std::size_t kBeam = 4;
 constexpr std::size_t kMostCauses = 5;
 constexpr double kFar = 2000.0;     // in -2 log likelihood
 constexpr std::size_t kFitted = 4;  // of the forms of a candidate, at either noise
+/// A fit, whose noise is its own, gains no more than this many times what the screen says at either
+/// noise: seen were up to 1.5 times where it decides.
+constexpr double kOwnNoise = 4.0;
 
 /// Of the signs that the laws allow, and of believable sizes.
 bool physical(const Bank& bank, const std::vector<int>& model, const std::vector<Member>& members,
@@ -41,6 +47,63 @@ struct State {
   std::vector<Member> members;
   double score = INFINITY;
 };
+
+/// The causes of a model, whatever their order.
+std::vector<const Effect*> causes_of(const State& s) {
+  std::vector<const Effect*> all;
+  for (const Member& m : s.members) all.push_back(m.effect);
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
+/// What the best of a candidate's forms gains at either noise.
+double most_gain(const Bank& bank, const Candidate& candidate, const Screen& screen) {
+  double most = 0.0;
+  for (const Form& f : candidate.forms)
+    for (const double gain : screen.gain(bank, f)) most = std::fmax(most, gain);
+  return most;
+}
+
+/// Models of one cause more than each of a beam's that do better than it, those left out that
+/// cannot be among the best.
+/// @param ranking  gets what each cause gains alone, from a beam of no causes, which leaves out
+/// none
+std::vector<State> with_one_more(const Search& search, const Bank& bank,
+                                 const std::vector<State>& beam, std::vector<Ranked>* ranking) {
+  std::vector<State> next;
+  std::map<std::vector<const Effect*>, double> best;  // score by causes
+  const auto last_of_the_best = [&] {
+    if (best.size() < kBeam) return std::numeric_limits<double>::infinity();
+    std::vector<double> scores;
+    for (const auto& [causes, score] : best) scores.push_back(score);
+    std::nth_element(scores.begin(), scores.begin() + (kBeam - 1), scores.end());
+    return scores[kBeam - 1];
+  };
+  for (const State& from : beam) {
+    const Screen beside = screen(bank, from.members, {kChoose});
+    std::vector<std::pair<double, const Candidate*>> by_gain;
+    for (const Candidate& c : search.candidates)
+      if (may_join(from.members, c.effect)) by_gain.emplace_back(most_gain(bank, c, beside), &c);
+    std::ranges::sort(by_gain, [](const auto& a, const auto& b) { return a.first > b.first; });
+    for (const auto& [gain, c] : by_gain) {
+      const double needed =
+          kPricePerCause + kPricePerColumn + std::fmax(0.0, from.score - last_of_the_best());
+      if (ranking == nullptr && kOwnNoise * gain < needed) break;
+      const BestForm found = best_form(bank, from.members, *c, {kChoose}, true, beside);
+      if (ranking != nullptr && std::isfinite(found.objective))
+        ranking->push_back(
+            {c->effect->name, c->forms[found.form].law, from.score - found.objective});
+      if (!(found.objective < from.score)) continue;
+      State s = from;
+      s.members.push_back({c->effect, c->forms[found.form]});
+      s.score = found.objective;
+      double& score = best.try_emplace(causes_of(s), INFINITY).first->second;
+      score = std::fmin(score, s.score);
+      next.push_back(std::move(s));
+    }
+  }
+  return next;
+}
 
 double score_of(const Bank& bank, const std::vector<Member>& members, const std::vector<int>& sets,
                 bool priced) {
@@ -319,26 +382,12 @@ BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Ca
 }
 
 std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
-                           const RunContext& run) {
+                           const RunContext& run, const Search* few) {
   State best{{}, score_of(bank, {}, {kChoose}, true)};
   const double null = best.score;
   std::vector<State> beam{best};
   for (std::size_t step = 0; step < kMostCauses; ++step) {
-    std::vector<State> next;
-    for (const State& from : beam) {
-      const Screen beside = screen(bank, from.members, {kChoose});
-      for (const Candidate& c : search.candidates) {
-        if (!may_join(from.members, c.effect)) continue;
-        const BestForm found = best_form(bank, from.members, c, {kChoose}, true, beside);
-        if (step == 0 && std::isfinite(found.objective))
-          ranking.push_back({c.effect->name, c.forms[found.form].law, null - found.objective});
-        if (!(found.objective < from.score)) continue;
-        State s = from;
-        s.members.push_back({c.effect, c.forms[found.form]});
-        s.score = found.objective;
-        next.push_back(std::move(s));
-      }
-    }
+    auto next = with_one_more(search, bank, beam, step == 0 ? &ranking : nullptr);
     if (run.stopped() || next.empty()) break;
     std::sort(next.begin(), next.end(),
               [](const State& a, const State& b) { return a.score < b.score; });
@@ -347,23 +396,18 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     if (step == 0)
       std::sort(ranking.begin(), ranking.end(),
                 [](const Ranked& a, const Ranked& b) { return a.gain > b.gain; });
-    const auto names = [](const State& s) {
-      std::vector<const Effect*> all;
-      for (const Member& m : s.members) all.push_back(m.effect);
-      std::sort(all.begin(), all.end());
-      return all;
-    };
     for (State& s : next) {
       if (kept.size() == kBeam) break;
       if (std::none_of(kept.begin(), kept.end(),
-                       [&](const State& k) { return names(k) == names(s); }))
+                       [&](const State& k) { return causes_of(k) == causes_of(s); }))
         kept.push_back(std::move(s));
     }
     // Refined forms become columns of the bank, and candidates for all that follow.
     std::vector<Column> added;
     for (State& s : kept) {
       const auto before = s.members.back().form.columns;
-      if (s.score < kept.front().score + 1000.0) refine(search, bank, s, {kChoose});
+      if (s.score < kept.front().score + 1000.0)
+        refine(few != nullptr && null - s.score > kToldByFew ? *few : search, bank, s, {kChoose});
       const auto& now = s.members.back().form.columns;
       // Of several borders the first may stay where it is.
       if (std::equal(now.begin(), now.end(), before.begin(), before.end(),

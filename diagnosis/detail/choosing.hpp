@@ -22,6 +22,10 @@ namespace maquette::diagnosis::detail {
 [[nodiscard]] Members at_own_size(Members members, const Search& search, Bank& bank,
                                   Linearised& residuals);
 
+/// Is one of its steps so large that what passes do beside the border is not of first order?
+[[nodiscard]] bool is_large_step(const Bank& bank, const Members& with, std::size_t k,
+                                 const Fit& f);
+
 /// Steps told from those at moments nearby, cut anew: a ball that goes down by dz reaches over the
 /// border by dz R / stepover, and to first order the step seems that much earlier or later and, for
 /// all that contradicts it, half as large.

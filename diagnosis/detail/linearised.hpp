@@ -10,6 +10,7 @@
 
 #include <array>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,10 @@ class Linearised {
     return [this](const Members& model) { about_alone(model); };
   }
 
+  /// The same residuals in other sums of the same sets, as few columns as are needed. Both are
+  /// about nothing when it is made and when this one is asked again.
+  [[nodiscard]] Linearised in_other_sums(Bank& sums) const;
+
   /// Coefficients with which a model that was not asked for yet begins to come to rest.
   void begin_at(const Members& model, const Eigen::VectorXd& coefficients);
 
@@ -53,6 +58,9 @@ class Linearised {
   [[nodiscard]] double score_as_is(const Members& model) const;
   /// The same with residuals about the model.
   [[nodiscard]] double score(const Members& model);
+  /// The same; none, and residuals not about it, where the model cut anew once scores more than
+  /// `hopeless`. Only while the choosing blocks alone are looked at.
+  [[nodiscard]] std::optional<double> score_unless(const Members& model, double hopeless);
   /// Squares that a model leaves on the blocks that are looked at, all points alike, residuals as
   /// they are.
   /// @param points  how many, or nullptr
@@ -76,7 +84,8 @@ class Linearised {
   [[nodiscard]] std::size_t all() const { return sets_.size() == kSets ? 1 : 0; }
   [[nodiscard]] const Eigen::VectorXd* rested_before() const;
   void recut(const Members& model, const Eigen::VectorXd& coefficients);
-  void come_to_rest(const Members& model);
+  bool settle_unless(const Members& model, double hopeless);
+  bool come_to_rest(const Members& model, double hopeless);
   void keep();
   void restore(const State& state);
 

@@ -63,8 +63,10 @@ struct Search {
 
 /// Best combination on the choosing blocks. Refined forms are added to `bank`.
 /// @param ranking  what each candidate gains alone, best first
+/// @param few  of as few of the observations as choose (thinned.hpp); unless null forms of what
+///   gains much are refined on these
 [[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
-                                         const RunContext& run);
+                                         const RunContext& run, const Search* few = nullptr);
 
 /// Is the effect one of the members?
 [[nodiscard]] bool has(const std::vector<Member>& members, const Effect* effect);

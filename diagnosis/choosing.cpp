@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/choosing.hpp"
 #include "diagnosis/detail/a_while.hpp"
+#include "diagnosis/detail/drawn_behind.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/steps.hpp"
 #include "diagnosis/detail/thinned.hpp"
@@ -229,6 +230,49 @@ std::vector<Members> by_another_law(const Members& with, const Search& search, c
   return models;
 }
 
+/// Is the force of a cutter that is drawn behind the feed one away from the wall wherever it goes,
+/// and not too little of that? Else it stands for what lost motion does to ridges that a coat has
+/// taken off.
+bool pushes_away(const Bank& bank, const Members& with, const Fit& f) {
+  constexpr double kOfBehind = 0.2;  // forces across a cutter's way are a third of that along it
+  const auto model = columns_of(bank, with);
+  for (const Member& m : with) {
+    if (!is_drawn_behind(m.form)) continue;
+    const auto size = [&](std::size_t k) {
+      return f.coefficients(place_of(bank, model, m.form.columns[k]));
+    };
+    const double away = size(0), by_ramp = size(1), by_side = size(2), behind = size(3);
+    return behind > 0.0 && away > kOfBehind * behind && std::abs(by_ramp) < away &&
+           std::abs(by_side) < away;
+  }
+  return true;
+}
+
+/// A cutter that bends as one that is drawn behind the feed, too, and so without each of the
+/// others: lost motion, or a spray from the side, may have stood for what that does.
+std::vector<Members> as_drawn_behind(const Members& with, const Search& search, Bank& bank,
+                                     Linearised& residuals) {
+  const auto bends = std::ranges::find_if(
+      with, [](const Member& m) { return m.effect->name == "tool.deflection"; });
+  if (bends == with.end() || is_drawn_behind(bends->form)) return {};
+  Members best;
+  double least = INFINITY;
+  for (const Form& form : drawn_behind(residuals.scene())) {
+    add_columns(bank, search.observations, form.columns);
+    Members instead = with;
+    instead[static_cast<std::size_t>(bends - with.begin())].form = form;
+    if (const double score = residuals.score(instead); score < least) {
+      least = score;
+      best = std::move(instead);
+    }
+  }
+  if (best.empty()) return {};
+  std::vector<Members> models{best};
+  for (std::size_t k = 0; k < best.size(); ++k)
+    if (!is_drawn_behind(best[k].form)) models.push_back(without(best, k));
+  return models;
+}
+
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -272,6 +316,10 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
       const double now = residuals.score(fewer), most = law_error(fewer.back()) * (null - now);
       const double owed = now - most < best ? owed_to_its_law(fewer, residuals) : 0.0;
       try_it(std::move(fewer), -owed);
+    }
+    for (Members& instead : as_drawn_behind(with, search, bank, residuals)) {
+      residuals.about_alone(instead);
+      if (pushes_away(bank, instead, residuals.fit_of(instead))) try_it(std::move(instead), 0.0);
     }
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());

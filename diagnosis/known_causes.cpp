@@ -11,6 +11,7 @@
 
 #include "diagnosis/case_input.hpp"
 #include "diagnosis/detail/a_while.hpp"
+#include "diagnosis/detail/drawn_behind.hpp"
 #include "diagnosis/detail/lag_and_slack.hpp"
 #include "diagnosis/detail/levelled_changes.hpp"
 #include "diagnosis/detail/with_slope.hpp"
@@ -34,6 +35,8 @@ double distance(const Form& f, const KnownCause& k) {
 std::optional<Form> closest(const Effect& effect, const Scene& scene, const KnownCause& k) {
   if (!effect.forms) return std::nullopt;
   auto forms = effect.forms(scene);
+  if (effect.name == "tool.deflection")
+    for (Form& f : detail::drawn_behind(scene)) forms.push_back(std::move(f));
   const auto fits = [&](const Form& f) {
     if (f.columns.size() != k.parameters.size()) return false;
     for (std::size_t c = 0; c < f.columns.size(); ++c)

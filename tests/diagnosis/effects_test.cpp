@@ -9,7 +9,10 @@
 
 #include <gtest/gtest.h>
 
+#include "diagnosis/detail/drawn_behind.hpp"
+#include "diagnosis/diagnose.hpp"
 #include "diagnosis/effect.hpp"
+#include "diagnosis/extended_model.hpp"
 #include "diagnosis/surface.hpp"
 
 namespace maquette::diagnosis {
@@ -283,6 +286,36 @@ TEST(Library, ACutterBendsByRampAndSide) {
     EXPECT_NEAR(bend(2).y, row.bend.z, 1e-12);
     EXPECT_EQ(bend(0).z, 0.0);
   }
+}
+
+// Drawn behind by b (1 + c f_z) of the feed in plan, up a ramp more than down: no lift, and on
+// level ground what lost motion does.
+TEST(Library, ACutterIsDrawnBehindTheFeed) {
+  const auto forms = detail::drawn_behind(scene());
+  ASSERT_FALSE(forms.empty());
+  for (const Form& form : forms) {
+    ASSERT_TRUE(detail::is_drawn_behind(form)) << form.law;
+    for (const Vec3 feed : {Vec3{1, 0, 0}, Vec3{0, -0.8, 0.6}, Vec3{-0.8, 0, -0.6}}) {
+      CutState s = place();
+      s.feed = feed;
+      const Vec3 even = form.columns[3].cut(place(), s, {}).tip_mm,
+                 up = form.columns[4].cut(place(), s, {}).tip_mm;
+      EXPECT_NEAR(norm(even + Vec3{feed.x, feed.y, 0.0}), 0.0, 1e-12);
+      EXPECT_NEAR(norm(up - feed.z * even), 0.0, 1e-12);
+    }
+  }
+  for (const Form& form : find_effect("tool.deflection")->forms(scene()))
+    EXPECT_FALSE(detail::is_drawn_behind(form)) << form.law << " is not chosen by";
+  // Of a file that has it, it is read back.
+  const KnownCause known{"tool.deflection",
+                         forms[1].law,
+                         {{"sideways_mm", 0.1},
+                          {"sideways_up_against_down_mm", 0.02},
+                          {"sideways_left_against_right_mm", 0.0},
+                          {"behind_mm", 0.08},
+                          {"behind_up_against_down_mm", 0.0}},
+                         {}};
+  EXPECT_TRUE(restore({known}, scene(), {}).has_value());
 }
 
 // Wear by any power of the length between a half and two is reached to a percent or two: a worn

@@ -623,6 +623,61 @@ TEST(Linearised, LooksAtTheChoosingBlocksAlone) {
   EXPECT_NEAR(size_of().first, of_all, 0.2 * sure_to + 0.02 * std::abs(of_all)) << "at rest";
 }
 
+// A model that a first cut shows to be hopeless is left at that, and models that are asked for next
+// come to rest as ever.
+TEST(Linearised, LeavesHopelessModels) {
+  auto m = part(63, {}, [](const Observation& o) { return 3e-3 * o.place.x * o.along.x; });
+  const Effect* ball = find_effect("tool.radius_error");
+  const Effect* scale = find_effect("machine.scale_x");
+  const detail::Members right{{scale, scale->forms(m.scene)[0]}},
+      wrong{{ball, ball->forms(m.scene)[0]}};
+  const auto nuisances = detail::nuisances_of(m);
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  auto columns = right[0].form.columns;
+  columns.push_back(wrong[0].form.columns[0]);
+  auto bank = detail::sum_up(m.observations, nuisances, columns, layout);
+  detail::Linearised residuals(m.scene, m.observations, bank);
+  residuals.look_at({detail::kChoose});
+  const double best = residuals.score(right), other = residuals.score(wrong);
+  ASSERT_GT(other, best + 200.0);
+
+  detail::Linearised anew(m.scene, m.observations, bank);
+  anew.look_at({detail::kChoose});
+  EXPECT_FALSE(anew.score_unless(wrong, best + 100.0).has_value());
+  EXPECT_NEAR(anew.score_unless(right, best + 100.0).value(), best, 1.0);
+  // Asked for again, with room, it is as before, but for where it began.
+  EXPECT_NEAR(anew.score_unless(wrong, other + 100.0).value(), other, 1.0);
+}
+
+// Where moments are looked for among sums of a few columns, what those leave is what all left.
+TEST(Linearised, InOtherSumsIsTheSame) {
+  auto m = part(63, {}, [](const Observation& o) { return 0.1 * (o.normal.z - 1.0); });
+  const Effect* ball = find_effect("tool.radius_error");
+  const Effect* scale = find_effect("machine.scale_x");
+  const detail::Members model{{ball, ball->forms(m.scene)[0]}};
+  const auto nuisances = detail::nuisances_of(m);
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  auto columns = model[0].form.columns;
+  columns.push_back(scale->forms(m.scene)[0].columns[0]);
+  auto bank = detail::sum_up(m.observations, nuisances, columns, layout);
+  detail::Linearised residuals(m.scene, m.observations, bank);
+  residuals.look_at({detail::kChoose});
+  residuals.about(model);
+  const detail::Fit f = residuals.fit_of(model);
+  const double of_all = residuals.left_by(model);
+  residuals.about({});
+  {
+    const detail::Search search{m.observations, nuisances, layout, {}};
+    auto sums = detail::bank_beside(search, bank, f, model, {}, {detail::kChoose});
+    detail::Linearised few = residuals.in_other_sums(sums);
+    few.about(model);
+    EXPECT_NEAR(few.left_by(model), of_all, 1e-3 * of_all);
+    few.about({});
+  }
+  residuals.about(model);
+  EXPECT_NEAR(residuals.left_by(model), of_all, 1e-9 * of_all);
+}
+
 TEST(WrongSignatures, CountByWhatTheyExplain) {
   const detail::Members members{{find_effect("machine.scale_x"), {}},
                                 {find_effect("process.chatter"), {}}};
@@ -1061,6 +1116,25 @@ TEST(Inference, ARangeScaleOfOneOfTwoInstrumentsIsOfItsScanAlone) {
       EXPECT_NEAR(moved, 1e-6 * c.parameters[0].value * o.range_mm * dot(level_along(o), o.beam),
                   1e-9);
   }
+}
+
+// Away from the wall and behind the feed, more so up a ramp than down, it was a bending cutter
+// beside lost motion that is not there.
+TEST(Inference, ACutterThatIsDrawnBehindTheFeedIsOneCause) {
+  constexpr double kAway_mm = 0.1, kBehind_mm = 0.1, kByRamp = 0.5;
+  const auto m = part(57, {}, [](const Observation& o) {
+    const Vec3 bend =
+        kAway_mm * (1.0 + kByRamp * o.feed.z) * Vec3{o.slope_normal.x, o.slope_normal.y, 0.0} -
+        kBehind_mm * (1.0 + kByRamp * o.feed.z) * Vec3{o.feed.x, o.feed.y, 0.0};
+    return dot(o.along, bend);
+  });
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "tool.deflection");
+  ASSERT_EQ(c.parameters.size(), 5U) << c.law;
+  EXPECT_NEAR(c.parameters[3].value, kBehind_mm, 4.0 * c.parameters[3].sigma);
 }
 
 TEST(Inference, TakesPosesThatAreAllWrongForWhatTheyAre) {

@@ -232,6 +232,43 @@ PhotoLinear PhotoFit::about(const PhotoMembers& model,
   return out;
 }
 
+namespace {
+
+/// A step of Gauss and Newton that leaves values of one sign at zero at most. What would go beyond
+/// is held there and the others solved anew: beside a black level of 0.02 one of two lobes went
+/// from 0.013 below zero, and the rest of its step, taken for both, left four times as much.
+Eigen::VectorXd bounded_step(const Eigen::MatrixXd& g, const PhotoLinear& linear,
+                             const PhotoMembers& model) {
+  const Eigen::Index n = g.rows() - 1;
+  Eigen::VectorXd step = Eigen::VectorXd::Zero(n);
+  std::vector<char> held(static_cast<std::size_t>(n), 0);
+  for (bool more = true; more;) {
+    std::vector<Eigen::Index> free;
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (held[static_cast<std::size_t>(i)] == 0) free.push_back(i);
+    if (free.empty()) break;
+    Eigen::VectorXd b = g.col(n).head(n);
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (held[static_cast<std::size_t>(i)] != 0) b -= step(i) * g.col(i).head(n);
+    const Eigen::VectorXd of_free = ridge_solve(g(free, free), b(free), 1e-7);
+    step(free) = of_free;
+    more = false;
+    for (const PhotoMember& m : model)
+      for (std::size_t k = 0; k < m.values.size(); ++k) {
+        const auto at = linear.index.at(m.form.parameters[k].key);
+        if (held[static_cast<std::size_t>(at)] != 0 || (k != 0 && !m.form.all_of_sign) ||
+            !((m.values[k] + step(at)) * m.form.sign < 0.0))
+          continue;
+        step(at) = -m.values[k];
+        held[static_cast<std::size_t>(at)] = 1;
+        more = true;
+      }
+  }
+  return step;
+}
+
+}  // namespace
+
 PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
   std::vector<const PhotoParameter*> parameters;
   for (const PhotoMember& m : model)
@@ -257,13 +294,12 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
     if (round == rounds) break;
     const Eigen::MatrixXd g = linear.sum(kAll);
     const Eigen::Index n = g.rows() - 1;
-    const Eigen::VectorXd step = ridge_solve(g.topLeftCorner(n, n), g.col(n).head(n), 1e-7);
-    gain = step.dot(g.col(n).head(n)) / (noise.factor * noise.over);
+    const Eigen::VectorXd step = bounded_step(g, linear, model);
+    gain = step.dot(2.0 * g.col(n).head(n) - g.topLeftCorner(n, n) * step) /
+           (noise.factor * noise.over);
     for (PhotoMember& m : model)
-      for (std::size_t k = 0; k < m.values.size(); ++k) {
+      for (std::size_t k = 0; k < m.values.size(); ++k)
         m.values[k] += step(linear.index.at(m.form.parameters[k].key));
-        if ((k == 0 || m.form.all_of_sign) && m.values[k] * m.form.sign < 0.0) m.values[k] = 0.0;
-      }
     if (gain < 0.5) return model;  // so small a step is as good as its prediction
   }
   return best;

@@ -214,6 +214,35 @@ PhotoMembers PhotoSearch::exchanged(PhotoMembers members, const RunContext& run)
   return members;
 }
 
+PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now) {
+  // Where slopes were right a blur that is there is most of what is left.
+  constexpr double kMuch = 0.1;
+  const PhotoState unknown = fit_.state_of({});
+  const auto defocus = std::ranges::find_if(
+      candidates_, [](const PhotoCandidate& c) { return c.effect->name == "photo.defocus"; });
+  if (defocus == candidates_.end() || members.empty() || members.size() == kMostCauses ||
+      !same_sharpness(fit_.state_of(members), unknown))
+    return {};
+  const PhotoForm& form = defocus->forms.front();
+  PhotoMembers best;
+  Normals kind = fit_.normals;
+  double least = (1.0 - kMuch) * now;
+  for (const Normals each :
+       {Normals::smooth, Normals::smoother, Normals::patches, Normals::facets}) {
+    fit_.normals = each;
+    PhotoMembers model = members;
+    model.push_back({defocus->effect, form, std::vector<double>(form.parameters.size(), 0.0)});
+    model = fit_.fitted(std::move(model), kTrialSteps);
+    if (const double s = score(model); s < least && model.back().values.front() > 0.0) {
+      least = s;
+      kind = each;
+      best = std::move(model);
+    }
+  }
+  fit_.normals = kind;
+  return best;
+}
+
 PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext& run) {
   PhotoMembers members;
   bool in_part = true;
@@ -228,6 +257,7 @@ PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext&
         ranking.push_back({candidates_[t.candidate].effect->name,
                            candidates_[t.candidate].forms[t.form].law, t.score});
     PhotoMembers best = best_of(all, linear, members, now);
+    if (best.empty()) best = blurred(members, now);
     if (best.empty()) break;
     // Between the choosing blocks nothing tells of a map's waves.
     if (in_part && std::any_of(best.begin(), best.end(),

@@ -51,6 +51,10 @@ class PhotoSearch {
   /// To first order: what would not be confirmed is not worth a rendering.
   [[nodiscard]] bool too_small(const PhotoLinear& linear, PhotoMembers members,
                                PhotoMember added) const;
+  /// Beside other causes, a blur that none of them is and that slopes smooth between nodes make up
+  /// for: with slopes of each kind, which become those of the pictures. Empty: none is much better
+  /// than `now`.
+  PhotoMembers blurred(const PhotoMembers& members, double now);
   /// The closest candidates rendered; empty: none does better than `now`.
   PhotoMembers best_of(const std::vector<Trial>& all, const PhotoLinear& linear,
                        const PhotoMembers& members, double now);

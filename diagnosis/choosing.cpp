@@ -242,8 +242,7 @@ bool pushes_away(const Bank& bank, const Members& with, const Fit& f) {
       return f.coefficients(place_of(bank, model, m.form.columns[k]));
     };
     const double away = size(0), by_ramp = size(1), by_side = size(2), behind = size(3);
-    return behind > 0.0 && away > kOfBehind * behind && std::abs(by_ramp) < away &&
-           std::abs(by_side) < away;
+    return behind > 0.0 && away > kOfBehind * behind && std::hypot(by_ramp, by_side) < away;
   }
   return true;
 }
@@ -277,22 +276,15 @@ std::vector<Members> as_drawn_behind(const Members& with, const Search& search, 
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
                   const RunContext& run) {
-  // What the first cut anew of a trial misses by more than this it misses at rest: rests of trials
-  // that came within reach of the best moved scores by up to 65 where all gained 3300.
-  constexpr double kAtRest = 100.0, kAtRestShare = 0.05;
   const double null = residuals.score({});
   for (int round = 0; round < kRounds && !run.stopped(); ++round) {
     double best = residuals.score(with);
     Members better;
-    /// @return false: hopeless, and without any of its members more so
     const auto try_it = [&](Members instead, double price) {
-      const double reach = std::fmax(kAtRest, kAtRestShare * (null - best));
-      const auto s = residuals.score_unless(instead, best - price + reach);
-      if (s && *s + price < best) {
-        best = *s + price;
+      if (const double s = residuals.score(instead) + price; s < best) {
+        best = s;
         better = std::move(instead);
       }
-      return s.has_value();
     };
     for (std::size_t k = 0; k < with.size() && !run.stopped(); ++k)
       for (const Member& rival : rivals_of(with, k, search, bank, residuals)) {
@@ -301,7 +293,7 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
             has_a_moment(with[k]) && rival.form.law == kBandsOfTheProgram ? 0.0 : kPricePerCause;
         auto instead = with;
         instead[k] = rival;
-        if (!try_it(instead, price)) continue;
+        try_it(instead, price);
         for (std::size_t j = 0; j < with.size(); ++j) {
           if (j == k) continue;
           residuals.about(instead);
@@ -535,7 +527,7 @@ Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Sear
                               Bank& bank, Linearised& residuals, std::vector<Ranked>& ranking,
                               const RunContext& run) {
   Members members, before;  // of the last round, and of the one before that
-  std::vector<std::pair<Members, Members>> exchanges;  // for other causes
+  std::vector<std::pair<Members, Members>> exchanges;  // what was exchanged, and what for
   for (int round = 0; round < kRounds; ++round) {
     if (round > 0) chosen = chosen_to_first_order(search, bank, ranking, run);
     if (chosen.empty() && members.empty()) break;
@@ -556,15 +548,13 @@ Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Sear
     chosen = pruned(std::move(chosen), search, bank, residuals, run);
     const auto known =
         std::ranges::find_if(exchanges, [&](const auto& e) { return alike(e.first, chosen); });
-    if (known != exchanges.end()) {
+    if (known != exchanges.end() && residuals.score(known->second) < residuals.score(chosen)) {
       chosen = known->second;
     } else if (round == 0 || !alike(chosen, members)) {
       // What is chosen again was exchanged in the last round.
       auto other = exchanged(chosen, search, bank, residuals, run);
-      if (!alike(other, chosen)) {
-        other = pruned(std::move(other), search, bank, residuals, run);
-        exchanges.emplace_back(std::move(chosen), other);
-      }
+      if (!alike(other, chosen)) other = pruned(std::move(other), search, bank, residuals, run);
+      exchanges.emplace_back(std::move(chosen), other);
       chosen = std::move(other);
     }
     residuals.look_at(sets);

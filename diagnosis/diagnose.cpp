@@ -166,7 +166,7 @@ Members at_moments_of(const std::vector<int>& sets, const Members& members, deta
   };
   for (std::size_t k = 0; k < both.size(); ++k) {
     if (!both[k].form.move_moment) continue;
-    score(both);
+    residuals.about_alone(both);
     const Fit f = detail::fit(bank, detail::columns_of(bank, both), sets);
     if (detail::is_large_step(bank, both, k, f))
       both = detail::at_best_moments(both, k, {}, search, bank, residuals, run, score);

@@ -119,11 +119,6 @@ void Linearised::about(const Members& model) {
 }
 
 void Linearised::about_alone(const Members& model) {
-  settle_unless(model, INFINITY);
-}
-
-/// @return false: the model is hopeless, and residuals are about no model that may be asked for
-bool Linearised::settle_unless(const Members& model, double hopeless) {
   Keys keys, cut, moving;
   bool levels = false;
   for (const Member& k : model)
@@ -143,14 +138,13 @@ bool Linearised::settle_unless(const Members& model, double hopeless) {
     const auto known = states_[all()].find(now_);
     if (known != states_[all()].end() && known->second.weight == bank_.weight)
       restore(known->second);
-    else if (!come_to_rest(model, hopeless))
-      return false;
+    else
+      come_to_rest(model);
   }
   answer(bank_, columns_of(bank_, model));
-  return true;
 }
 
-bool Linearised::come_to_rest(const Members& model, double hopeless) {
+void Linearised::come_to_rest(const Members& model) {
   Eigen::VectorXd last, before_last, step, step_before;
   double least = INFINITY;  // of the objective, cut anew about before_last
   int rounds = about_.empty() ? 1 : kRounds;
@@ -161,10 +155,6 @@ bool Linearised::come_to_rest(const Members& model, double hopeless) {
     } else {
       answer(bank_, columns_of(bank_, model));
       f = fit_of(model);
-    }
-    if (round > 0 && f.objective + price(bank_, model) > hopeless) {
-      about_ = {"none that is at rest"};
-      return false;
     }
     if (round > 0 && at_rest(last, f, bank_.nuisances)) break;
     if (round > 0 && runs_away(bank_, model, f)) break;
@@ -189,7 +179,6 @@ bool Linearised::come_to_rest(const Members& model, double hopeless) {
   }
   rested_[all()][now_] = last;
   keep();
-  return true;
 }
 
 void Linearised::keep() {
@@ -219,11 +208,6 @@ double Linearised::score_as_is(const Members& model) const {
 
 double Linearised::score(const Members& model) {
   about_alone(model);
-  return score_as_is(model);
-}
-
-std::optional<double> Linearised::score_unless(const Members& model, double hopeless) {
-  if (!settle_unless(model, hopeless)) return std::nullopt;
   return score_as_is(model);
 }
 

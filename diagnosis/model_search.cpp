@@ -23,8 +23,8 @@ constexpr std::size_t kBeam = 4;
 constexpr std::size_t kMostCauses = 5;
 constexpr double kFar = 2000.0;     // in -2 log likelihood
 constexpr std::size_t kFitted = 4;  // of the forms of a candidate, at either noise
-/// A fit, whose noise is its own, gains no more than this many times what the screen says at either
-/// noise: seen were up to 1.5 times where it decides.
+/// A fit, whose noise is its own, is taken to gain no more than this many times what the screen
+/// says at either noise, which is nothing where both want the other sign.
 constexpr double kOwnNoise = 4.0;
 
 /// Of the signs that the laws allow, and of believable sizes.
@@ -404,9 +404,10 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     }
     // Refined forms become columns of the bank, and candidates for all that follow.
     std::vector<Column> added;
+    const std::vector<State> unrefined = kept;
     for (State& s : kept) {
       const auto before = s.members.back().form.columns;
-      if (s.score < kept.front().score + 1000.0)
+      if (s.score < unrefined.front().score + 1000.0)
         refine(few != nullptr && null - s.score > kToldByFew ? *few : search, bank, s, {kChoose});
       const auto& now = s.members.back().form.columns;
       // Of several borders the first may stay where it is.
@@ -417,7 +418,11 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
       offer(search, s.members.back());
     }
     add_columns(bank, search.observations, added);
-    for (State& s : kept) s.score = score_of(bank, s.members, {kChoose}, true);
+    for (std::size_t k = 0; k < kept.size(); ++k) {
+      kept[k].score = score_of(bank, kept[k].members, {kChoose}, true);
+      // What few points prefer all may not.
+      if (unrefined[k].score < kept[k].score) kept[k] = unrefined[k];
+    }
     // Backward: what the newest has made superfluous goes.
     for (State& s : kept)
       for (std::size_t k = 0; k + 1 < s.members.size();) {

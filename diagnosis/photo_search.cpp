@@ -214,9 +214,8 @@ PhotoMembers PhotoSearch::exchanged(PhotoMembers members, const RunContext& run)
   return members;
 }
 
-PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now) {
-  // Where slopes were right a blur that is there is most of what is left.
-  constexpr double kMuch = 0.1;
+PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now, const RunContext& run) {
+  constexpr double kMuch = 0.1;  // of what is left: less is what slopes of another kind change
   const PhotoState unknown = fit_.state_of({});
   const auto defocus = std::ranges::find_if(
       candidates_, [](const PhotoCandidate& c) { return c.effect->name == "photo.defocus"; });
@@ -229,6 +228,7 @@ PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now) {
   double least = (1.0 - kMuch) * now;
   for (const Normals each :
        {Normals::smooth, Normals::smoother, Normals::patches, Normals::facets}) {
+    if (run.stopped()) break;
     fit_.normals = each;
     PhotoMembers model = members;
     model.push_back({defocus->effect, form, std::vector<double>(form.parameters.size(), 0.0)});
@@ -240,7 +240,7 @@ PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now) {
     }
   }
   fit_.normals = kind;
-  return best;
+  return best.empty() ? best : fit_.fitted(std::move(best));
 }
 
 PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext& run) {
@@ -257,7 +257,7 @@ PhotoMembers PhotoSearch::choose(std::vector<Ranked>& ranking, const RunContext&
         ranking.push_back({candidates_[t.candidate].effect->name,
                            candidates_[t.candidate].forms[t.form].law, t.score});
     PhotoMembers best = best_of(all, linear, members, now);
-    if (best.empty()) best = blurred(members, now);
+    if (best.empty()) best = blurred(members, now, run);
     if (best.empty()) break;
     // Between the choosing blocks nothing tells of a map's waves.
     if (in_part && std::any_of(best.begin(), best.end(),

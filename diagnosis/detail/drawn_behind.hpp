@@ -3,7 +3,7 @@
 
 // A bending cutter that is drawn behind the feed. In a zigzag that is lost motion of the feed's
 // axis but for the way on which it is taken up, so no such law is among those that are chosen: it
-// is tried in the place of a bending cutter and lost motion beside it, which are two causes.
+// is tried in the place of a bending cutter, beside the others and without each of them.
 
 #include <vector>
 

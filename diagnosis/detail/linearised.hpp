@@ -10,7 +10,6 @@
 
 #include <array>
 #include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -58,9 +57,6 @@ class Linearised {
   [[nodiscard]] double score_as_is(const Members& model) const;
   /// The same with residuals about the model.
   [[nodiscard]] double score(const Members& model);
-  /// The same; none, and residuals not about it, where the model cut anew once scores more than
-  /// `hopeless`. Only while the choosing blocks alone are looked at.
-  [[nodiscard]] std::optional<double> score_unless(const Members& model, double hopeless);
   /// Squares that a model leaves on the blocks that are looked at, all points alike, residuals as
   /// they are.
   /// @param points  how many, or nullptr
@@ -84,8 +80,7 @@ class Linearised {
   [[nodiscard]] std::size_t all() const { return sets_.size() == kSets ? 1 : 0; }
   [[nodiscard]] const Eigen::VectorXd* rested_before() const;
   void recut(const Members& model, const Eigen::VectorXd& coefficients);
-  bool settle_unless(const Members& model, double hopeless);
-  bool come_to_rest(const Members& model, double hopeless);
+  void come_to_rest(const Members& model);
   void keep();
   void restore(const State& state);
 

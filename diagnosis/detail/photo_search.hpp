@@ -54,7 +54,7 @@ class PhotoSearch {
   /// Beside other causes, a blur that none of them is and that slopes smooth between nodes make up
   /// for: with slopes of each kind, which become those of the pictures. Empty: none is much better
   /// than `now`.
-  PhotoMembers blurred(const PhotoMembers& members, double now);
+  PhotoMembers blurred(const PhotoMembers& members, double now, const RunContext& run);
   /// The closest candidates rendered; empty: none does better than `now`.
   PhotoMembers best_of(const std::vector<Trial>& all, const PhotoLinear& linear,
                        const PhotoMembers& members, double now);

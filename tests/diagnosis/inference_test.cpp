@@ -623,32 +623,6 @@ TEST(Linearised, LooksAtTheChoosingBlocksAlone) {
   EXPECT_NEAR(size_of().first, of_all, 0.2 * sure_to + 0.02 * std::abs(of_all)) << "at rest";
 }
 
-// A model that a first cut shows to be hopeless is left at that, and models that are asked for next
-// come to rest as ever.
-TEST(Linearised, LeavesHopelessModels) {
-  auto m = part(63, {}, [](const Observation& o) { return 3e-3 * o.place.x * o.along.x; });
-  const Effect* ball = find_effect("tool.radius_error");
-  const Effect* scale = find_effect("machine.scale_x");
-  const detail::Members right{{scale, scale->forms(m.scene)[0]}},
-      wrong{{ball, ball->forms(m.scene)[0]}};
-  const auto nuisances = detail::nuisances_of(m);
-  const auto layout = detail::lay_out(m.scene.box, 1);
-  auto columns = right[0].form.columns;
-  columns.push_back(wrong[0].form.columns[0]);
-  auto bank = detail::sum_up(m.observations, nuisances, columns, layout);
-  detail::Linearised residuals(m.scene, m.observations, bank);
-  residuals.look_at({detail::kChoose});
-  const double best = residuals.score(right), other = residuals.score(wrong);
-  ASSERT_GT(other, best + 200.0);
-
-  detail::Linearised anew(m.scene, m.observations, bank);
-  anew.look_at({detail::kChoose});
-  EXPECT_FALSE(anew.score_unless(wrong, best + 100.0).has_value());
-  EXPECT_NEAR(anew.score_unless(right, best + 100.0).value(), best, 1.0);
-  // Asked for again, with room, it is as before, but for where it began.
-  EXPECT_NEAR(anew.score_unless(wrong, other + 100.0).value(), other, 1.0);
-}
-
 // Where moments are looked for among sums of a few columns, what those leave is what all left.
 TEST(Linearised, InOtherSumsIsTheSame) {
   auto m = part(63, {}, [](const Observation& o) { return 0.1 * (o.normal.z - 1.0); });
@@ -666,6 +640,7 @@ TEST(Linearised, InOtherSumsIsTheSame) {
   const detail::Fit f = residuals.fit_of(model);
   const double of_all = residuals.left_by(model);
   residuals.about({});
+  const auto before = m.observations;
   {
     const detail::Search search{m.observations, nuisances, layout, {}};
     auto sums = detail::bank_beside(search, bank, f, model, {}, {detail::kChoose});
@@ -674,8 +649,14 @@ TEST(Linearised, InOtherSumsIsTheSame) {
     EXPECT_NEAR(few.left_by(model), of_all, 1e-3 * of_all);
     few.about({});
   }
-  residuals.about(model);
-  EXPECT_NEAR(residuals.left_by(model), of_all, 1e-9 * of_all);
+  // They share the points.
+  std::size_t chosen = 0;
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (std::isnan(before[i].residual_mm)) continue;
+    EXPECT_NEAR(m.observations[i].residual_mm, before[i].residual_mm, 1e-12);
+    ++chosen;
+  }
+  EXPECT_GT(chosen, before.size() / 5);
 }
 
 TEST(WrongSignatures, CountByWhatTheyExplain) {

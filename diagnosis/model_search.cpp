@@ -405,8 +405,9 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     // Refined forms become columns of the bank, and candidates for all that follow.
     std::vector<Column> added;
     const std::vector<State> unrefined = kept;
-    for (State& s : kept) {
-      const auto before = s.members.back().form.columns;
+    for (std::size_t k = 0; k < kept.size(); ++k) {
+      State& s = kept[k];
+      const auto& before = unrefined[k].members.back().form.columns;
       if (s.score < unrefined.front().score + 1000.0)
         refine(few != nullptr && null - s.score > kToldByFew ? *few : search, bank, s, {kChoose});
       const auto& now = s.members.back().form.columns;

@@ -297,10 +297,10 @@ PhotoMembers PhotoFit::fitted(PhotoMembers model, int rounds) {
     const Eigen::VectorXd step = bounded_step(g, linear, model);
     gain = step.dot(2.0 * g.col(n).head(n) - g.topLeftCorner(n, n) * step) /
            (noise.factor * noise.over);
+    if (gain < 0.0) return best;  // held at bounds, the step leads nowhere
     for (PhotoMember& m : model)
       for (std::size_t k = 0; k < m.values.size(); ++k)
         m.values[k] += step(linear.index.at(m.form.parameters[k].key));
-    if (gain < 0.0) return best;   // held at bounds, the step leads nowhere
     if (gain < 0.5) return model;  // so small a step is as good as its prediction
   }
   return best;

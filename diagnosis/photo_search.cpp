@@ -222,7 +222,8 @@ PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now, const
   if (defocus == candidates_.end() || members.empty() || members.size() == kMostCauses ||
       !same_sharpness(fit_.state_of(members), unknown))
     return {};
-  const PhotoForm& form = defocus->forms.front();
+  // Its first form, the same blur everywhere, from none.
+  const Trial none{static_cast<std::size_t>(defocus - candidates_.begin()), 0, 0.0, 0.0, {}};
   PhotoMembers best;
   Normals kind = fit_.normals;
   double least = (1.0 - kMuch) * now;
@@ -230,9 +231,7 @@ PhotoMembers PhotoSearch::blurred(const PhotoMembers& members, double now, const
        {Normals::smooth, Normals::smoother, Normals::patches, Normals::facets}) {
     if (run.stopped()) break;
     fit_.normals = each;
-    PhotoMembers model = members;
-    model.push_back({defocus->effect, form, std::vector<double>(form.parameters.size(), 0.0)});
-    model = fit_.fitted(std::move(model), kTrialSteps);
+    PhotoMembers model = with(members, none);
     if (const double s = score(model); s < least && model.back().values.front() > 0.0) {
       least = s;
       kind = each;

@@ -1099,8 +1099,9 @@ TEST(Inference, ARangeScaleOfOneOfTwoInstrumentsIsOfItsScanAlone) {
   }
 }
 
-// Away from the wall and behind the feed, more so up a ramp than down, it was a bending cutter
-// beside lost motion that is not there.
+// Away from the wall and behind the feed, more so up a ramp than down: here, where nearly all that
+// is drawn behind looks like a force up against down, that was the cutter, and the wall a sprayed
+// shadow.
 TEST(Inference, ACutterThatIsDrawnBehindTheFeedIsOneCause) {
   constexpr double kAway_mm = 0.1, kBehind_mm = 0.1, kByRamp = 0.5;
   const auto m = part(57, {}, [](const Observation& o) {

@@ -889,7 +889,8 @@ TEST(Photographs, ARoomLitByOthersStaysWhereTheLampIsCarried) {
   EXPECT_NEAR(d->causes[0].parameters[0].value, kRoom, 0.01 * kRoom);
 }
 
-// A disc of 3.3 pixels beside corners that have a quarter of the light.
+// A disc of 3.3 pixels beside corners that have a quarter of the light. (The ground's nodes are
+// finer than pixels: slopes of every kind are alike, and none makes up for the blur.)
 TEST(Photographs, ADefocusBesideAVignettingHasItsName) {
   constexpr double kCorner = 0.74, kDisc_px = 3.3;
   Pictures p;

@@ -4,7 +4,6 @@
 #include "diagnosis/detail/drawn_behind.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/steps.hpp"
-#include "diagnosis/detail/thinned.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
 
 #include <algorithm>
@@ -20,8 +19,9 @@ namespace {
 constexpr double kMuch = 0.1;
 /// In -2 log likelihood: what is missed by more to first order is missed cut anew, too.
 constexpr double kClose = 500.0;
-/// The same of a model of one cause less, of all that is explained.
-constexpr double kMissed = 0.7;
+/// The same as a share of what a cause explains, or all causes; a rival within so much is near
+/// whatever that is.
+constexpr double kMissed = 0.7, kNear = 100.0;
 /// Causes that are tried in the place of a chosen one, the closest to first order.
 constexpr std::size_t kRivals = 3;
 /// Of a lag and lost motion, or lost motion alone, made one after the other of the sizes that were
@@ -64,13 +64,14 @@ Members rivals_of(const Members& with, std::size_t k, const Search& search, cons
                   Linearised& residuals) {
   const auto others = without(with, k);
   residuals.about(others);
-  const double now = residuals.score_as_is(with);
+  const double now = residuals.score_as_is(with), missed = residuals.score_as_is(others) - now,
+               far = std::fmin(kClose, std::fmax(kNear, kMissed * missed));
   const Screen beside = screen(bank, others, {kChoose});
   std::vector<std::pair<double, Member>> rivals;
   const auto look_at = [&](const Candidate& other) {
     if (has(others, other.effect) || !may_join(others, other.effect)) return;
     const auto found = best_form(bank, others, other, {kChoose}, true, beside);
-    if (found.objective < now + kClose)
+    if (found.objective < now + far)
       rivals.emplace_back(found.objective, Member{other.effect, other.forms[found.form]});
   };
   for (const Candidate& other : search.candidates)
@@ -163,8 +164,8 @@ Members of_one_step(const Members& with, const Search& search, Bank& bank, Linea
 /// So steps are looked for again in what the model leaves, and leaves without each of its members;
 /// the sharpest that is new along each axis becomes a form of all causes that may be steps, alone
 /// and beside the one that the model has along that axis.
-void look_for_steps_beside(const Members& chosen, const std::vector<int>& sets, Search& search,
-                           Bank& bank, Linearised& residuals) {
+void look_for_steps_beside(const Members& chosen, Search& search, Bank& bank,
+                           Linearised& residuals) {
   constexpr double kSameMoment = 1.0 / 256;  // of the program; closer ones are found by refining
   const Scene& scene = residuals.scene();
   std::vector<Column> added;
@@ -192,8 +193,7 @@ void look_for_steps_beside(const Members& chosen, const std::vector<int>& sets, 
   for (std::size_t k = 0; k <= chosen.size(); ++k) {
     const auto others = k < chosen.size() ? without(chosen, k) : chosen;
     residuals.about_alone(others);
-    const auto left =
-        residuals_of(search.observations, others, bank, residuals.fit_of(others), sets);
+    const auto left = residuals_of(search.observations, others, bank, residuals.fit_of(others));
     for (int axis = 0; axis < 3; ++axis) {
       const auto found = sharpest_steps(search.observations, left, search.layout, axis);
       if (found.empty()) continue;
@@ -512,20 +512,18 @@ void weigh(Bank& bank, const Linearised& residuals, const Members& with) {
 }
 
 Members chosen_to_first_order(Search& search, Bank& bank, std::vector<Ranked>& ranking,
-                              const RunContext& run, const Search* few = nullptr) {
+                              const RunContext& run) {
   ranking.clear();
   bank.tried = plain_thetas(search.layout.cell_mm).size();
-  Members chosen = choose(search, bank, ranking, run, few);
+  Members chosen = choose(search, bank, ranking, run);
   bank.tried = bank.theta.size();
   return chosen;
 }
 
 /// Cut anew, refined, dropped where not missed, changed for rivals that do better; again from
 /// nothing with the residuals which that leaves, until the causes stay.
-/// @param sets  that the bank has
-Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Search& search,
-                              Bank& bank, Linearised& residuals, std::vector<Ranked>& ranking,
-                              const RunContext& run) {
+Members recut_until_they_stay(Members chosen, Search& search, Bank& bank, Linearised& residuals,
+                              std::vector<Ranked>& ranking, const RunContext& run) {
   Members members, before;  // of the last round, and of the one before that
   std::vector<std::pair<Members, Members>> exchanges;  // what was exchanged, and what for
   for (int round = 0; round < kRounds; ++round) {
@@ -535,8 +533,8 @@ Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Sear
     residuals.about(chosen);
     chosen = polished(search, bank, std::move(chosen), residuals.settle());
     if (round == 0 && residuals.scene().has_path) {
-      residuals.look_at(sets);
-      look_for_steps_beside(chosen, sets, search, bank, residuals);
+      residuals.look_at(kAll);
+      look_for_steps_beside(chosen, search, bank, residuals);
       residuals.look_at({kChoose});
     }
     chosen = at_their_moments(std::move(chosen), members, search, bank, residuals, run);
@@ -557,7 +555,7 @@ Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Sear
       exchanges.emplace_back(std::move(chosen), other);
       chosen = std::move(other);
     }
-    residuals.look_at(sets);
+    residuals.look_at(kAll);
     residuals.about(chosen);
     weigh(bank, residuals, chosen);
     const bool settled = round > 0 && alike(chosen, members);
@@ -573,43 +571,12 @@ Members recut_until_they_stay(Members chosen, const std::vector<int>& sets, Sear
   return at_own_size(std::move(members), search, bank, residuals);
 }
 
-/// The same on as few points as that needs; then at all.
-Members recut_on(std::vector<Observation>& few, const Members& chosen, Search& search, Bank& bank,
-                 Linearised& residuals, const RunContext& run) {
-  Search among{few, search.nuisances, search.layout, search.candidates};
-  auto columns = all_columns(search.candidates);
-  for (const Member& m : chosen)
-    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
-  Bank sums = sum_up(few, search.nuisances, columns, search.layout, nullptr, kChoose);
-  Linearised left(residuals.scene(), few, sums);
-  left.look_at({kChoose});
-  if (left.lag_first() != residuals.lag_first()) left.take_order(residuals.lag_first());
-  weigh(sums, left, {});
-  std::vector<Ranked> of_few;
-  Members members = recut_until_they_stay(chosen, {kChoose}, among, sums, left, of_few, run);
-  if (left.lag_first() != residuals.lag_first()) residuals.take_order(left.lag_first());
-
-  // Forms that were refined, or made beside others, are there for what follows.
-  search.candidates = std::move(among.candidates);
-  columns = all_columns(search.candidates);
-  for (const Member& m : members)
-    columns.insert(columns.end(), m.form.columns.begin(), m.form.columns.end());
-  add_columns(bank, search.observations, columns);
-  members = at_own_size(std::move(members), search, bank, residuals);
-  residuals.about(members);
-  weigh(bank, residuals, members);
-  return members;
-}
-
 }  // namespace
 
 Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
                          std::vector<Ranked>& ranking, const RunContext& run) {
   weigh(bank, residuals, {});
-  auto few = thinned(search.observations, search.layout);
-  const Search of_few{few, search.nuisances, search.layout, {}};
-  Members chosen =
-      chosen_to_first_order(search, bank, ranking, run, few.empty() ? nullptr : &of_few);
+  Members chosen = chosen_to_first_order(search, bank, ranking, run);
   if (chosen.empty()) return chosen;
   // Sizes that nobody would believe are no little gain: those are pruned below.
   const double gain = residuals.score_as_is({}) - residuals.score_as_is(chosen);
@@ -617,8 +584,7 @@ Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,
     residuals.about(chosen);
     return chosen;
   }
-  if (gain > kToldByFew && !few.empty()) return recut_on(few, chosen, search, bank, residuals, run);
-  return recut_until_they_stay(std::move(chosen), kAll, search, bank, residuals, ranking, run);
+  return recut_until_they_stay(std::move(chosen), search, bank, residuals, ranking, run);
 }
 
 }  // namespace maquette::diagnosis::detail

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/diagnose.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -12,6 +13,7 @@
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/poses.hpp"
 #include "diagnosis/detail/show.hpp"
+#include "diagnosis/detail/sizes.hpp"
 #include "diagnosis/detail/squares.hpp"
 #include "diagnosis/detail/standing.hpp"
 #include "diagnosis/detail/steps.hpp"
@@ -156,43 +158,35 @@ std::vector<PoseEstimate> poses_of(const Measurements& m, const Fit& f) {
   return poses;
 }
 
-/// The same causes at the moments that do best on these sets, cut anew.
-Members at_moments_of(const std::vector<int>& sets, const Members& members, detail::Search& search,
-                      Bank& bank, detail::Linearised& residuals, const RunContext& run) {
-  Members both = detail::polished(search, bank, members, residuals.settle(), sets);
-  const auto score = [&](const Members& with) {
-    residuals.about_alone(with);
-    return detail::fit(bank, detail::columns_of(bank, with), sets).objective;
-  };
-  for (std::size_t k = 0; k < both.size(); ++k) {
-    if (!both[k].form.move_moment) continue;
-    residuals.about_alone(both);
-    const Fit f = detail::fit(bank, detail::columns_of(bank, both), sets);
-    if (detail::is_large_step(bank, both, k, f))
-      both = detail::at_best_moments(both, k, {}, search, bank, residuals, run, score);
-  }
-  return both;
-}
-
-/// The same on as few points as choose; none: there are no more, or these tell too little.
-std::optional<Members> at_moments_of_few(const std::vector<int>& sets, const Members& members,
-                                         const detail::Search& search, const Bank& bank,
-                                         detail::Linearised& residuals, const RunContext& run) {
+/// The same causes at the moments that do best on these sets, cut anew; `bank` gets their columns.
+/// Among sums of these causes alone: each moment that is tried is multiplied with all columns.
+Members at_moments_of(const std::vector<int>& sets, const Members& members,
+                      const detail::Search& search, Bank& bank, detail::Linearised& residuals,
+                      const RunContext& run) {
   residuals.about(members);
-  if (!(residuals.score_as_is({}) - residuals.score_as_is(members) > detail::kToldByFew))
-    return std::nullopt;
   const Fit f = residuals.fit_of(members);
   residuals.about({});
-  auto few = detail::thinned(search.observations, search.layout);
-  if (few.empty()) return std::nullopt;
-  detail::Search among{few, search.nuisances, search.layout, {}};
+  detail::Search own{search.observations, search.nuisances, search.layout, {}};
   for (const auto& c : search.candidates)
-    if (detail::has(members, c.effect)) among.candidates.push_back(c);
-  Bank sums =
-      detail::bank_beside(among, bank, f, members, detail::all_columns(among.candidates), kAll);
-  detail::Linearised left(residuals.scene(), few, sums);
-  if (left.lag_first() != residuals.lag_first()) left.take_order(residuals.lag_first());
-  return at_moments_of(sets, members, among, sums, left, run);
+    if (detail::has(members, c.effect)) own.candidates.push_back(c);
+  Bank sums = detail::bank_beside(own, bank, f, members, detail::all_columns(own.candidates), kAll);
+  detail::Linearised left = residuals.in_other_sums(sums);
+  Members moved = detail::polished(own, sums, members, left.settle(), sets);
+  const auto score = [&](const Members& with) {
+    left.about_alone(with);
+    return detail::fit(sums, detail::columns_of(sums, with), sets).objective;
+  };
+  for (std::size_t k = 0; k < moved.size(); ++k) {
+    if (!moved[k].form.move_moment) continue;
+    left.about_alone(moved);
+    const Fit now = left.fit_of(moved);
+    if (detail::is_large_step(sums, moved, k, now))
+      moved = detail::at_best_moments(moved, k, {}, own, sums, left, run, score);
+  }
+  left.about_alone({});  // the observations are those of `residuals`
+  for (const detail::Member& m : moved)
+    detail::add_columns(bank, search.observations, m.form.columns);
+  return moved;
 }
 
 /// Moments that the choosing blocks do not tell apart (no block of theirs sees the rest of the
@@ -205,15 +199,12 @@ double take_moments_of(detail::Search& search, Bank& bank, detail::Linearised& r
   constexpr double kMoments = 200.0;  // 19 and twice 13 neighbours of a few, and up to 48 cut anew
   if (std::none_of(members.begin(), members.end(), detail::has_a_moment)) return 1.0;
   const double chosen = residuals.score(members);
-  auto both = at_moments_of_few(sets, members, search, bank, residuals, run);
-  if (!both) both = at_moments_of(sets, members, search, bank, residuals, run);
-  for (const detail::Member& m : *both)
-    detail::add_columns(bank, search.observations, m.form.columns);
+  const Members both = at_moments_of(sets, members, search, bank, residuals, run);
   double looks = 1.0;
   for (std::size_t k = 0; k < members.size(); ++k) {
-    if (!detail::has_a_moment(members[k]) || (*both)[k].form.law == members[k].form.law) continue;
+    if (!detail::has_a_moment(members[k]) || both[k].form.law == members[k].form.law) continue;
     Members instead = members;
-    instead[k] = (*both)[k];
+    instead[k] = both[k];
     if (sets.size() < kAll.size() && !(residuals.score(instead) < chosen + kNotTold)) continue;
     members = std::move(instead);
     looks = kMoments;
@@ -347,6 +338,25 @@ std::string verdict_of(const Diagnosis& d) {
   return more ? "partly_explained" : "explained";
 }
 
+/// Whether the best cause alone, to first order, gains so much on the choosing blocks that these
+/// points tell.
+bool is_told_by(Bank& bank, const std::vector<detail::Candidate>& candidates,
+                const Layout& layout) {
+  constexpr double kTold = 250.0;  // in -2 log likelihood
+  const std::size_t all = std::exchange(bank.tried, detail::plain_thetas(layout.cell_mm).size());
+  const auto model = detail::columns_of(bank, {});
+  const detail::Weights as_given = std::exchange(
+      bank.weight, detail::effective_weights(bank, model, detail::fit(bank, model, kAll)));
+  const double without = detail::fit(bank, model, {kChoose}).objective;
+  const detail::Screen beside = detail::screen(bank, {}, {kChoose});
+  const bool told = std::ranges::any_of(candidates, [&](const detail::Candidate& c) {
+    return without - detail::best_form(bank, {}, c, {kChoose}, true, beside).objective > kTold;
+  });
+  bank.tried = all;
+  bank.weight = as_given;
+  return told;
+}
+
 /// All that is needed to choose causes.
 struct Prepared {
   Measurements m;
@@ -354,8 +364,9 @@ struct Prepared {
   Layout layout;
   std::vector<Column> nuisances;
   std::vector<std::string> untestable;
-  detail::Search search{m.observations, nuisances, layout, {}};
-  Bank bank;
+  std::vector<detail::Candidate> candidates;
+  std::vector<Observation> few;  ///< of dense points that tell much, those that choose; else none
+  Bank bank;                     ///< of the points that choose
 
   Prepared(Measurements measured, std::uint64_t seed)
       : m(std::move(measured)),
@@ -366,12 +377,22 @@ struct Prepared {
     layout.smooth = detail::smooth_law(plain, layout);
     plain.tried = detail::plain_thetas(layout.cell_mm).size();
     if (scene.has_path) look_along_the_program(m.observations, plain, layout, scene);
-    search.candidates = detail::candidates_of(scene, untestable);
-    bank =
-        detail::sum_up(m.observations, nuisances, detail::all_columns(search.candidates), layout);
+    candidates = detail::candidates_of(scene, untestable);
+    const auto columns = detail::all_columns(candidates);
+    few = detail::thinned(m.observations, layout);
+    if (!few.empty()) bank = detail::sum_up(few, nuisances, columns, layout);
+    if (!few.empty() && is_told_by(bank, candidates, layout)) return;
+    few.clear();
+    bank = detail::sum_up(m.observations, nuisances, columns, layout);
   }
   Prepared(const Prepared&) = delete;
   Prepared& operator=(const Prepared&) = delete;
+
+  /// Those that choose.
+  [[nodiscard]] std::vector<Observation>& points() { return few.empty() ? m.observations : few; }
+  [[nodiscard]] const std::vector<Observation>& points() const {
+    return few.empty() ? m.observations : few;
+  }
 };
 
 /// The best alone, to first order, of the causes that hang on places alone; none: none is worth its
@@ -380,7 +401,7 @@ Members best_of_places(const Prepared& p) {
   const detail::Screen beside = detail::screen(p.bank, {}, {kChoose});
   double least = detail::fit(p.bank, detail::columns_of(p.bank, {}), {kChoose}).objective;
   Members best;
-  for (const auto& c : p.search.candidates) {
+  for (const auto& c : p.candidates) {
     if (c.effect->needs == Needs::path) continue;
     const auto found = detail::best_form(p.bank, {}, c, {kChoose}, true, beside);
     if (!(found.objective < least)) continue;
@@ -415,9 +436,10 @@ bool is_cut_by_tips(const Prepared& ball) {
   Measurements m;
   m.scene = ball.m.scene;
   m.set_ups = ball.m.set_ups;
-  const auto chosen = detail::those_in(ball.bank, kChoose, ball.m.observations.size());
+  const auto& points = ball.points();
+  const auto chosen = detail::those_in(ball.bank, kChoose, points.size());
   for (std::size_t i = 0; i < chosen.size(); ++i)
-    if (chosen[i] != 0) m.observations.push_back(ball.m.observations[i]);
+    if (chosen[i] != 0) m.observations.push_back(points[i]);
   cut_by_tips(m);
   Scene scene = m.scene;
   Bank plain = detail::sum_up(m.observations, ball.nuisances, {}, ball.layout);
@@ -434,21 +456,77 @@ bool is_cut_by_tips(const Prepared& ball) {
 
   const auto is_far_better = [&](const Members& others) {
     return best_of_the_program(tips, candidates, others) >
-           kClearly + kRatio * best_of_the_program(ball.bank, ball.search.candidates, others);
+           kClearly + kRatio * best_of_the_program(ball.bank, ball.candidates, others);
   };
   return is_far_better({}) && (of_places.empty() || is_far_better(of_places));
 }
 
+/// Sums of all points for causes whose names are settled, beside one form of every candidate, by
+/// which it is told what details are worth.
+Bank of_all_points(const Prepared& p, const std::vector<Members>& models) {
+  std::vector<Column> columns;
+  const auto add = [&](const Form& form) {
+    columns.insert(columns.end(), form.columns.begin(), form.columns.end());
+  };
+  for (const Members& model : models)
+    for (const detail::Member& m : model) add(m.form);
+  for (const detail::Candidate& c : p.candidates)
+    if (!c.forms.empty()) add(c.forms[0]);
+  return detail::sum_up(p.m.observations, p.nuisances, columns, p.layout);
+}
+
+/// What few points were enough to choose and to name is judged again by all, in which a few odd
+/// places show that few of those that choose have seen.
+void judge_by_all(const detail::Search& search, Bank& bank, detail::Linearised& residuals,
+                  std::vector<detail::Confirmed>& confirmed, Members& doubtful, Diagnosis& d) {
+  const double null_squares = residuals.left_by({});
+  Members named = detail::members_of(confirmed);
+  residuals.about(named);
+  bank.weight =
+      detail::effective_weights(bank, detail::columns_of(bank, named), residuals.fit_of(named));
+  named = detail::at_own_size(std::move(named), search, bank, residuals);
+  for (std::size_t k = 0; k < named.size(); ++k) confirmed[k].member = named[k];
+  const Members also =
+      detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
+  doubtful.insert(doubtful.end(), also.begin(), also.end());
+  const Members left = detail::members_of(confirmed);
+  std::erase_if(d.causes,
+                [&](const Cause& c) { return !detail::has(left, find_effect(c.effect)); });
+}
+
+/// Sizes of the named causes, their gain, poses, noise and pictures.
+/// @param trained  the causes as they were before the report blocks had a say
+void say_by_all(const Prepared& p, const detail::Search& search, Bank& bank,
+                detail::Linearised& residuals, const Members& named, const Members& trained,
+                const Members& doubtful, Diagnosis& d) {
+  const auto& all = search.observations;
+  residuals.about({});
+  report_before(bank, d);
+  const auto r_before = detail::residuals_of(all, {}, bank, residuals.fit_of({}));
+  detail::size_causes(search, bank, residuals, named, doubtful, d);
+  const Fit f = residuals.fit_of(named);
+  const auto r_after = detail::residuals_of(all, named, bank, f);
+  report_after(bank, trained, d);
+  d.poses = poses_of(p.m, with_uneven_part(p.m, bank, f, p.layout.cell_mm));
+  d.noise = noise_of(bank, f, p.layout);
+  d.map = detail::draw(all, r_before, r_after, p.scene.box);
+  d.dependences = detail::dependences(all, r_before, r_after);
+}
+
 Result<Diagnosis> diagnose(Prepared& prepared, const RunContext& run) {
-  auto& [m, scene, layout, nuisances, untestable, search, bank] = prepared;
+  const Measurements& m = prepared.m;
+  const Scene& scene = prepared.scene;
+  const Layout& layout = prepared.layout;
+  const std::vector<Column>& nuisances = prepared.nuisances;
+  const std::vector<detail::Candidate>& candidates = prepared.candidates;
+  Bank& bank = prepared.bank;
   Diagnosis d;
   d.notes = m.notes;
   d.contact = m.contact == MadeBy::tip ? MadeBy::tip : MadeBy::ball;
-  d.untestable = untestable;
+  d.untestable = prepared.untestable;
 
-  report_before(bank, d);
-  detail::Linearised residuals(scene, m.observations, bank);
-  const auto r_before = detail::residuals_of(m.observations, {}, bank, residuals.fit_of({}));
+  detail::Search search{prepared.points(), nuisances, layout, candidates};
+  detail::Linearised residuals(scene, prepared.points(), bank);
   const double null_squares = residuals.left_by({});
 
   auto confirmed = choose_and_confirm(search, bank, residuals, d, run);
@@ -476,24 +554,42 @@ Result<Diagnosis> diagnose(Prepared& prepared, const RunContext& run) {
         detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
     doubtful.insert(doubtful.end(), also.begin(), also.end());
   }
-  detail::name_causes(search, bank, residuals, null_squares, confirmed, doubtful, d);
+  const double unnamed =
+      detail::name_causes(search, bank, residuals, null_squares, confirmed, doubtful, d);
+  run.progress(0.9);
 
-  const Members named = detail::members_of(confirmed);
-  const Fit f = residuals.fit_of(named);
-  const auto r_after = detail::residuals_of(m.observations, named, bank, f);
-  report_after(bank, before_sharpening(as_chosen, named), d);
-  const Fit of_poses = with_uneven_part(m, bank, f, layout.cell_mm);
-  d.poses = poses_of(m, of_poses);
-  d.noise = noise_of(bank, f, layout);
+  // Sizes, poses and what remains are said of all points.
+  Members named = detail::members_of(confirmed);
+  const Members trained = before_sharpening(as_chosen, named);
+  if (prepared.few.empty()) {
+    say_by_all(prepared, search, bank, residuals, named, trained, doubtful, d);
+  } else {
+    Bank sums = of_all_points(prepared, {named, trained, doubtful});
+    detail::Linearised left(scene, prepared.m.observations, sums);
+    if (left.lag_first() != residuals.lag_first()) left.take_order(residuals.lag_first());
+    const detail::Search of_all{m.observations, nuisances, layout, candidates};
+    judge_by_all(of_all, sums, left, confirmed, doubtful, d);
+    const Members as_sized = detail::members_of(confirmed);
+    say_by_all(prepared, of_all, sums, left, as_sized, before_sharpening(as_chosen, as_sized),
+               doubtful, d);
+    std::erase_if(named, [&](const detail::Member& k) { return !detail::has(as_sized, k.effect); });
+  }
+  if (unnamed > 0.0) {
+    d.remainder.found = true;
+    d.remainder.kinds.emplace_back("what several causes look like");
+    d.remainder.share = std::fmax(d.remainder.share, unnamed);
+  }
   // Poses of a model that does not hold are those of the misfit.
-  if (!d.remainder.found) detail::add_pose_causes(m, bank, named, search.candidates, of_poses, d);
+  if (!d.remainder.found) {
+    residuals.about(named);
+    const Fit f = with_uneven_part(m, bank, residuals.fit_of(named), layout.cell_mm);
+    detail::add_pose_causes(m, bank, named, candidates, f, d);
+  }
   MAQUETTE_TRY_VOID(detail::add_stone_causes(m, d, run));
   if (m.strays_gather) {
     d.remainder.found = true;
     d.remainder.kinds.emplace_back("stray points in one place");
   }
-  d.map = detail::draw(m.observations, r_before, r_after, scene.box);
-  d.dependences = detail::dependences(m.observations, r_before, r_after);
   d.verdict = verdict_of(d);
   run.progress(1.0);
   return d;

@@ -14,7 +14,6 @@
 #include "core/chi_squared.hpp"
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/ridge.hpp"
-#include "diagnosis/detail/thinned.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -382,9 +381,8 @@ BestForm best_form(const Bank& bank, const std::vector<Member>& others, const Ca
 }
 
 std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
-                           const RunContext& run, const Search* few) {
+                           const RunContext& run) {
   State best{{}, score_of(bank, {}, {kChoose}, true)};
-  const double null = best.score;
   std::vector<State> beam{best};
   for (std::size_t step = 0; step < kMostCauses; ++step) {
     auto next = with_one_more(search, bank, beam, step == 0 ? &ranking : nullptr);
@@ -408,8 +406,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     for (std::size_t k = 0; k < kept.size(); ++k) {
       State& s = kept[k];
       const auto& before = unrefined[k].members.back().form.columns;
-      if (s.score < unrefined.front().score + 1000.0)
-        refine(few != nullptr && null - s.score > kToldByFew ? *few : search, bank, s, {kChoose});
+      if (s.score < unrefined.front().score + 1000.0) refine(search, bank, s, {kChoose});
       const auto& now = s.members.back().form.columns;
       // Of several borders the first may stay where it is.
       if (std::equal(now.begin(), now.end(), before.begin(), before.end(),
@@ -421,7 +418,7 @@ std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& rank
     add_columns(bank, search.observations, added);
     for (std::size_t k = 0; k < kept.size(); ++k) {
       kept[k].score = score_of(bank, kept[k].members, {kChoose}, true);
-      // What few points prefer all may not.
+      // What is better at the noise of the form before may not be at its own.
       if (unrefined[k].score < kept[k].score) kept[k] = unrefined[k];
     }
     // Backward: what the newest has made superfluous goes.

@@ -254,6 +254,40 @@ bool has_turned(const Bank& bank, const Model& model, const Member& m) {
          model.fit.coefficients(place_of(bank, model.columns, c)) * m.form.made_of_mm < 0.0;
 }
 
+/// Of causes that would do in the place of one that breaks its law the one that fits all blocks
+/// best, better than that and as well those that confirm, and keeps to its own: where half of the
+/// part is hidden, a sheared block of steep dunes looks like a scale on the blocks that choose.
+/// @param explained  squares that are missed without the k-th
+std::optional<Member> that_keeps_its_law(std::size_t k, const Members& members,
+                                         const std::vector<std::string>& equivalent,
+                                         double explained, const Search& search, Bank& bank,
+                                         Linearised& residuals) {
+  const auto others = without(members, k);
+  residuals.about(members);
+  double least = residuals.fit_of(members).objective;
+  const double most = fit(bank, columns_of(bank, members), {kConfirm}).objective + kEquivalent;
+  std::optional<Member> best;
+  for (const std::string& name : equivalent) {
+    const auto other = candidate_of(search, find_effect(name));
+    if (other == search.candidates.end() || !has_exact_law(*other->effect)) continue;
+    residuals.about(others);
+    const auto found = best_form(bank, others, *other, kAll, false, screen(bank, others, kAll));
+    if (!std::isfinite(found.objective)) continue;
+    Members instead = members;
+    instead[k] = {other->effect, other->forms[found.form]};
+    residuals.about(instead);
+    const Fit f = residuals.fit_of(instead);
+    if (!(f.objective < least) || !believable(bank, instead, f) ||
+        !(fit(bank, columns_of(bank, instead), {kConfirm}).objective < most) ||
+        breaks_its_law(k, instead, explained, search, bank, residuals))
+      continue;
+    least = f.objective;
+    best = instead[k];
+  }
+  residuals.about(members);
+  return best;
+}
+
 /// The smallest of those that no name is certain enough for; causes.size(): none.
 /// @param wrong  share of the k-th that may be what the others' signatures are wrong by
 template <class Wrong>
@@ -421,8 +455,8 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
   residuals.about(members_of(confirmed));
 }
 
-void name_causes(const Search& search, Bank& bank, Linearised& residuals, double null_squares,
-                 std::vector<Confirmed>& confirmed, Members doubtful, Diagnosis& d) {
+double name_causes(const Search& search, Bank& bank, Linearised& residuals, double null_squares,
+                   std::vector<Confirmed>& confirmed, Members& doubtful, Diagnosis& d) {
   std::size_t stood = confirmed.size();
   double vague = 0.0;
   // What is there under no name: others' rivals are not those that would be this.
@@ -454,11 +488,6 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
       causes.push_back(cause_of(whole, k, std::move(sizes[k]), confirmed[k].p_value, search, bank,
                                 residuals, ruled_out, shapes[k]));
       causes.back().share = shares[k];
-      // With the form of the size that is reported the extended model needs no share of it.
-      if (const auto& what = members[k].form.columns[0].follows; what && what->lag)
-        for (auto& [name, value] : causes.back().fixed)
-          if (name == kFollowedLag && causes.back().parameters[0].value > 0.0)
-            value = std::sqrt(2.0 * causes.back().parameters[0].value);
     }
     residuals.about(members);
     constexpr double kBeyond = 3.0;  // standard errors
@@ -499,6 +528,13 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
           none = k;
       if (none < members.size()) {
         why = "what looks like it changes over the part or with height, as it does not";
+        if (const auto other =
+                that_keeps_its_law(none, members, causes[none].equivalent,
+                                   shares[none] * model.left.excess, search, bank, residuals)) {
+          d.rejected.push_back({causes[none].effect, std::move(why)});
+          confirmed[none].member = *other;
+          continue;
+        }
         vague += causes[none].share;
         unnamed.push_back(members[none]);
       }
@@ -527,7 +563,6 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
         if (stood < members.size() || d.remainder.found != found) continue;
       }
       d.causes = std::move(causes);
-      widen_by_doubtful(bank, residuals, members, doubtful, d);
       d.rejected.insert(d.rejected.end(), ruled_out.begin(), ruled_out.end());
       break;
     }
@@ -546,13 +581,7 @@ void name_causes(const Search& search, Bank& bank, Linearised& residuals, double
                  : "smaller than what the signatures of the others may be wrong by"});
     confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
   }
-  if (vague > 0.0) {
-    d.remainder.found = true;
-    d.remainder.kinds.emplace_back("what several causes look like");
-    d.remainder.share = std::fmax(d.remainder.share, vague);
-  }
-  std::sort(d.causes.begin(), d.causes.end(),
-            [](const Cause& a, const Cause& b) { return a.share > b.share; });
+  return vague;
 }
 
 }  // namespace maquette::diagnosis::detail

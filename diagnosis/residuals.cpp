@@ -196,10 +196,10 @@ std::vector<double> beyond_linear(const std::vector<Observation>& all,
 }
 
 std::vector<double> residuals_of(const std::vector<Observation>& all,
-                                 const std::vector<Member>& members, const Bank& bank, const Fit& f,
-                                 const std::vector<int>& sets) {
+                                 const std::vector<Member>& members, const Bank& bank,
+                                 const Fit& f) {
   const auto model = columns_of(bank, members);
-  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, sets);
+  const Eigen::VectorXd b = levelled(bank, model, f.coefficients, kAll);
   std::vector<double> r(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) r[i] = all[i].residual_mm;
   for (std::size_t k = 0; k < model.size(); ++k) {

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "diagnosis/detail/sizes.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 #include <oneapi/tbb/parallel_for.h>
+
+#include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
 namespace {
@@ -95,6 +98,23 @@ double sureness(const Bank& bank, const Members& members, const Fit& fit, std::s
   const auto at = place_of(bank, model, members[k].form.columns[0]);
   const double variance = wider * covariance_over_laws(bank, model, fit, kAll)(at, at);
   return variance > 0.0 ? std::abs(fit.coefficients(at)) / std::sqrt(variance) : INFINITY;
+}
+
+void size_causes(const Search& search, Bank& bank, Linearised& residuals, const Members& members,
+                 const Members& doubtful, Diagnosis& d) {
+  residuals.about(members);
+  const Fit f = residuals.fit_of(members);
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    Cause& c = d.causes[k];
+    c.parameters = sizes_of(search, bank, members, f, k);
+    // With the form of the size that is reported the extended model needs no share of it.
+    if (const auto& what = members[k].form.columns[0].follows; what && what->lag)
+      for (auto& [name, value] : c.fixed)
+        if (name == kFollowedLag && c.parameters[0].value > 0.0)
+          value = std::sqrt(2.0 * c.parameters[0].value);
+  }
+  widen_by_doubtful(bank, residuals, members, doubtful, d);
+  std::ranges::sort(d.causes, [](const Cause& a, const Cause& b) { return a.share > b.share; });
 }
 
 void widen_by_doubtful(const Bank& bank, Linearised& residuals, const Members& members,

@@ -3,10 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <unordered_map>
 
 #include <fmt/format.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include "core/chi_squared.hpp"
+#include "diagnosis/detail/many_places.hpp"
 #include "diagnosis/detail/remainder.hpp"
 #include "diagnosis/detail/wrong_signatures.hpp"
 
@@ -19,7 +23,8 @@ namespace {
 constexpr double kSimulationFloor_mm = 0.0031;
 /// Of what is levelled over 0.5 mm the share that a grid of half a millimetre takes.
 constexpr double kRidges = 0.5;
-/// Squares that a cause which is not the largest must explain, over those that nothing explains.
+/// Squares that a cause which is not the largest, or is smooth, must explain, over those that
+/// nothing explains.
 constexpr double kBesideUnknown = 3.0;
 /// A cause this far above what would drop it needs no cutting anew of the others to be sure.
 constexpr double kClearly = 10.0;
@@ -88,22 +93,66 @@ std::vector<double> explained_by(const Members& members, Linearised& residuals, 
   return explained;
 }
 
+/// Whether a cause moves the part up and down alike within each cell, as any unknown deformation of
+/// a block would.
+bool is_smooth(const Member& member, const std::vector<int>& model, const Bank& bank, const Fit& f,
+               const Search& search) {
+  constexpr double kWithin = 0.15;  // of the variance: a bend leans, and moves slopes sideways
+  constexpr double kSteepest = 0.2;
+  std::vector<double> moved(search.observations.size(), 0.0);
+  for (const Column& c : member.form.columns) {
+    const double size = f.coefficients(place_of(bank, model, c));
+    const auto value = at_many_places(c, search.observations);
+    oneapi::tbb::parallel_for(std::size_t{0}, moved.size(), [&](std::size_t i) {
+      moved[i] += size * value(search.observations[i]);
+    });
+  }
+  struct Sums {
+    double n = 0.0, sum = 0.0, squares = 0.0;
+    void add(double v) {
+      n += 1.0;
+      sum += v;
+      squares += v * v;
+    }
+    [[nodiscard]] double scatter() const { return squares - sum * sum / std::fmax(1.0, n); }
+  };
+  const Layout& layout = search.layout;
+  std::unordered_map<std::ptrdiff_t, Sums> cells;
+  Sums all;
+  for (std::size_t i = 0; i < moved.size(); ++i) {
+    const Observation& o = search.observations[i];
+    const double up = moved[i] / std::fmax(kSteepest, o.normal.z);
+    all.add(up);
+    cells[static_cast<std::ptrdiff_t>((o.place.y - layout.y0) / layout.cell_mm) * layout.cols +
+          static_cast<std::ptrdiff_t>((o.place.x - layout.x0) / layout.cell_mm)]
+        .add(up);
+  }
+  double within = 0.0;
+  for (const auto& [at, cell] : cells) within += cell.scatter();
+  return within < kWithin * all.scatter();
+}
+
 /// The weakest of those that explain too little.
+/// @param is_vague  whether the k-th looks like any unknown deformation
 std::optional<Drop> too_small(const std::vector<double>& explained,
                               const std::vector<double>& floors, const Left& left,
-                              bool beside_unknown) {
+                              bool beside_unknown,
+                              const std::function<bool(std::size_t)>& is_vague) {
   std::optional<Drop> drop;
   for (std::size_t k = 0; k < explained.size(); ++k) {
     if (drop && explained[k] >= explained[drop->member]) continue;
     const double floor = floors[k];
-    // Beside something unknown only the largest is taken for what it looks like.
+    // Beside something unknown only the largest is taken for what it looks like, and of what it may
+    // look like itself none: a block of which one half had sagged was bent by a cause that
+    // explained two thirds of it.
     const bool largest = explained[k] >= *std::max_element(explained.begin(), explained.end());
     if (!(explained[k] > left.points * floor * floor))
       drop = {k,
               fmt::format("smaller than what the simulation itself may be wrong by ({:.4f} mm rms)",
                           floor),
               true};
-    else if (beside_unknown && explained[k] < (largest ? 1.0 : kBesideUnknown) * left.structured)
+    else if (beside_unknown && explained[k] < kBesideUnknown * left.structured &&
+             (!largest || explained[k] < left.structured || is_vague(k)))
       drop = {k, "explains less than what remains unexplained beside it"};
   }
   return drop;
@@ -169,7 +218,9 @@ Members keep_what_stands(const Search& search, Bank& bank, Linearised& residuals
     }
     d.remainder.share = left.structured / left.excess;
     const auto floors = floors_mm(members, explained, left, search, bank, residuals);
-    auto drop = too_small(explained, floors, left, d.remainder.found);
+    auto drop = too_small(explained, floors, left, d.remainder.found, [&](std::size_t k) {
+      return is_smooth(members[k], columns_of(bank, members), bank, f, search);
+    });
     if (!drop && d.remainder.found && odd.count() > 0 && !members.empty())
       drop = hangs_on(odd, members, search);
     if (!drop) return doubtful;

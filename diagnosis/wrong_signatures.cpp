@@ -18,6 +18,8 @@ namespace {
 
 /// Of a signature's error the part that follows neither place nor slope, as a share of its square.
 constexpr double kElsewhere = 0.1;
+/// What signatures are wrong by at most where the law leaves nothing open.
+constexpr double kExact = 0.03;
 /// By what a signature may be off: over the part from -1 to 1, slopes of 0.3 as 1.
 constexpr int kWays = 9, kWaysAndHeights = 11;
 std::array<double, kWaysAndHeights> ways(const Observation& o, const Box3& box) {
@@ -108,10 +110,14 @@ double wrong_share_like(std::size_t k, const Members& members, const std::vector
   return like * wrong_share(members, explained, k);
 }
 
+bool has_exact_law(const Effect& effect) {
+  return effect.signature_error <= kExact;
+}
+
 bool breaks_its_law(std::size_t k, const Members& members, double explained, const Search& search,
                     Bank& bank, Linearised& residuals) {
-  constexpr double kExact = 0.03, kShare = 0.1, kChance = 1e-4;
-  if (members[k].effect->signature_error > kExact) return false;
+  constexpr double kShare = 0.1, kChance = 1e-4;
+  if (!has_exact_law(*members[k].effect)) return false;
   residuals.about(members);
   const auto model = columns_of(bank, members);
   const Fit f = residuals.fit_of(members);

@@ -10,7 +10,6 @@ namespace maquette::diagnosis::detail {
 /// Chosen, cut anew, refined, dropped where not missed, changed for rivals that do better; again
 /// from nothing with the residuals which that leaves, until the causes stay. Residuals are about
 /// the model that comes back, and the weights of the bank's details those that it leaves.
-/// Where the first choice gains much, on some of dense points (thinned.hpp), then sized at all.
 /// @pre residuals are about no cause
 /// @param ranking  what each candidate gains alone, best first
 [[nodiscard]] Members choose_and_recut(Search& search, Bank& bank, Linearised& residuals,

@@ -63,10 +63,8 @@ struct Search {
 
 /// Best combination on the choosing blocks. Refined forms are added to `bank`.
 /// @param ranking  what each candidate gains alone, best first
-/// @param few  of as few of the observations as choose (thinned.hpp); unless null the last forms of
-///   models that gain much are refined on these
 [[nodiscard]] std::vector<Member> choose(Search& search, Bank& bank, std::vector<Ranked>& ranking,
-                                         const RunContext& run, const Search* few = nullptr);
+                                         const RunContext& run);
 
 /// Is the effect one of the members?
 [[nodiscard]] bool has(const std::vector<Member>& members, const Effect* effect);

@@ -28,9 +28,9 @@ using Signatures = std::unordered_map<std::string, std::vector<float>>;
     const std::vector<Member>& members, const Bank& bank, const Eigen::VectorXd& coefficients,
     double ball_radius_mm, bool has_ridges, Signatures& known, LagAndSlack& both,
     const std::vector<char>* wanted = nullptr);
-/// Residuals of a fitted model, its nuisances levelled on those sets (squares.hpp), mm.
+/// Residuals of a fitted model, its nuisances levelled (squares.hpp), mm.
 [[nodiscard]] std::vector<double> residuals_of(const std::vector<Observation>& all,
                                                const std::vector<Member>& members, const Bank& bank,
-                                               const Fit& f, const std::vector<int>& sets = kAll);
+                                               const Fit& f);
 
 }  // namespace maquette::diagnosis::detail

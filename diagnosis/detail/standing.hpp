@@ -53,10 +53,12 @@ void prefer_poses_as_given(const Search& search, const Bank& bank, Linearised& r
                            const std::function<double(const Fit&)>& shift_mm,
                            std::vector<Confirmed>& confirmed);
 
-/// Makes confirmed causes those of the diagnosis, with what would do as well in their place. Small
-/// ones that several others could stand for get no name: they become a remainder.
-/// @param doubtful  others that may be there: sizes are less certain by what they would be beside
-void name_causes(const Search& search, Bank& bank, Linearised& residuals, double null_squares,
-                 std::vector<Confirmed>& confirmed, Members doubtful, Diagnosis& diagnosis);
+/// Makes confirmed causes those of the diagnosis, in their order, with what would do as well in
+/// their place. Small ones that several others could stand for get no name.
+/// @param doubtful  gets more that may be there
+/// @return what has no name, as a share of the excess
+[[nodiscard]] double name_causes(const Search& search, Bank& bank, Linearised& residuals,
+                                 double null_squares, std::vector<Confirmed>& confirmed,
+                                 Members& doubtful, Diagnosis& diagnosis);
 
 }  // namespace maquette::diagnosis::detail

@@ -28,13 +28,16 @@ namespace maquette::diagnosis::detail {
                                       Bank& bank, Linearised& residuals,
                                       const std::vector<int>& sets);
 
-/// Is what the k-th names not what the data show? A cause whose law leaves nothing open (a scale, a
-/// step: Effect::signature_error of at most 0.03) moves the part by that law or is none: where its
-/// signature, let grow and shrink smoothly over the part, with the slope and with height, explains
-/// more than chance would by a tenth of what it explains as it is, another law is at work (a block
-/// that has crept by the cube of its height looks like a scale of z). What the others' signatures
-/// may be wrong by (smoothly over the part and with the slope) counts for none of that. Residuals
-/// are about the members then.
+/// Does the law of an effect leave nothing open (a scale, a step: Effect::signature_error of at
+/// most 0.03)?
+[[nodiscard]] bool has_exact_law(const Effect& effect);
+
+/// Is what the k-th names not what the data show? A cause whose law leaves nothing open moves the
+/// part by that law or is none: where its signature, let grow and shrink smoothly over the part,
+/// with the slope and with height, explains more than chance would by a tenth of what it explains
+/// as it is, another law is at work (a block that has crept by the cube of its height looks like a
+/// scale of z). What the others' signatures may be wrong by (smoothly over the part and with the
+/// slope) counts for none of that. Residuals are about the members then.
 /// @param explained  squares that are missed without the k-th
 [[nodiscard]] bool breaks_its_law(std::size_t k, const Members& members, double explained,
                                   const Search& search, Bank& bank, Linearised& residuals);

@@ -412,6 +412,21 @@ TEST(Inference, APatchShowsByItsBorder) {
   EXPECT_EQ(lost->verdict, "consistent");
 }
 
+// A warp, a bent guide and a warm-up would each do for what of it they explain, beside as much.
+TEST(Inference, GivesNoNameToHalfABlockThatSags) {
+  constexpr double kSag_mm = 0.45;
+  const auto d = diagnose(
+      part(67, {.white_mm = 0.05, .smooth_mm = 0.01},
+           [](const Observation& o) {
+             const double e = 0.8 * (o.place.x - 80.0) + 0.6 * (o.place.y - 80.0) - 5.0;
+             return e > 0.0 ? -kSag_mm * o.normal.z * (0.35 + 0.65 * std::pow(e / 80.0, 1.6)) : 0.0;
+           }),
+      1);
+  ASSERT_TRUE(d.has_value());
+  EXPECT_TRUE(d->causes.empty()) << told(*d);
+  EXPECT_EQ(d->verdict, "unexplained");
+}
+
 // A scanner's stray points are among few of a place; what a place is, others there show, too.
 TEST(Inference, APointFarOffIsNoPlace) {
   auto m = part(57, {}, nothing);
@@ -576,6 +591,41 @@ TEST(Naming, PrefersALawOfFewParameters) {
     EXPECT_NEAR(now.fixed[0].second, kTau * m.scene.duration_min,
                 0.01 * kTau * m.scene.duration_min);
   }
+}
+
+// Of a sheared block on a ramp of 27 degrees most is a scale of z, which breaks its law.
+TEST(Naming, ACauseThatKeepsItsLawTakesThePlaceOfOneThatBreaksIt) {
+  constexpr double kShear = 0.01;
+  auto m = part(66, {.white_mm = 0.02}, nothing);
+  const Effect* scale = find_effect("machine.scale_z");
+  const Effect* shear = find_effect("machine.squareness_yz");
+  const std::vector<detail::Candidate> candidates{{scale, scale->forms(m.scene)},
+                                                  {shear, shear->forms(m.scene)}};
+  const Form &scaled = candidates[0].forms[0], &sheared = candidates[1].forms[0];
+  for (Observation& o : m.observations) {
+    const double gx = 0.35 * std::cos(o.place.x / 7.0), gy = 0.5 + 0.35 * std::sin(o.place.y / 9.0);
+    o.normal = o.along = o.slope_normal = normalized(Vec3{-gx, -gy, 1.0});
+    // The coefficient is of micrometres a metre.
+    o.residual_mm +=
+        1e6 * kShear / sheared.columns[0].parameter.per_column * sheared.columns[0].value(o);
+  }
+  std::vector<detail::Confirmed> confirmed{{{scale, scaled}, 1e-9}};
+  const auto nuisances = detail::nuisances_of(m);
+  const auto layout = detail::lay_out(m.scene.box, 1);
+  auto bank = detail::sum_up(m.observations, nuisances, detail::all_columns(candidates), layout);
+  const detail::Search search{m.observations, nuisances, layout, candidates};
+  detail::Linearised residuals(m.scene, m.observations, bank);
+  residuals.about({});
+  const double null_squares = residuals.left_by({});
+  detail::Members doubtful;
+  Diagnosis d;
+  EXPECT_EQ(detail::name_causes(search, bank, residuals, null_squares, confirmed, doubtful, d),
+            0.0);
+  ASSERT_EQ(d.causes.size(), 1U) << told(d);
+  EXPECT_EQ(d.causes[0].effect, "machine.squareness_yz") << told(d);
+  EXPECT_TRUE(std::ranges::any_of(d.rejected, [](const Rejected& r) {
+    return r.effect == "machine.scale_z";
+  })) << told(d);
 }
 
 // On the choosing blocks alone a model comes to rest as it would on all, and nothing else is known.

@@ -22,6 +22,9 @@ constexpr double kClose = 500.0;
 /// The same as a share of what a cause explains, or all causes; a rival within so much is near
 /// whatever that is.
 constexpr double kMissed = 0.7, kNear = 100.0;
+/// Of what another cause explains beside a bending cutter the share that one which is drawn behind
+/// may miss in its place: how its force goes with the chip is nobody's law.
+constexpr double kOfAnother = 0.2;
 /// Causes that are tried in the place of a chosen one, the closest to first order.
 constexpr std::size_t kRivals = 3;
 /// Of a lag and lost motion, or lost motion alone, made one after the other of the sizes that were
@@ -309,9 +312,14 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
       const double owed = now - most < best ? owed_to_its_law(fewer, residuals) : 0.0;
       try_it(std::move(fewer), -owed);
     }
+    const double now = residuals.score(with);
     for (Members& instead : as_drawn_behind(with, search, bank, residuals)) {
+      double owed = 0.0;
+      for (std::size_t k = 0; k < with.size(); ++k)
+        if (!has(instead, with[k].effect))
+          owed = kOfAnother * std::fmax(0.0, residuals.score(without(with, k)) - now);
       residuals.about_alone(instead);
-      if (pushes_away(bank, instead, residuals.fit_of(instead))) try_it(std::move(instead), 0.0);
+      if (pushes_away(bank, instead, residuals.fit_of(instead))) try_it(std::move(instead), -owed);
     }
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());

@@ -21,6 +21,8 @@ constexpr double kEquivalentShare = 0.01;
 /// Two causes whose fits differ by less are not told apart: the simulation of what they differ in
 /// (ridges, creases, the steepest slopes) is not better than that, mm rms.
 constexpr double kTellApart_mm = 0.0015;
+/// By how many standard errors more a rival has to leave.
+constexpr double kErrors = 3.0;
 /// A rival within this many times what is told apart to first order is cut anew.
 constexpr double kCloseGain = 10.0, kCloseSquares = 4.0;
 /// A cause that it looks like and that misses a smaller share of what it explains is refined.
@@ -139,7 +141,11 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
   // close with that of each.
   const Scored linear = scored(residuals, model.members);
   const double far = std::fmax(kEquivalent, kEquivalentShare * (missed - model.fit.objective));
-  const double far_squares = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
+  const double far_squares = [&] {
+    const double told = model.left.points * model.tell_apart_mm * model.tell_apart_mm;
+    // What two models differ in by that leaves more squares by that and by noise.
+    return told + kErrors * 2.0 * std::sqrt(told * model.left.squares / model.left.points);
+  }();
   struct Worse {
     double objective, squares;
   };

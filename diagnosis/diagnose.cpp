@@ -477,6 +477,7 @@ Bank of_all_points(const Prepared& p, const std::vector<Members>& models) {
 
 /// What few points were enough to choose and to name is judged again by all, in which a few odd
 /// places show that few of those that choose have seen.
+/// @pre diagnosis.causes are the confirmed ones, in their order
 void judge_by_all(const detail::Search& search, Bank& bank, detail::Linearised& residuals,
                   std::vector<detail::Confirmed>& confirmed, Members& doubtful, Diagnosis& d) {
   const double null_squares = residuals.left_by({});
@@ -485,7 +486,13 @@ void judge_by_all(const detail::Search& search, Bank& bank, detail::Linearised& 
   bank.weight =
       detail::effective_weights(bank, detail::columns_of(bank, named), residuals.fit_of(named));
   named = detail::at_own_size(std::move(named), search, bank, residuals);
-  for (std::size_t k = 0; k < named.size(); ++k) confirmed[k].member = named[k];
+  for (std::size_t k = 0; k < named.size(); ++k) {
+    if (named[k].form.law != confirmed[k].member.form.law) {
+      d.causes[k].law = named[k].form.law;
+      d.causes[k].fixed = named[k].form.fixed;
+    }
+    confirmed[k].member = named[k];
+  }
   const Members also =
       detail::keep_what_stands(search, bank, residuals, null_squares, confirmed, d);
   doubtful.insert(doubtful.end(), also.begin(), also.end());

@@ -467,6 +467,12 @@ double name_causes(const Search& search, Bank& bank, Linearised& residuals, doub
   double vague = 0.0;
   // What is there under no name: others' rivals are not those that would be this.
   Members unnamed;
+  // Sizes that forms are made of were found beside it.
+  const auto take_out = [&](std::size_t k) {
+    confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(k));
+    const Members rest = at_own_size(members_of(confirmed), search, bank, residuals);
+    for (std::size_t j = 0; j < rest.size(); ++j) confirmed[j].member = rest[j];
+  };
   while (true) {
     const Members members = members_of(confirmed);
     residuals.about(members);
@@ -547,9 +553,7 @@ double name_causes(const Search& search, Bank& bank, Linearised& residuals, doub
     }
     if (none < members.size()) {
       d.rejected.push_back({causes[none].effect, std::move(why)});
-      confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(none));
-      const Members rest = at_own_size(members_of(confirmed), search, bank, residuals);
-      for (std::size_t k = 0; k < rest.size(); ++k) confirmed[k].member = rest[k];
+      take_out(none);
       continue;
     }
     const auto wrong = [&](std::size_t k) {
@@ -585,7 +589,7 @@ double name_causes(const Search& search, Bank& bank, Linearised& residuals, doub
                                "would do in its place: {}",
                                100.0 * c.share, fmt::join(c.equivalent, ", "))
                  : "smaller than what the signatures of the others may be wrong by"});
-    confirmed.erase(confirmed.begin() + static_cast<std::ptrdiff_t>(drop));
+    take_out(drop);
   }
   return vague;
 }

@@ -247,6 +247,39 @@ TEST(Inference, NamesTwoCausesAndNoThird) {
               names(d->causes[1], "machine.backlash_x"));
 }
 
+// Of 9.4 points a square millimetre 5 choose and name; sizes are of all, and so is what remains.
+TEST(Inference, OfDensePointsFewNameAndAllSayTheRest) {
+  constexpr double kScale = 0.004;
+  const auto dense = [](double raised_mm) {
+    Measurements m;
+    for (std::uint64_t seed = 71; seed < 77; ++seed) {
+      auto more = part(seed, {.wrong_pose_mm = 0.0}, [=](const Observation& o) {
+        const bool raised = std::hypot(o.place.x - 50.0, o.place.y - 70.0) < 3.0;
+        return o.normal.z * (kScale * o.place.z + (raised ? raised_mm : 0.0));
+      });
+      if (m.observations.empty()) {
+        m = std::move(more);
+      } else {
+        m.observations.insert(m.observations.end(), more.observations.begin(),
+                              more.observations.end());
+      }
+    }
+    return diagnose(std::move(m), 1);
+  };
+  const auto plain = dense(0.0);
+  ASSERT_TRUE(plain.has_value());
+  ASSERT_EQ(plain->causes.size(), 1U) << told(*plain);
+  EXPECT_EQ(plain->causes[0].effect, "machine.scale_z");
+  const Estimate& size = plain->causes[0].parameters[0];
+  EXPECT_NEAR(size.value, 1e6 * kScale, 4.0 * size.sigma);
+  EXPECT_EQ(plain->verdict, "explained");
+  // A third of 240 000 points lies in the report's blocks, less the buffers.
+  EXPECT_GT(plain->n_report, 50'000U);
+  const auto odd = dense(0.2);
+  ASSERT_TRUE(odd.has_value());
+  EXPECT_EQ(odd->verdict, "partly_explained") << told(*odd);
+}
+
 TEST(Inference, NamesAWarmUpThatStartsLate) {
   // A guide bent by a curve of high degree follows it as well, to noise.
   const auto d = diagnose(part(23, {},

@@ -312,14 +312,15 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
       const double owed = now - most < best ? owed_to_its_law(fewer, residuals) : 0.0;
       try_it(std::move(fewer), -owed);
     }
-    const double now = residuals.score(with);
     for (Members& instead : as_drawn_behind(with, search, bank, residuals)) {
+      residuals.about_alone(instead);
+      if (!pushes_away(bank, instead, residuals.fit_of(instead))) continue;
       double owed = 0.0;
       for (std::size_t k = 0; k < with.size(); ++k)
         if (!has(instead, with[k].effect))
-          owed = kOfAnother * std::fmax(0.0, residuals.score(without(with, k)) - now);
-      residuals.about_alone(instead);
-      if (pushes_away(bank, instead, residuals.fit_of(instead))) try_it(std::move(instead), -owed);
+          owed = kOfAnother *
+                 std::fmax(0.0, residuals.score(without(with, k)) - residuals.score(with));
+      try_it(std::move(instead), -owed);
     }
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());

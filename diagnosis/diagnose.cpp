@@ -475,8 +475,8 @@ Bank of_all_points(const Prepared& p, const std::vector<Members>& models) {
   return detail::sum_up(p.m.observations, p.nuisances, columns, p.layout);
 }
 
-/// What few points were enough to choose and to name is judged again by all, in which a few odd
-/// places show that few of those that choose have seen.
+/// What few points were enough to choose and to name is sized and judged again by all, in which a
+/// few odd places show that few of those that choose have seen.
 /// @pre diagnosis.causes are the confirmed ones, in their order
 void judge_by_all(const detail::Search& search, Bank& bank, detail::Linearised& residuals,
                   std::vector<detail::Confirmed>& confirmed, Members& doubtful, Diagnosis& d) {
@@ -499,6 +499,9 @@ void judge_by_all(const detail::Search& search, Bank& bank, detail::Linearised& 
   const Members left = detail::members_of(confirmed);
   std::erase_if(d.causes,
                 [&](const Cause& c) { return !detail::has(left, find_effect(c.effect)); });
+  const Fit f = residuals.fit_of(left);
+  for (std::size_t k = 0; k < left.size(); ++k)
+    d.causes[k].parameters = detail::sizes_of(search, bank, left, f, k);
 }
 
 /// Sizes of the named causes, their gain, poses, noise and pictures.
@@ -510,7 +513,7 @@ void say_by_all(const Prepared& p, const detail::Search& search, Bank& bank,
   residuals.about({});
   report_before(bank, d);
   const auto r_before = detail::residuals_of(all, {}, bank, residuals.fit_of({}));
-  detail::size_causes(search, bank, residuals, named, doubtful, d);
+  detail::settle_sizes(bank, residuals, named, doubtful, d);
   const Fit f = residuals.fit_of(named);
   const auto r_after = detail::residuals_of(all, named, bank, f);
   report_after(bank, trained, d);

@@ -272,12 +272,14 @@ std::optional<Member> that_keeps_its_law(std::size_t k, const Members& members,
   residuals.about(members);
   double least = residuals.fit_of(members).objective;
   const double most = fit(bank, columns_of(bank, members), {kConfirm}).objective + kEquivalent;
+  residuals.about(others);
+  const Screen beside = screen(bank, others, kAll);
   std::optional<Member> best;
   for (const std::string& name : equivalent) {
     const auto other = candidate_of(search, find_effect(name));
     if (other == search.candidates.end() || !has_exact_law(*other->effect)) continue;
     residuals.about(others);
-    const auto found = best_form(bank, others, *other, kAll, false, screen(bank, others, kAll));
+    const auto found = best_form(bank, others, *other, kAll, false, beside);
     if (!std::isfinite(found.objective)) continue;
     Members instead = members;
     instead[k] = {other->effect, other->forms[found.form]};

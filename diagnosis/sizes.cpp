@@ -100,13 +100,10 @@ double sureness(const Bank& bank, const Members& members, const Fit& fit, std::s
   return variance > 0.0 ? std::abs(fit.coefficients(at)) / std::sqrt(variance) : INFINITY;
 }
 
-void size_causes(const Search& search, Bank& bank, Linearised& residuals, const Members& members,
-                 const Members& doubtful, Diagnosis& d) {
-  residuals.about(members);
-  const Fit f = residuals.fit_of(members);
+void settle_sizes(const Bank& bank, Linearised& residuals, const Members& members,
+                  const Members& doubtful, Diagnosis& d) {
   for (std::size_t k = 0; k < members.size(); ++k) {
     Cause& c = d.causes[k];
-    c.parameters = sizes_of(search, bank, members, f, k);
     // With the form of the size that is reported the extended model needs no share of it.
     if (const auto& what = members[k].form.columns[0].follows; what && what->lag)
       for (auto& [name, value] : c.fixed)

@@ -20,11 +20,12 @@ namespace maquette::diagnosis::detail {
 [[nodiscard]] double sureness(const Bank& bank, const Members& members, const Fit& fit,
                               std::size_t k);
 
-/// Sizes of the causes of a diagnosis, which are sorted by their shares.
-/// @pre diagnosis.causes are those of `members`, in their order
+/// What is said of sizes once they are those of all points: errors by what is doubtful, lags that
+/// follow from them; causes are sorted by their shares. Residuals are about the members then.
+/// @pre diagnosis.causes are those of `members` with their sizes, in their order
 /// @param doubtful  others that may be there (widen_by_doubtful); the bank has their columns, too
-void size_causes(const Search& search, Bank& bank, Linearised& residuals, const Members& members,
-                 const Members& doubtful, Diagnosis& diagnosis);
+void settle_sizes(const Bank& bank, Linearised& residuals, const Members& members,
+                  const Members& doubtful, Diagnosis& diagnosis);
 
 /// Causes that were confirmed, but are too small beside the others to be named, may be there:
 /// errors of the others' sizes come to hold what these would be beside each of them, too, and a

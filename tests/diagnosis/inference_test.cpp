@@ -445,7 +445,7 @@ TEST(Inference, APatchShowsByItsBorder) {
   EXPECT_EQ(lost->verdict, "consistent");
 }
 
-// A warp, a bent guide and a warm-up would each do for what of it they explain, beside as much.
+// A warp explains seven tenths of it, and nothing the rest.
 TEST(Inference, GivesNoNameToHalfABlockThatSags) {
   constexpr double kSag_mm = 0.45;
   const auto d = diagnose(

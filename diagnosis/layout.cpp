@@ -29,6 +29,11 @@ int Layout::set_of(double x, double y) const {
   return set;
 }
 
+std::ptrdiff_t Layout::cell_of(double x, double y) const {
+  return static_cast<std::ptrdiff_t>((y - y0) / cell_mm) * cols +
+         static_cast<std::ptrdiff_t>((x - x0) / cell_mm);
+}
+
 Layout lay_out(const Box3& box, std::uint64_t seed, bool in_bands) {
   Layout l;
   const double wide = box.max.x - box.min.x, high = box.max.y - box.min.y;

@@ -123,9 +123,7 @@ bool is_smooth(const Member& member, const std::vector<int>& model, const Bank& 
     const Observation& o = search.observations[i];
     const double up = moved[i] / std::fmax(kSteepest, o.normal.z);
     all.add(up);
-    cells[static_cast<std::ptrdiff_t>((o.place.y - layout.y0) / layout.cell_mm) * layout.cols +
-          static_cast<std::ptrdiff_t>((o.place.x - layout.x0) / layout.cell_mm)]
-        .add(up);
+    cells[layout.cell_of(o.place.x, o.place.y)].add(up);
   }
   double within = 0.0;
   for (const auto& [at, cell] : cells) within += cell.scatter();

@@ -16,10 +16,7 @@ constexpr double kWorthIt = 1.5;
 /// Of the cells that have points.
 double area_mm2(const std::vector<Observation>& all, const Layout& layout) {
   std::unordered_set<std::ptrdiff_t> cells;
-  for (const Observation& o : all)
-    cells.insert(static_cast<std::ptrdiff_t>((o.place.y - layout.y0) / layout.cell_mm) *
-                     layout.cols +
-                 static_cast<std::ptrdiff_t>((o.place.x - layout.x0) / layout.cell_mm));
+  for (const Observation& o : all) cells.insert(layout.cell_of(o.place.x, o.place.y));
   return static_cast<double>(cells.size()) * layout.cell_mm * layout.cell_mm;
 }
 

@@ -82,6 +82,8 @@ struct Layout {
   /// -1: in a buffer.
   [[nodiscard]] int set_of(double x, double y) const;
   [[nodiscard]] int block_of(double x, double y) const;
+  /// One number for each cell. @pre (x, y) on the part
+  [[nodiscard]] std::ptrdiff_t cell_of(double x, double y) const;
 };
 /// @param in_bands  the program is in sections, which may meet in steps
 [[nodiscard]] Layout lay_out(const Box3& box, std::uint64_t seed, bool in_bands = false);

@@ -138,7 +138,7 @@ Result<std::vector<KnownTerm>> restore(const std::vector<KnownCause>& causes, co
         PathWave wave{scene.cut_mm / v};
         for (const auto& [other, number] : k.fixed) {
           if (other == "rapid_share") wave.rapid_share = number;
-          if (other == "waves_a_lift") wave.at_lifts = number;
+          if (other == "waves_a_stop") wave.at_stops = number;
         }
         scene.waves_path.push_back(wave);
         scene.slow_waves_x.push_back(2.0 * scene.half_mm() / v);

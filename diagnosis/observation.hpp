@@ -52,8 +52,9 @@ struct CutState {
   double path_mm = NAN;
   std::uint32_t move = 0;   ///< of the program: what a Trail goes by
   float move_share = 0.0F;  ///< of that move's length
-  std::uint32_t lifts = 0;  ///< so far
-  float rapid_mm = 0.0F;    ///< way of the rapids so far
+  /// Lifts and sharp turns so far: what makes the machine stop, which takes time.
+  std::uint32_t stops = 0;
+  float rapid_mm = 0.0F;  ///< way of the rapids so far
 };
 
 /// A pass that runs by a place, a little above the one that made it: if passes are displaced
@@ -373,11 +374,12 @@ struct Drift {
 /// What follows the command all along the program: where it stands at a state.
 using Trail = std::function<Drift(const CutState&)>;
 
-/// Waves along the path. What is steady in time goes on while the cutter is lifted.
+/// Waves along the path. What is steady in time goes on while the cutter is lifted, and while the
+/// machine slows down and speeds up.
 struct PathWave {
   double waves = 0.0;        ///< over Scene::cut_mm
   double rapid_share = 0.0;  ///< what a mm of rapid way counts for, in mm of CutState::path_mm
-  double at_lifts = 0.0;     ///< waves that each lift adds
+  double at_stops = 0.0;     ///< waves that each of CutState::stops adds
 };
 
 /// What all observations of a case have in common.
@@ -400,7 +402,8 @@ struct Scene {
   /// Of a width of lost motion, mm: the side of the slack on which each axis stands, -1 .. 1, less
   /// its mean over the cut. Empty without a program.
   std::function<Trail(double width_mm)> slack;
-  /// Of a first-order lag, mm of way: how far the tip is off the path, mm. Empty without a program.
+  /// Of a first-order lag, mm of way at the feed that most of the cut has: how far the tip is off
+  /// the path, mm. Empty without a program.
   std::function<Trail(double lag_mm)> lag;
   /// Of a lag and lost motion of one axis in the same machine: on which side of the slack the axis
   /// stands, less where it stands with the slack alone. @param lag_first  the slack is behind the

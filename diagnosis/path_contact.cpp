@@ -61,7 +61,7 @@ struct Move {
   double start_min, end_min;
   double start_mm, end_mm;  // cutting length
   std::uint32_t end;        // its end in the command; its start is one before
-  std::uint32_t lifts;      // before it
+  std::uint32_t stops;      // lifts and sharp turns before it
   float rapid_mm;
 };
 
@@ -114,10 +114,14 @@ class Sections {
         if (off_mm(from) > apart_mm_) jumps_.push_back(minutes);
       }
     }
-    if (lifted_) {
-      stretch_ = {};
-      ++lifts_so_far_;
+    const Vec3 plan{to.x - from.x, to.y - from.y, 0.0};
+    const Vec3 way = norm(plan) > 0.0 ? normalized(plan) : Vec3{};
+    if (lifted_) stretch_ = {};
+    if (lifted_ || turned_from(way)) {
+      ++stops_;
+      way_ = {};
     }
+    if (!(norm(way_) > 0.0)) way_ = way;
     lifted_ = false;
     tool_ = tool;
     program_ = program;
@@ -125,7 +129,8 @@ class Sections {
     stretch_.add(to);
   }
 
-  [[nodiscard]] std::uint32_t lifts() const { return lifts_so_far_; }
+  /// Lifts, and turns at which the machine all but stops, so far.
+  [[nodiscard]] std::uint32_t stops() const { return stops_; }
   /// In order. A program that lifts after each pass begins no band by that: there only where it
   /// goes elsewhere; and where all of that is often, at tools and programs alone.
   [[nodiscard]] std::vector<double> starts_min() const {
@@ -148,11 +153,18 @@ class Sections {
                       beside(p.y, stretch_.min.y, stretch_.max.y));
   }
 
+  /// In plan: machines slow down little where a pass begins to climb.
+  [[nodiscard]] bool turned_from(Vec3 way) const {
+    constexpr double kSharp = 0.7;  // cosine
+    return norm(way) > 0.0 && norm(way_) > 0.0 && dot(way, way_) < kSharp;
+  }
+
   double apart_mm_;
   bool lifted_ = false;
   int tool_ = -1;
   std::size_t program_ = 0;
-  std::uint32_t lifts_so_far_ = 0;
+  std::uint32_t stops_ = 0;
+  Vec3 way_;      // in plan, of the first cut since the last stop
   Box3 stretch_;  // cut since the last lift
   std::vector<double> begun_, lifts_, jumps_;
 };
@@ -175,6 +187,7 @@ struct CutPath::Moves {
   std::vector<Move> moves;
   std::vector<Swath> swaths;              // of the moves
   std::vector<Vec3> command;              // every place of it, rapids too
+  std::vector<float> feed_mm_min;         // of the way to each of them; 0: rapid
   std::vector<double> section_start_min;  // the first left out
   double total_min = 0.0, total_mm = 0.0, rapid_mm = 0.0;
   double main_feed_mm_min = 0.0;  // that most of the cutting length has
@@ -193,6 +206,13 @@ struct CutPath::Moves {
   /// CutState::path_mm after that time and that way of rapids.
   [[nodiscard]] double way_mm(double minutes, double rapids_mm) const {
     return (minutes - rapids_mm / kRapid_mm_min) * main_feed_mm_min;
+  }
+  /// From one place of the command to the next, as a servo feels it: at half the feed twice as
+  /// long. Rapids count as they are, for nobody knows how fast they are.
+  [[nodiscard]] double felt_mm(std::size_t to) const {
+    const double length = norm(command[to] - command[to - 1]),
+                 feed = static_cast<double>(feed_mm_min[to]);
+    return feed > 0.0 ? length * main_feed_mm_min / feed : length;
   }
   [[nodiscard]] Vec3 normal(const CutState& s, double x, double y, double height) const;
   [[nodiscard]] std::shared_ptr<const SlackTable> slack(double width) const;
@@ -257,13 +277,14 @@ Trail CutPath::slack(double width) const {
   };
 }
 
-/// First-order lag of the whole motion, rapids included: p' = (c - p) / e in arc length, exact
-/// along lines. Off the path: p(s + e) - c(s), for delay along the path is no error of form.
+/// First-order lag of the whole motion, rapids included: p' = (c - p) / e in way at the main feed
+/// (a lag is a time), exact along lines. Off the path: p(s + e) - c(s), for delay along the path is
+/// no error of form.
 Trail CutPath::lag(double e) const {
   const auto& all = moves_->command;
   const std::size_t n = all.size();
   std::vector<double> s(n, 0.0);
-  for (std::size_t i = 1; i < n; ++i) s[i] = s[i - 1] + norm(all[i] - all[i - 1]);
+  for (std::size_t i = 1; i < n; ++i) s[i] = s[i - 1] + moves_->felt_mm(i);
   const auto advance = [e](Vec3 p0, Vec3 c0, Vec3 u, double length) {
     return c0 + length * u - e * u + std::exp(-length / e) * (p0 - c0 + e * u);
   };
@@ -316,7 +337,7 @@ Trail CutPath::slack_with_lag(int axis, double width, double e, bool lag_first) 
   double side = 0.0, now = 0.0, before = 0.0, lagged = n > 0 ? of(all[0]) : 0.0, at = 0.0;
   std::size_t next = 0;  // the first place whose `both` is not yet reached
   for (std::size_t i = 1; i < n; ++i) {
-    const double length = norm(all[i] - all[i - 1]), start = at;
+    const double length = moves_->felt_mm(i), start = at;
     place[i] = start + length;
     const auto steps = std::max(1, static_cast<int>(std::fmin(1e6, std::ceil(8.0 * length / e))));
     const double h = length / steps, rise = (of(all[i]) - of(all[i - 1])) / steps;
@@ -410,10 +431,14 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
         const bool rapid = motion.kind == cnc::Motion::Kind::rapid;
         const auto take_piece = [&](Vec3 a, Vec3 b) {
           const double length = norm(b - a);
-          if (m.command.empty() || !(m.command.back() == a)) m.command.push_back(a);
-          m.command.push_back(b);
-          const double feed_mm_min =
-              rapid || !(motion.feed_mm_min > 0.0) ? kRapid_mm_min : motion.feed_mm_min;
+          const bool at_feed = !rapid && motion.feed_mm_min > 0.0;
+          const auto go_to = [&](Vec3 p) {
+            m.command.push_back(p);
+            m.feed_mm_min.push_back(at_feed ? static_cast<float>(motion.feed_mm_min) : 0.0F);
+          };
+          if (m.command.empty() || !(m.command.back() == a)) go_to(a);
+          go_to(b);
+          const double feed_mm_min = at_feed ? motion.feed_mm_min : kRapid_mm_min;
           const double minutes = length / feed_mm_min;
           if (rapid) {
             sections.rapid();
@@ -422,7 +447,7 @@ Result<CutPath> CutPath::read(std::span<const std::filesystem::path> programs,
             sections.cut(a, b, motion.tool, program, m.total_min);
             m.moves.push_back({a, b, m.total_min, m.total_min + minutes, m.total_mm,
                                m.total_mm + length,
-                               static_cast<std::uint32_t>(m.command.size() - 1), sections.lifts(),
+                               static_cast<std::uint32_t>(m.command.size() - 1), sections.stops(),
                                static_cast<float>(m.rapid_mm)});
             m.total_mm += length;
             length_at_mm[feed_mm_min] += length;
@@ -546,7 +571,7 @@ CutState CutPath::Moves::state(std::uint32_t index, double share) const {
       total_mm > 0.0 ? (move.start_mm + share * (move.end_mm - move.start_mm)) / total_mm : 0.0;
   s.move = index;
   s.move_share = static_cast<float>(share);
-  s.lifts = move.lifts;
+  s.stops = move.stops;
   s.rapid_mm = move.rapid_mm;
   return s;
 }

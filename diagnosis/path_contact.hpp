@@ -52,7 +52,8 @@ class CutPath {
   [[nodiscard]] std::shared_ptr<const Pass> pass() const;
   /// Scene::slack of these programs: play operators of that width, followed through rapids too.
   [[nodiscard]] Trail slack(double width_mm) const;
-  /// Scene::lag of these programs: p' = (c - p) / e in arc length, compared at the same place.
+  /// Scene::lag of these programs: p' = (c - p) / e in way at the feed that most of the cut has,
+  /// compared at the same place.
   [[nodiscard]] Trail lag(double lag_mm) const;
   /// Scene::slack_with_lag of these programs.
   [[nodiscard]] Trail slack_with_lag(int axis, double width_mm, double lag_mm,

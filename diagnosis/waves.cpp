@@ -136,9 +136,9 @@ std::vector<double> strongest_path_waves(const std::vector<Observation>& all,
   return waves;
 }
 
-/// What lies between two lifts: sums of residuals by their place along the path.
+/// What lies between two stops: sums of residuals by their place along the path.
 struct Stretch {
-  double lifts = 0.0, rapid_mm = 0.0;
+  double stops = 0.0, rapid_mm = 0.0;
   std::vector<std::pair<double, double>> at;  // mm, sum; in order
   /// Sum of the residuals against a wave of k radians a mm.
   [[nodiscard]] std::complex<double> amplitude(double k) const {
@@ -148,24 +148,24 @@ struct Stretch {
   }
 };
 
-/// Waves that are steady in time where the program lifts after each pass: rapids take time, too,
-/// and how much nobody knows. Their wavelength is that of the powers of all passes together; then
-/// what of the rapids' way counts, and what each lift does, by which the passes' phases fall in
-/// line.
-class LiftedWaves {
+/// Waves that are steady in time where the program lifts or turns round after each pass: rapids
+/// and stops take time, too, and how much nobody knows. Their wavelength is that of the powers of
+/// all passes together; then what of the rapids' way counts, and what each stop does, by which the
+/// passes' phases fall in line.
+class StoppedWaves {
  public:
-  LiftedWaves(const std::vector<Observation>& all, const std::vector<double>& residual,
-              const Layout& layout) {
+  StoppedWaves(const std::vector<Observation>& all, const std::vector<double>& residual,
+               const Layout& layout) {
     std::map<std::uint32_t, std::map<std::int64_t, double>> bins;
     std::map<std::uint32_t, double> rapids;
     for (std::size_t i = 0; i < all.size(); ++i) {
       const Observation& o = all[i];
       if (!(o.path_mm >= 0.0) || layout.set_of(o.place.x, o.place.y) != kChoose) continue;
-      bins[o.lifts][static_cast<std::int64_t>(o.path_mm / kBin_mm)] += residual[i];
-      rapids[o.lifts] = static_cast<double>(o.rapid_mm);
+      bins[o.stops][static_cast<std::int64_t>(o.path_mm / kBin_mm)] += residual[i];
+      rapids[o.stops] = static_cast<double>(o.rapid_mm);
     }
-    for (const auto& [lifts, sums] : bins) {
-      Stretch s{static_cast<double>(lifts), rapids[lifts], {}};
+    for (const auto& [stops, sums] : bins) {
+      Stretch s{static_cast<double>(stops), rapids[stops], {}};
       for (const auto& [bin, sum] : sums)
         s.at.emplace_back((static_cast<double>(bin) + 0.5) * kBin_mm, sum);
       longest_mm_ = std::fmax(longest_mm_, s.at.back().first - s.at.front().first);
@@ -188,12 +188,25 @@ class LiftedWaves {
     return found;
   }
 
+  /// Of the residuals that swing so. @param cut_mm  as above
+  [[nodiscard]] double power(const PathWave& wave, double cut_mm) const {
+    return power(InLine{kTurn * wave.waves / cut_mm, wave.rapid_share, wave.at_stops});
+  }
+
  private:
   static constexpr double kBin_mm = 0.3, kTurn = 2.0 * std::numbers::pi;
   struct InLine {
-    double k = 0.0, rapid_share = 0.0, at_lifts = 0.0;
+    double k = 0.0, rapid_share = 0.0, at_stops = 0.0;
     double excess = 0.0;  // of the power, beyond what noise reaches
   };
+
+  [[nodiscard]] double power(const InLine& x) const {
+    std::complex<double> sum = 0.0;
+    for (const Stretch& s : stretches_)
+      sum += s.amplitude(x.k) *
+             std::polar(1.0, -x.k * x.rapid_share * s.rapid_mm - kTurn * x.at_stops * s.stops);
+    return std::norm(sum);
+  }
 
   /// Wave numbers at which the passes' powers together stand out, radians a mm; at most 3.
   [[nodiscard]] std::vector<double> wave_numbers() const {
@@ -208,7 +221,7 @@ class LiftedWaves {
       transform(v);
       for (std::size_t i = 0; i < power.size(); ++i) power[i] += std::norm(v[i]);
     }
-    // Waves of 0.8 to 15 mm (longer ones, with a phase for each lift, are bows across the passes)
+    // Waves of 0.8 to 15 mm (longer ones, with a phase for each stop, are bows across the passes)
     // against their surroundings; powers of noise scatter by one over the root of the passes.
     constexpr std::size_t kAround = 30, kBeside = 5, kMost = 3;
     const double span = static_cast<double>(length) * kBin_mm;
@@ -243,22 +256,22 @@ class LiftedWaves {
     return strongest;
   }
 
-  /// Rapids of one length do what lifts do; so far as they differ they say how much they count.
+  /// Rapids of one length do what stops do; so far as they differ they say how much they count.
   [[nodiscard]] double uneven_rapids_mm() const {
     const Stretch &a = stretches_.front(), &b = stretches_.back();
-    const double mean = (b.rapid_mm - a.rapid_mm) / (b.lifts - a.lifts);
+    const double mean = (b.rapid_mm - a.rapid_mm) / (b.stops - a.stops);
     double most = 0.0;
     for (const Stretch& s : stretches_)
-      most = std::fmax(most, std::abs(s.rapid_mm - a.rapid_mm - mean * (s.lifts - a.lifts)));
+      most = std::fmax(most, std::abs(s.rapid_mm - a.rapid_mm - mean * (s.stops - a.stops)));
     return most;
   }
 
-  /// The share of the rapids' way and the phase of a lift that bring the passes' waves in line.
+  /// The share of the rapids' way and the phase of a stop that bring the passes' waves in line.
   [[nodiscard]] InLine lined_up(double k) const {
-    const auto first = static_cast<std::size_t>(stretches_.front().lifts);
-    const auto lifts = static_cast<std::size_t>(stretches_.back().lifts) - first + 1;
+    const auto first = static_cast<std::size_t>(stretches_.front().stops);
+    const auto stops = static_cast<std::size_t>(stretches_.back().stops) - first + 1;
     std::size_t length = 64;
-    while (length < 2 * lifts) length *= 2;
+    while (length < 2 * stops) length *= 2;
     std::vector<std::complex<double>> of_stretch;
     double squares = 0.0;
     for (const Stretch& s : stretches_) {
@@ -274,7 +287,7 @@ class LiftedWaves {
       const double share = shares == 0 ? 0.0 : kMostShare * i / shares;
       std::vector<std::complex<double>> v(length, 0.0);
       for (std::size_t n = 0; n < stretches_.size(); ++n)
-        v[static_cast<std::size_t>(stretches_[n].lifts) - first] +=
+        v[static_cast<std::size_t>(stretches_[n].stops) - first] +=
             of_stretch[n] * std::polar(1.0, -k * share * stretches_[n].rapid_mm);
       transform(v);
       const auto peak = std::max_element(v.begin(), v.end(), [](const auto& a, const auto& b) {
@@ -293,24 +306,17 @@ class LiftedWaves {
   }
 
   /// Where the sum of all waves in line is largest. Wave number and share are changed about the
-  /// middle of the program, with the phase of a lift: all three would turn the passes alike.
+  /// middle of the program, with the phase of a stop: all three would turn the passes alike.
   [[nodiscard]] PathWave refined(InLine w, double cut_mm) const {
     const Stretch &a = stretches_.front(), &b = stretches_.back();
-    const double lifts = b.lifts - a.lifts,
-                 advance_mm = (b.at.front().first - a.at.front().first) / lifts,
-                 rapid_mm = (b.rapid_mm - a.rapid_mm) / lifts;
-    const auto power = [&](const InLine& x) {
-      std::complex<double> sum = 0.0;
-      for (const Stretch& s : stretches_)
-        sum += s.amplitude(x.k) *
-               std::polar(1.0, -x.k * x.rapid_share * s.rapid_mm - kTurn * x.at_lifts * s.lifts);
-      return std::norm(sum);
-    };
+    const double stops = b.stops - a.stops,
+                 advance_mm = (b.at.front().first - a.at.front().first) / stops,
+                 rapid_mm = (b.rapid_mm - a.rapid_mm) / stops;
     double best = power(w);
     // A quarter of a radian each; rapids all alike leave nothing to find.
     const double uneven_mm = uneven_rapids_mm();
     std::array<double, 3> step{
-        0.5 / longest_mm_, w.k * uneven_mm > 0.5 ? 0.25 / (w.k * uneven_mm) : 0.0, 0.25 / lifts};
+        0.5 / longest_mm_, w.k * uneven_mm > 0.5 ? 0.25 / (w.k * uneven_mm) : 0.0, 0.25 / stops};
     constexpr int kHalvings = 7;
     for (int halving = 0; halving < kHalvings; ++halving) {
       for (bool moved = true; moved;) {
@@ -321,12 +327,12 @@ class LiftedWaves {
             InLine x = w;
             if (j == 0) {
               x.k += way;
-              x.at_lifts -= way * (advance_mm + x.rapid_share * rapid_mm) / kTurn;
+              x.at_stops -= way * (advance_mm + x.rapid_share * rapid_mm) / kTurn;
             } else if (j == 1) {
               x.rapid_share += way;
-              x.at_lifts -= way * x.k * rapid_mm / kTurn;
+              x.at_stops -= way * x.k * rapid_mm / kTurn;
             } else {
-              x.at_lifts += way;
+              x.at_stops += way;
             }
             const double now = power(x);
             if (!(now > best)) continue;
@@ -337,7 +343,7 @@ class LiftedWaves {
       }
       for (double& s : step) s *= 0.5;
     }
-    return {w.k * cut_mm / kTurn, w.rapid_share, w.at_lifts - std::round(w.at_lifts)};
+    return {w.k * cut_mm / kTurn, w.rapid_share, w.at_stops - std::round(w.at_stops)};
   }
 
   std::vector<Stretch> stretches_;
@@ -466,8 +472,16 @@ void find_waves(const std::vector<Observation>& all, const std::vector<double>& 
     append(along_path, strongest_path_waves(all, *r, layout, scene.cut_mm));
   }
   for (const double waves : along_path) scene.waves_path.push_back({waves});
-  if (const auto wave = LiftedWaves(all, flat, layout).find(scene.cut_mm))
-    scene.waves_path.push_back(*wave);
+  // One that goes by the path alone is that with stops that add nothing, and simpler.
+  constexpr double kClearly = 1.03;
+  const StoppedWaves stopped(all, flat, layout);
+  if (const auto wave = stopped.find(scene.cut_mm)) {
+    double plain = 0.0;
+    for (const double waves : along_path)
+      for (int part = -4; part <= 4; ++part)  // they are known to a quarter
+        plain = std::fmax(plain, stopped.power({waves + part / 16.0}, scene.cut_mm));
+    if (stopped.power(*wave, scene.cut_mm) > kClearly * plain) scene.waves_path.push_back(*wave);
+  }
 }
 
 }  // namespace maquette::diagnosis::detail

@@ -2,7 +2,9 @@
 
 // Servos of equal gain trail by e = v / Kv along the path. Along a line that is only late; in a
 // bend the tip runs inside by e^2 / 2 times the curvature: peaks low, pits high, along the feed
-// only. The path is filtered by p' = (c - p) / e and compared at the same place. e up to 1 mm.
+// only. The path is filtered by p' = (c - p) / e and compared at the same place. e up to 1 mm. An
+// axis of heights with a gain of its own is ahead of the others or behind: passes that climb are
+// high, and those back are low.
 #include "diagnosis/detail/forms.hpp"
 #include "diagnosis/detail/lag_and_slack.hpp"
 
@@ -12,11 +14,12 @@ namespace {
 struct Make {
   double radius_mm;
   std::function<Trail(double)> lag;
+  bool apart;  ///< heights have another lag
   /// `step`: ratio to the next such lag.
   Form operator()(double lag_mm, double step) const {
     // The coefficient is e^2 / 2 over that of the grid; reported as is.
     const Trail trail = lag(lag_mm);
-    Form f{fmt::format("lag of about {:.3g} mm", lag_mm),
+    Form f{fmt::format("lag of about {:.3g} mm{}", lag_mm, apart ? ", heights of their own" : ""),
            {cut_column(fmt::format("lag{:.5f}", lag_mm),
                        {"half_square_lag_mm2", 0.5 * lag_mm * lag_mm, 10.0}, 1.0, radius_mm,
                        [trail](const Observation&, const CutState& s, Vec3) {
@@ -33,6 +36,11 @@ struct Make {
       return c;
     };
     f.columns[0].by_program = true;
+    if (apart)
+      f.columns.push_back(
+          tip_column("lag_of_heights", {"heights_ahead_mm", 1.0, 5.0}, [](const CutState& s) {
+            return Vec3{0, 0, s.feed.z};
+          }));
     f.columns[0].follows = {true, 0, lag_mm};
     // What a lag does grows more slowly than its square, for bends are shorter: a size that is not
     // its form's is off.
@@ -58,8 +66,9 @@ void add_machine_servo_lag(std::vector<Effect>& all) {
   e.needs = Needs::path;
   e.forms = [](const Scene& scene) {
     std::vector<Form> forms;
-    for (const double lag_mm : {0.3, 0.6, 1.0, 1.4, 1.9, 2.6})
-      forms.push_back(Make{scene.ball_radius_mm, scene.lag}(lag_mm, 1.5));
+    for (const bool apart : {false, true})
+      for (const double lag_mm : {0.3, 0.6, 1.0, 1.4, 1.9, 2.6})
+        forms.push_back(Make{scene.ball_radius_mm, scene.lag, apart}(lag_mm, 1.5));
     return forms;
   };
   all.push_back(std::move(e));

@@ -2,8 +2,9 @@
 
 // The cutter or the work swings at a steady frequency: a wave along the path of wavelength feed
 // over frequency, upright. Two phases: counted along the path (steady in time, also while the
-// cutter is lifted) or along the axis of the passes (locked to the machine's travel, as of a screw
-// or a rack). 1 to 20 um. It may last for a while only (detail/a_while.hpp).
+// cutter is lifted or the machine turns round) or along the axis of the passes (locked to the
+// machine's travel, as of a screw or a rack). 1 to 20 um. It may last for a while only
+// (detail/a_while.hpp).
 #include "diagnosis/detail/forms.hpp"
 
 namespace maquette::diagnosis::detail {
@@ -31,7 +32,7 @@ void add_process_chatter(std::vector<Effect>& all) {
         const auto phase = [along = along, k, wave](const CutState& s) {
           if (along < 2) return k * (along == 0 ? s.tip.x : s.tip.y);
           const double way = s.path_mm + wave.rapid_share * static_cast<double>(s.rapid_mm);
-          return k * way + kTurn * wave.at_lifts * s.lifts;
+          return k * way + kTurn * wave.at_stops * s.stops;
         };
         const auto per_mm = [along = along, k](const CutState& s) {
           return k * (along == 0 ? s.feed.x : along == 1 ? s.feed.y : 1.0);
@@ -40,18 +41,18 @@ void add_process_chatter(std::vector<Effect>& all) {
           const double turn = per_mm(s);
           return Drift{{0, 0, height}, {0, 0, turn * by_phase}, {}, turn * turn};
         };
-        const bool lifted = wave.rapid_share != 0.0 || wave.at_lifts != 0.0,
+        const bool goes_on = wave.rapid_share != 0.0 || wave.at_stops != 0.0,
                    a_while = from > 0.0 || to < 1.0;
         const auto lasts = [from = from, to = to, a_while](const CutState& s) {
           return !a_while || (s.path_share >= from && s.path_share <= to);
         };
         std::string key = fmt::format("chatter{}{:.4f}", along, wave.waves);
-        if (lifted) key += fmt::format("r{:.6f}l{:.6f}", wave.rapid_share, wave.at_lifts);
+        if (goes_on) key += fmt::format("r{:.6f}l{:.6f}", wave.rapid_share, wave.at_stops);
         if (a_while) key += fmt::format("from{:.6f}to{:.6f}", from, to);
         const char* where = along == 0 ? "x" : along == 1 ? "y" : "the path";
         Form f{fmt::format(
                    "wavelength {:.4f} mm along {}{}{}", span / wave.waves, where,
-                   lifted ? ", on while lifted" : "",
+                   goes_on ? ", on while it stops" : "",
                    a_while ? fmt::format(", from {:.4f} to {:.4f} of the program", from, to) : ""),
                {drift_column(key + "s", {"sine_mm", 1.0, 1.0},
                              [=](const CutState& s) {
@@ -65,9 +66,9 @@ void add_process_chatter(std::vector<Effect>& all) {
                   return rises(s, std::cos(p), -std::sin(p));
                 })}};
         f.fixed = {{"wavelength_mm", span / wave.waves}};
-        if (lifted) {
+        if (goes_on) {
           f.fixed.emplace_back("rapid_share", wave.rapid_share);
-          f.fixed.emplace_back("waves_a_lift", wave.at_lifts);
+          f.fixed.emplace_back("waves_a_stop", wave.at_stops);
         }
         f.during = [make = *this, wave, step](double begins, double ends) {
           Make some = make;
@@ -78,7 +79,7 @@ void add_process_chatter(std::vector<Effect>& all) {
         if (a_while) {
           f.fixed.emplace_back("from_min", from * duration_min);
           f.fixed.emplace_back("to_min", to * duration_min);
-        } else if (!lifted && step > 0.02) {
+        } else if (!goes_on && step > 0.02) {
           f.finer = [make = *this, wave, step] {
             std::vector<Form> near;
             for (int i = -3; i <= 3; ++i)

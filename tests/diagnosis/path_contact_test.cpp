@@ -329,6 +329,44 @@ TEST(CutPath, LagsInwardsInABend) {
   }
 }
 
+TEST(CutPath, LagsLessWhereItGoesSlowly) {
+  // Two turns at the main feed, then a smaller circle at half of it: there the lag, a time, is half
+  // as long.
+  const ScratchFolder scratch;
+  const CutPath path = path_of(scratch,
+                               "G21 G90 G17 F2000\nG0 X40 Y0 Z0\nG3 X40 Y0 I-40 J0\nG3 X40 Y0 "
+                               "I-40 J0\nF1000\nG1 X20 Y0\nG3 X20 Y0 I-20 J0\nM30\n",
+                               1.0);
+  constexpr double kLag_mm = 1.6;
+  const auto inwards = [&](double radius) {
+    const auto contact = path.at(0.0, radius);
+    return contact ? path.lag(kLag_mm)(*contact).at.y : NAN;
+  };
+  const auto circle = [](double radius, double e) {
+    return radius / std::sqrt(1.0 + e * e / (radius * radius)) - radius;
+  };
+  EXPECT_NEAR(inwards(40.0), circle(40.0, kLag_mm), 2e-3);
+  EXPECT_NEAR(inwards(20.0), circle(20.0, 0.5 * kLag_mm), 2e-3);
+}
+
+TEST(CutPath, CountsWhereItStops) {
+  // A zigzag turns twice at each end; a lift is one stop, however it goes down again. A wall that a
+  // pass climbs is none.
+  const ScratchFolder scratch;
+  const CutPath path = path_of(scratch,
+                               "G21 G90 F1000\nG0 X0 Y0 Z5\nG1 Z0\nG1 X20\nG1 X20.5 Z9\nG1 "
+                               "X40\nG1 Y1\nG1 X0\nG0 Z20\nG0 Y2\nG1 Z9\nG1 X40\nM30\n",
+                               1.0);
+  const auto stops = [&](double x, double y) {
+    const auto contact = path.at(x, y);
+    return contact ? contact->stops : 999U;
+  };
+  const auto first = stops(10.0, 0.0);
+  EXPECT_EQ(stops(30.0, 0.0), first);
+  EXPECT_EQ(stops(30.0, 1.0), first + 2);
+  EXPECT_EQ(stops(30.0, 2.0), first + 3);
+}
+
 TEST(CutPath, ALagIsRoundWhereTheCommandIsStraight) {
   // A polygon of 63 chords of 1 mm: lagged by more it is a circle to 1 um, the command goes in and
   // out by 12 um.

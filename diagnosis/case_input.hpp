@@ -9,6 +9,7 @@
 /// model that is fitted later.
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -75,6 +76,9 @@ struct CaseInput {
   std::vector<KnownCause> known;
   std::uint64_t seed = 1;
   std::size_t most_points = 400'000;  ///< of all set-ups together, drawn at random
+  /// Scans are settled on the design beside range errors that grow with obliqueness, where points
+  /// lie much closer to it then.
+  bool beside_long_beams = false;
 };
 
 struct SetUp {
@@ -93,6 +97,10 @@ struct Measurements {
   std::vector<std::string> notes;  ///< what could not be used and why
   bool strays_gather = false;  ///< of a scan many points of one place are far from the rest there
   std::shared_ptr<const StonesSeen> stones;  ///< null: the case has none, or no plan of them
+  bool beside_long_beams = false;            ///< a scan was settled so
+  /// The same with CaseInput::beside_long_beams; null: no scan has a station. Beams that read a
+  /// millimetre long push a scan that far aside: read there, slopes are those of other places.
+  std::function<Result<Measurements>(const RunContext&)> settled_anew;
 };
 
 /// The design without its stones; none where the case names none.

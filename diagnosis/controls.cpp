@@ -167,6 +167,7 @@ Result<Controls> controls(const Measurements& m, const Diagnosis& d, std::uint64
   Controls c;
   Measurements few = m;
   few.strays_gather = false;
+  few.settled_anew = {};  // what is simulated is in no file
   const std::size_t all = m.observations.size();
   const std::size_t kept = std::min(all, kControlPoints);
   few.notes.clear();

@@ -425,6 +425,20 @@ double best_of_the_program(const Bank& bank, const std::vector<detail::Candidate
   return most;
 }
 
+/// Where the best of the causes that hang on places alone is the scanner's, scans may lie a
+/// millimetre aside, as far as beams that read long have pushed them.
+Result<void> settle_anew(std::unique_ptr<Prepared>& prepared, std::uint64_t seed,
+                         const RunContext& run) {
+  if (!prepared->m.settled_anew) return {};
+  const Members best = best_of_places(*prepared);
+  if (best.empty() || best[0].effect->needs != Needs::station) return {};
+  RunContext quiet;  // progress is the whole diagnosis'
+  quiet.stop = run.stop;
+  MAQUETTE_TRY(Measurements anew, prepared->m.settled_anew(quiet));
+  if (anew.beside_long_beams) prepared = std::make_unique<Prepared>(std::move(anew), seed);
+  return {};
+}
+
 /// Whether causes that hang on the program fit far better were each place what the pass above it
 /// made: alone, and beside the best of those that hang on places. A large cause of the latter is
 /// imitated by the former at either contact, by one of them better, which says nothing of it.
@@ -533,6 +547,7 @@ Result<Diagnosis> diagnose(Prepared& prepared, const RunContext& run) {
   Diagnosis d;
   d.notes = m.notes;
   d.contact = m.contact == MadeBy::tip ? MadeBy::tip : MadeBy::ball;
+  d.beside_long_beams = m.beside_long_beams;
   d.untestable = prepared.untestable;
 
   detail::Search search{prepared.points(), nuisances, layout, candidates};
@@ -584,7 +599,9 @@ Result<Diagnosis> diagnose(Prepared& prepared, const RunContext& run) {
                doubtful, d);
     std::erase_if(named, [&](const detail::Member& k) { return !detail::has(as_sized, k.effect); });
   }
-  if (unnamed > 0.0) {
+  // What is a hundredth of the excess is told of by the causes' own errors.
+  constexpr double kWorthSaying = 0.01;
+  if (unnamed > kWorthSaying) {
     d.remainder.found = true;
     d.remainder.kinds.emplace_back("what several causes look like");
     d.remainder.share = std::fmax(d.remainder.share, unnamed);
@@ -611,6 +628,7 @@ Result<Diagnosis> diagnose(Measurements m, std::uint64_t seed, const RunContext&
   const bool unknown = m.contact == MadeBy::unknown && m.scene.above;
   auto prepared = std::make_unique<Prepared>(std::move(m), seed);
   if (run.stopped()) return fail(kCancelled, "the diagnosis was cancelled");
+  MAQUETTE_TRY_VOID(settle_anew(prepared, seed, run));
   run.progress(0.25);
   if (unknown && is_cut_by_tips(*prepared)) {
     Measurements by_tips = std::move(prepared->m);

@@ -158,6 +158,8 @@ struct StoneReport {
 struct Diagnosis {
   std::string unit = "mm";  ///< of rms, map, dependences and what remains; photographs: "/ 255"
   std::string verdict = "consistent";
+  /// Scans were read anew for it (Measurements::settled_anew): what goes on with it reads them so.
+  bool beside_long_beams = false;
   MadeBy contact = MadeBy::ball;  ///< as the case says, or as the data say: of what is found
   std::vector<Cause> causes;
   std::vector<Rejected> rejected;

@@ -155,6 +155,9 @@ Result<JobResult> diagnose_job(const fs::path& case_path, const fs::path& folder
   if (points) {
     MAQUETTE_TRY(measurements, diagnosis::measure(input, run));
     MAQUETTE_TRY(d, diagnosis::diagnose(measurements, seed, run));
+    if (d.beside_long_beams && measurements.settled_anew) {
+      MAQUETTE_TRY(measurements, measurements.settled_anew(run));
+    }
     if (with_controls) {
       MAQUETTE_TRY(d.controls, diagnosis::controls(measurements, d, seed, run));
       if (!d.controls->passed()) d.notes.push_back("a control did not pass: see the report");

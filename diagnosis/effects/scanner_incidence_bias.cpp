@@ -3,6 +3,7 @@
 // Slanting beams read long: a tan^2 i, or a (1 / cos i - 1) of a stretched spot, along the beam.
 // Zamecnikova and Neuner, VGI 2015; up to mm at grazing incidence.
 #include "diagnosis/detail/forms.hpp"
+#include "diagnosis/detail/incidence_laws.hpp"
 
 namespace maquette::diagnosis::detail {
 
@@ -18,21 +19,16 @@ void add_scanner_incidence_bias(std::vector<Effect>& all) {
   e.unknown_shift = std::string("r");
   e.needs = Needs::station;
   e.forms = [](const Scene&) {
-    const auto law = [](const char* key, const char* name, int kind) {
-      return Form{name,
-                  {moving_column(key, {"coefficient_mm", 1.0, 20.0}, [kind](const Observation& o) {
-                    if (!o.has_station) return Vec3{};
-                    const double c = std::fmax(0.15, -dot(o.beam, o.slope_normal));
-                    const double f = kind == 0   ? 1.0 / (c * c) - 1.0
-                                     : kind == 1 ? 1.0 / c - 1.0
-                                     : kind == 2 ? 1.0 - c * c
-                                                 : std::sqrt(std::fmax(0.0, 1.0 / (c * c) - 1.0));
-                    return f * o.beam;
-                  })}};
-    };
-    return std::vector<Form>{law("incidence_tan2", "tan^2", 0),
-                             law("incidence_sec", "1 / cos - 1", 1),
-                             law("incidence_sin2", "sin^2", 2), law("incidence_tan", "tan", 3)};
+    std::vector<Form> forms;
+    for (const IncidenceLaw& law : kIncidenceLaws)
+      forms.push_back(
+          {law.name,
+           {moving_column(
+               law.key, {"coefficient_mm", 1.0, 20.0}, [of = law.of](const Observation& o) {
+                 if (!o.has_station) return Vec3{};
+                 return of(std::fmax(kLeastCosine, -dot(o.beam, o.slope_normal))) * o.beam;
+               })}});
+    return forms;
   };
   all.push_back(std::move(e));
 }

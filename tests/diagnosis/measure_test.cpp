@@ -116,6 +116,48 @@ TEST(Measure, NominalHeightsMayBeOfTheBarePart) {
   EXPECT_NEAR((sum - lean) / static_cast<double>(m->observations.size()), 0.0, 0.001);
 }
 
+// Oblique beams read long by a (1 / cos i - 1): what that is along the normal registration takes,
+// and the scan lies aside by the rest. Beside the law it lies where it was.
+TEST(Measure, BeamsThatReadLongPushAScanAside) {
+  constexpr Vec3 kStation{30.0, -500.0, 330.0};
+  for (const double long_mm : {0.0, 1.2}) {
+    Files f;
+    // What is flat says nothing of obliqueness, and short waves have no slope that all agree on.
+    f.design = rough_part(1, 121, 121, 0.5, 4.0, 2.0);
+    ASSERT_THAT(heightmap::write_model_field(f.design, f.input.design), Succeeds());
+    auto cloud = points_on(f.design, 20'000, 3);
+    for (Vec3& p : cloud.points_mm) {
+      const auto at = [&](double dx, double dy) {
+        return heightmap::height_at(f.design, p.x + dx, p.y + dy);
+      };
+      const Vec3 beam = normalized(p - kStation);
+      const double dx = std::clamp(p.x, 0.5, 59.5) - p.x, dy = std::clamp(p.y, 0.5, 59.5) - p.y;
+      const Vec3 n = normalized(
+          Vec3{at(dx - 0.5, dy) - at(dx + 0.5, dy), at(dx, dy - 0.5) - at(dx, dy + 0.5), 1.0});
+      const auto i = static_cast<std::uint64_t>(&p - cloud.points_mm.data());
+      p = p +
+          (long_mm * (1.0 / std::fmax(0.25, -dot(beam, n)) - 1.0) + 0.02 * random_normal(5, i)) *
+              beam;
+    }
+    f.scan(cloud, kStation);
+    const auto aside_mm = [](const Measurements& m) {
+      const auto& scan = m.set_ups[0];
+      return norm(scan.model_from_file.point(scan.centre_mm) - scan.centre_mm);
+    };
+    const auto m = measure(f.input);
+    ASSERT_THAT(m, Succeeds());
+    ASSERT_TRUE(m->settled_anew);
+    const auto anew = m->settled_anew({});
+    ASSERT_THAT(anew, Succeeds());
+    EXPECT_EQ(anew->beside_long_beams, long_mm > 0.0);
+    if (long_mm > 0.0) {
+      EXPECT_GT(aside_mm(*m), 0.4);
+      // Slopes between nodes are not those of the levelled surface; a tenth of the way is left.
+      EXPECT_LT(aside_mm(*anew), 0.1 * aside_mm(*m));
+    }
+  }
+}
+
 TEST(Measure, GivesResidualsAlongTheNormal) {
   Files f;
   auto cloud = points_on(f.design, 20'000, 1);

@@ -127,6 +127,16 @@ std::optional<Member> by_squares(const Candidate& cause, Members with, std::size
   return best ? std::optional(Member{cause.effect, *best}) : std::nullopt;
 }
 
+/// Its forms that are made of that size, of either sign. A film that lies in hollows as a smaller
+/// ball would have cut them is not told from that ball by what it does to first order where a film
+/// lies on slopes alone.
+std::vector<Form> made_of(const Candidate& cause, double size_mm) {
+  const auto form = std::ranges::find_if(
+      cause.forms, [](const Form& f) { return f.made_of_mm != 0.0 && f.of_size; });
+  if (size_mm == 0.0 || form == cause.forms.end()) return {};
+  return {form->of_size(size_mm), form->of_size(-size_mm)};
+}
+
 /// What would do as well in the place of the k-th; what would not goes to `ruled_out`.
 /// @param sizes  of the k-th
 Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<Estimate>& sizes,
@@ -167,6 +177,7 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
     return w.objective < far || w.squares < far_squares;
   };
   const Screen beside = screen(bank, others, kAll), beside_all = screen(bank, beside_it, kAll);
+  const double made_of_mm = model.members[k].form.made_of_mm != 0.0 ? sizes[0].value : 0.0;
   Equivalents equivalent;
   const auto judge = [&](const Effect* other, const Worse& worse, double objective) {
     if (does_as_well(worse)) {
@@ -199,6 +210,17 @@ Equivalents equivalents_of(const Model& model, std::size_t k, const std::vector<
       if (std::isfinite(with.objective))
         worse = worse_by(beside_it, {other.effect, other.forms[with.form]});
     }
+    if (!does_as_well(worse) && look_alike(other.effect, model.members[k].effect))
+      for (const Form& form : made_of(other, made_of_mm)) {
+        add_columns(bank, search.observations, form.columns);
+        auto instead = others;
+        instead.push_back({other.effect, form});
+        answer(bank, columns_of(bank, instead));
+        const Worse its = worse_by(others, instead.back());
+        if (!does_as_well(its)) continue;
+        worse = its;
+        break;
+      }
     const bool may_be_finer =
         std::ranges::any_of(other.forms, [](const Form& f) { return static_cast<bool>(f.finer); });
     if (!does_as_well(worse) && may_be_finer && look_alike(other.effect, model.members[k].effect) &&
@@ -335,6 +357,17 @@ void make_plain(const Search& search, const Bank& bank, Linearised& residuals,
                                   [&](const Column& of) { return of.key == form.columns[c].key; });
              });
     };
+    // The same law of that size without what it may as well not have.
+    if (const auto& what = form.columns[0].follows) {
+      const auto own = candidate_of(search, members[k].effect);
+      const auto simple = std::ranges::find_if(own->forms, [&](const Form& f) {
+        return f.of_size && is_plainer(f.of_size(what->size_mm));
+      });
+      if (simple != own->forms.end()) {
+        confirmed[k].member.form = simple->of_size(what->size_mm);
+        continue;
+      }
+    }
     for (const Candidate& other : search.candidates) {
       if (has(members, other.effect)) continue;
       std::optional<Form> plain;

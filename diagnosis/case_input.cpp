@@ -144,6 +144,7 @@ double settle(Loaded& scan, const SimulatedSurface& surface, const Box3& box, do
   return spread;
 }
 
+/// A model that has them already is read as it was found.
 bool reads_long(const std::vector<KnownCause>& known) {
   return std::any_of(known.begin(), known.end(),
                      [](const KnownCause& k) { return k.effect == "scanner.incidence_bias"; });
@@ -711,9 +712,9 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
     MAQUETTE_TRY_VOID(detail::shift_seats(input.known, m, seen_stones->plan));
     m.stones = std::make_shared<const StonesSeen>(std::move(*seen_stones));
   }
-  if (!input.beside_long_beams && std::any_of(scans.begin(), scans.end(), [](const Loaded& l) {
-        return l.station.has_value();
-      }))
+  const bool beams = std::any_of(scans.begin(), scans.end(),
+                                 [](const Loaded& l) { return l.station.has_value(); });
+  if (beams && !input.beside_long_beams && !m.beside_long_beams)
     m.settled_anew = [input](const RunContext& again) {
       CaseInput anew = input;
       anew.beside_long_beams = true;

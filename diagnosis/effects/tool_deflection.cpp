@@ -2,9 +2,10 @@
 
 // The cutter bends away from the wall it cuts, sideways only: n . d = (F / k)(n_x^2 + n_y^2). The
 // force differs going up or down a ramp, feed_z, and with the wall on the left or on the right of
-// the feed, (feed x n)_z, climb or conventional: two passes of a zigzag do not bend alike. A force
-// that depends on the ramp alone is n . feed_z. What is drawn behind the feed, up a ramp more than
-// down, is lost motion but for the way on which that is taken up (drawn_behind.hpp).
+// the feed, (feed x n)_z, climb or conventional: two passes of a zigzag do not bend alike; or it
+// grows where the cutter plunges and is the same on all that it climbs. A force that depends on the
+// ramp alone is n . feed_z. What is drawn behind the feed, up a ramp more than down, is lost motion
+// but for the way on which that is taken up (drawn_behind.hpp).
 #include "diagnosis/detail/drawn_behind.hpp"
 #include "diagnosis/detail/forms.hpp"
 
@@ -45,6 +46,16 @@ Form by_ramp_and_side(const Scene& scene, double size) {
   return f;
 }
 
+/// A flank that it plunges down it cuts with its belly, one that it climbs not less than a level
+/// one.
+Form away_plunging(const Scene& scene, double size) {
+  Form f = away(scene, size);
+  f.law = fmt::format("away from the wall, more where it plunges, about {} mm", size);
+  f.columns.push_back(bent(scene, "plunge", "sideways_plunging_mm", size,
+                           [](Vec3 feed, Vec3 n) { return std::fmax(0.0, -feed.z) * in_plan(n); }));
+  return f;
+}
+
 }  // namespace
 
 bool is_drawn_behind(const Form& form) {
@@ -81,6 +92,7 @@ void add_tool_deflection(std::vector<Effect>& all) {
     std::vector<Form> forms;
     for (const double size : kSizes_mm) {
       forms.push_back(away(scene, size));
+      forms.push_back(away_plunging(scene, size));
       forms.push_back(by_ramp_and_side(scene, size));
     }
     const auto ramp = column("deflect_ramp", {"ramp_mm", 1.0, 1.0}, [](const Observation& o) {

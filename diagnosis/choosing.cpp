@@ -275,6 +275,34 @@ std::vector<Members> as_drawn_behind(const Members& with, const Search& search, 
   return models;
 }
 
+/// A lag and lost motion in plan together as a lag alone whose heights have another.
+std::vector<Members> as_heights_ahead(const Members& with, const Search& search, Bank& bank,
+                                      Linearised& residuals) {
+  if (!follows_any(with, true) || !follows_any(with, false)) return {};
+  residuals.about(with);
+  std::vector<Members> models;
+  const auto model = columns_of(bank, with);
+  const Fit f = residuals.fit_of(with);
+  const auto size = [&](const Member& m) {
+    return size_mm(
+        {*m.form.columns[0].follows, f.coefficients(place_of(bank, model, m.form.columns[0]))});
+  };
+  for (std::size_t k = 0; k < with.size(); ++k)
+    for (std::size_t j = 0; j < with.size(); ++j) {
+      const auto &lag = with[k].form.columns[0].follows, &slack = with[j].form.columns[0].follows;
+      if (!lag || !lag->lag || !slack || slack->lag || slack->axis == 2) continue;
+      const double lag_mm = size(with[k]), width_mm = size(with[j]);
+      if (!(lag_mm > 0.0) || !(width_mm > 0.0)) continue;
+      for (const double sign : {1.0, -1.0}) {
+        Members alone = with;
+        alone[k].form = heights_ahead(residuals.scene(), lag_mm, sign * 0.5 * width_mm);
+        add_columns(bank, search.observations, alone[k].form.columns);
+        models.push_back(without(alone, j));
+      }
+    }
+  return models;
+}
+
 /// A member in whose place another cause, cut anew, does better, alone or without a third that only
 /// made up for the member, was only found first.
 Members exchanged(Members with, Search& search, Bank& bank, Linearised& residuals,
@@ -322,6 +350,8 @@ Members exchanged(Members with, Search& search, Bank& bank, Linearised& residual
                  std::fmax(0.0, residuals.score(without(with, k)) - residuals.score(with));
       try_it(std::move(instead), -owed);
     }
+    for (Members& alone : as_heights_ahead(with, search, bank, residuals))
+      try_it(std::move(alone), -kPricePerCause);
     if (better.empty()) break;
     with = polished(search, bank, std::move(better), residuals.settle());
   }

@@ -298,31 +298,35 @@ Trail CutPath::lag(double e) const {
   // At the ends of pieces, and by how much more in their middle than between the ends: the command
   // goes straight there and the tip does not. With a lag of 1.2 mm and pieces of half one it is 3 %
   // of all that the lag does.
-  std::vector<Small> off(n), bulge(n);
+  std::vector<Small> off(n), bulge(n), way(n);
   std::size_t j = 0;
+  Vec3 follows;  // where it goes, for each mm of the command's way
   const auto off_at = [&](double at, Vec3 commanded) {
     const double ahead = at + e;
     while (j + 1 < n && s[j + 1] < ahead) ++j;
-    Vec3 there = p[j];
-    if (j + 1 < n && s[j + 1] > s[j])
-      there =
-          advance(p[j], all[j], (1.0 / (s[j + 1] - s[j])) * (all[j + 1] - all[j]), ahead - s[j]);
+    Vec3 there = p[j], command = all[j];
+    if (j + 1 < n && s[j + 1] > s[j]) {
+      const Vec3 u = (1.0 / (s[j + 1] - s[j])) * (all[j + 1] - all[j]);
+      there = advance(p[j], all[j], u, ahead - s[j]);
+      command += (ahead - s[j]) * u;
+    }
+    follows = (1.0 / e) * (command - there);
     return there - commanded;
   };
   for (std::size_t i = 0; i < n; ++i) {
     Vec3 middle;
     if (i > 0) middle = off_at(0.5 * (s[i - 1] + s[i]), between(all[i - 1], all[i], 0.5));
     off[i] = off_at(s[i], all[i]);
+    way[i] = follows;
     if (i > 0) bulge[i] = middle - between(off[i - 1], off[i], 0.5);
   }
   return [off = std::make_shared<const Packed>(off), bulge = std::make_shared<const Packed>(bulge),
-          moves = moves_](const CutState& at) {
+          way = std::make_shared<const Packed>(way), moves = moves_](const CutState& at) {
     const Move& move = moves->moves[at.move];
     const auto share = static_cast<double>(at.move_share);
-    // Not told how it changes along the way: the command has corners there, the tip has none.
     return Drift{between((*off)[move.end - 1], (*off)[move.end], share) +
                      4.0 * share * (1.0 - share) * (*bulge)[move.end],
-                 {}};
+                 between((*way)[move.end - 1], (*way)[move.end], share) - at.feed};
   };
 }
 
@@ -655,6 +659,9 @@ std::shared_ptr<const Pass> CutPath::pass() const {
   return std::make_shared<Walk>(moves_);
 }
 
+/// Of nearly the same time passes move nearly alike: fewer of them come to make the surface.
+constexpr double kNeighbourHeight_mm = 0.2, kOtherTime = 0.05;
+
 std::optional<Contact> CutPath::at(double x, double y, std::vector<Rival>* rivals) const {
   const Moves& m = *moves_;
   double best = INFINITY, share = 0.0;
@@ -672,7 +679,11 @@ std::optional<Contact> CutPath::at(double x, double y, std::vector<Rival>* rival
   if (rivals == nullptr) return contact;
   std::vector<std::pair<std::uint32_t, Under>> near;
   const double limit = best + kRivalHeight_mm;
-  m.each_near(x, y, limit, [&](std::uint32_t i, const Under& u) { near.emplace_back(i, u); });
+  m.each_near(x, y, limit, [&](std::uint32_t i, const Under& u) {
+    if (u.height < best + kNeighbourHeight_mm ||
+        std::abs(m.state(i, u.share).path_share - contact.path_share) > kOtherTime)
+      near.emplace_back(i, u);
+  });
   // Moves that follow each other are one pass: its lowest stands for it.
   std::sort(near.begin(), near.end(),
             [](const auto& a, const auto& b) { return a.first < b.first; });

@@ -41,7 +41,7 @@ class CutPath {
                                             double ball_radius_mm, const RunContext& run);
   /// none: no cutting move within a radius.
   /// @param rivals  unless null: the other passes that come within kRivalHeight_mm of the surface
-  ///   there, lowest first, at most kMostRivals
+  ///   there, of nearly the same time within 0.2 mm, lowest first, at most kMostRivals
   [[nodiscard]] std::optional<Contact> at(double x_mm, double y_mm,
                                           std::vector<Rival>* rivals = nullptr) const;
   /// The nearest place of the program in plan; none: no cutting move within a radius.

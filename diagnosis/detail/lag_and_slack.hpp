@@ -18,6 +18,11 @@ inline constexpr const char* kSlackBehindLag = "behind_the_lag";
 /// What the form of a lag was made of.
 inline constexpr const char* kFollowedLag = "followed_lag_mm";
 
+/// Law of machine.servo_lag that is not among those it is chosen by: heights lag so much less that
+/// passes of a zigzag lie above each other, which to first order they do not. Where it climbs that
+/// is lost motion of the feed's axis; tried in the place of a lag and such lost motion.
+[[nodiscard]] Form heights_ahead(const Scene& scene, double lag_mm, double ahead_mm);
+
 /// A column of such a cause with its coefficient.
 struct FollowedTerm {
   Follows what;

@@ -14,7 +14,8 @@ namespace {
 struct Make {
   double radius_mm;
   std::function<Trail(double)> lag;
-  bool apart;  ///< heights have another lag
+  bool apart;             ///< heights have another lag
+  double ahead_mm = 0.0;  ///< of which the second signature is made; 0: to first order
   /// `step`: ratio to the next such lag.
   Form operator()(double lag_mm, double step) const {
     // The coefficient is e^2 / 2 over that of the grid; reported as is.
@@ -36,11 +37,22 @@ struct Make {
       return c;
     };
     f.columns[0].by_program = true;
-    if (apart)
-      f.columns.push_back(
-          tip_column("lag_of_heights", {"heights_ahead_mm", 1.0, 5.0}, [](const CutState& s) {
-            return Vec3{0, 0, s.feed.z};
-          }));
+    if (apart) {
+      const auto climbs = [trail](const CutState& s) {
+        // As the tip climbs, not as its command does: that has corners.
+        return Vec3{0, 0, s.feed.z + trail(s).per_mm.z};
+      };
+      const auto key = fmt::format("lag_of_heights{:.5f}", lag_mm);
+      const Parameter ahead{"heights_ahead_mm", 1.0, 5.0};
+      f.columns.push_back(ahead_mm == 0.0
+                              ? tip_column(key, ahead, climbs)
+                              : cut_column(fmt::format("{}of{:.5f}", key, ahead_mm), ahead,
+                                           ahead_mm, radius_mm,
+                                           [climbs](const Observation&, const CutState& s, Vec3) {
+                                             return CutChange{climbs(s)};
+                                           }));
+      f.columns[1].by_program = true;
+    }
     f.columns[0].follows = {true, 0, lag_mm};
     // What a lag does grows more slowly than its square, for bends are shorter: a size that is not
     // its form's is off.
@@ -51,6 +63,10 @@ struct Make {
 };
 
 }  // namespace
+
+Form heights_ahead(const Scene& scene, double lag_mm, double ahead_mm) {
+  return Make{scene.ball_radius_mm, scene.lag, true, ahead_mm}(lag_mm, 1.0);
+}
 
 void add_machine_servo_lag(std::vector<Effect>& all) {
   Effect e;
@@ -68,7 +84,7 @@ void add_machine_servo_lag(std::vector<Effect>& all) {
     std::vector<Form> forms;
     for (const bool apart : {false, true})
       for (const double lag_mm : {0.3, 0.6, 1.0, 1.4, 1.9, 2.6})
-        forms.push_back(Make{scene.ball_radius_mm, scene.lag, apart}(lag_mm, 1.5));
+        forms.push_back(Make{scene.ball_radius_mm, scene.lag, apart, 0.0}(lag_mm, 1.5));
     return forms;
   };
   all.push_back(std::move(e));

@@ -5,6 +5,7 @@
 //
 //   0.4 mm, measured upright or from aside ... named alone, with a width within its error
 //   0.2 mm ahead of the command ........... named alone, as compensated too much
+//   a lag of which heights have less ...... no lost motion
 //   0.1 and 0.4 mm, at many places ........ as at each of them alone
 //   0.1 and 0.4 mm, from aside, no noise .... as predicted within 2.5 % of what it moves; no place
 //       is thrown far off where a pass turns and the axis stands still
@@ -113,6 +114,39 @@ TEST_P(LostMotionThatIsLarge, IsFoundWhereItIsFarLargerThanTheRidges) {
   EXPECT_NEAR(size.value, kWidth_mm, 4.5 * size.sigma) << "seed " << kSeed;
   // From aside a fifth of the places is not seen, and oblique ones say less.
   EXPECT_LT(size.sigma, (GetParam() ? 0.015 : 0.01) * kWidth_mm);
+}
+
+// Heights that lag less than the feed's axis are ahead of it: in a zigzag lost motion that is not
+// there, but for what rounds corners.
+TEST(Lag, WhoseHeightsAreAheadIsNoLostMotion) {
+  constexpr double kLag_mm = 1.2, kOfHeights_mm = 0.8, kStretch = 2.0;
+  constexpr std::uint64_t kSeed = 20'261'202;
+  const auto passes = command(kStretch);
+  Passes late = passes;
+  Vec3 at = passes.front().front(), before = at;
+  for (std::size_t k = 0; k < passes.size(); ++k)
+    for (std::size_t i = 0; i < passes[k].size(); ++i) {
+      // Exactly so for a command that goes straight from sample to sample.
+      const Vec3 now = passes[k][i];
+      const double way = norm(now - before);
+      const auto follow = [&](double p, double from, double to, double lag) {
+        const double u = way > 0.0 ? (to - from) / way : 0.0;
+        return to - lag * u + std::exp(-way / lag) * (p - from + lag * u);
+      };
+      at = {follow(at.x, before.x, now.x, kLag_mm), follow(at.y, before.y, now.y, kLag_mm),
+            follow(at.z, before.z, now.z, kOfHeights_mm)};
+      before = now;
+      late[k][i] = at;
+    }
+  const auto c = only_cause(passes, late, kWhite_mm, kSeed, kStretch);
+  ASSERT_TRUE(c.has_value());
+  EXPECT_EQ(c->effect, "machine.servo_lag") << c->law;
+  ASSERT_EQ(c->parameters.size(), 2U) << c->law;
+  // Between what the two lags do; heights are ahead by the rest but for what bends cost.
+  EXPECT_GT(c->parameters[0].value, 0.5 * kOfHeights_mm * kOfHeights_mm);
+  EXPECT_LT(c->parameters[0].value, 0.5 * kLag_mm * kLag_mm);
+  EXPECT_GT(c->parameters[1].value, 0.5 * (kLag_mm - kOfHeights_mm));
+  EXPECT_LT(c->parameters[1].value, kLag_mm - kOfHeights_mm);
 }
 
 }  // namespace

@@ -46,19 +46,31 @@ struct Loaded {
   double sigma = 0.05, beam_mm = 0.0;
 };
 
-/// Whether over much of the surface passes of quite other times lie so close above those that made
-/// it that a few hundredths up or down would make them the surface.
-bool do_passes_cross(const std::vector<Observation>& all) {
-  constexpr double kClose_mm = 0.03, kOtherTime = 0.1, kShare = 0.2;
-  std::size_t with_passes = 0, cross = 0;
+/// Share of the surface over which passes of quite other times lie no higher than that above those
+/// that made it.
+double share_beside_other_times(const std::vector<Observation>& all, double above_mm) {
+  constexpr double kOtherTime = 0.1;
+  std::size_t with_passes = 0, beside = 0;
   for (const Observation& o : all) {
     if (!o.rivals || !(o.path_share >= 0.0)) continue;
     ++with_passes;
-    cross += std::any_of(o.rivals->begin(), o.rivals->end(), [&](const Rival& r) {
-      return r.above_mm < kClose_mm && std::abs(r.state.path_share - o.path_share) > kOtherTime;
+    beside += std::any_of(o.rivals->begin(), o.rivals->end(), [&](const Rival& r) {
+      return r.above_mm < above_mm && std::abs(r.state.path_share - o.path_share) > kOtherTime;
     });
   }
-  return static_cast<double>(cross) > kShare * static_cast<double>(with_passes);
+  return with_passes == 0 ? 0.0 : static_cast<double>(beside) / static_cast<double>(with_passes);
+}
+
+/// Whether over much of the surface a few hundredths up or down make other passes the surface.
+bool do_passes_cross(const std::vector<Observation>& all) {
+  constexpr double kClose_mm = 0.03, kShare = 0.2;
+  return share_beside_other_times(all, kClose_mm) > kShare;
+}
+
+/// Whether there is a border along which they would, two or three passes wide.
+bool do_passes_meet(const std::vector<Observation>& all) {
+  constexpr double kShare = 0.003;
+  return share_beside_other_times(all, kRivalHeight_mm) > kShare;
 }
 
 /// Offset of a point along the simulated surface's normal, coat taken off.
@@ -389,7 +401,7 @@ bool cut_by_tip(Observation& o, const Scene& scene) {
 void cut_by_tips(Measurements& m) {
   oneapi::tbb::parallel_for(std::size_t{0}, m.observations.size(),
                             [&](std::size_t i) { (void)cut_by_tip(m.observations[i], m.scene); });
-  m.scene.passes_cross = false;
+  m.scene.passes_cross = m.scene.passes_meet = false;
   m.contact = MadeBy::tip;
 }
 
@@ -705,6 +717,7 @@ Result<Measurements> measure(const CaseInput& input, const RunContext& run) {
                             blocks.size(), layout.set_of_block.size(),
                             layout.cell_mm * static_cast<double>(layout.block), kLeastBlocks));
   m.scene.passes_cross = do_passes_cross(m.observations);
+  m.scene.passes_meet = do_passes_meet(m.observations);
   m.contact = input.contact;
   if (path && m.contact == MadeBy::tip) cut_by_tips(m);
   MAQUETTE_TRY_VOID(take_off(input.known, m));

@@ -26,6 +26,8 @@
 
 namespace maquette::diagnosis {
 
+struct CastShadow;  // cast_shadow.hpp
+
 /// Lengths over which a film levels, mm (standard deviation of the Gaussian); what lies between two
 /// is a mixture of both, good to a hundredth at this step.
 inline constexpr std::array<double, 13> kFilmLengths_mm{0.5, 0.6, 0.75, 0.9, 1.1, 1.35, 1.6,
@@ -34,9 +36,9 @@ inline constexpr std::array<double, 13> kFilmLengths_mm{0.5, 0.6, 0.75, 0.9, 1.1
 inline constexpr std::array<double, 7> kSpotWidths_mm{0.6, 0.8, 1.05, 1.4, 1.8, 2.3, 3.0};
 
 /// Passes that are higher by more than this are taken to stay out of the surface.
-inline constexpr double kRivalHeight_mm = 0.2;
+inline constexpr double kRivalHeight_mm = 0.28;
 /// More passes than that run nowhere side by side within it.
-inline constexpr std::size_t kMostRivals = 8;
+inline constexpr std::size_t kMostRivals = 10;
 
 /// More bands than that are no bands.
 inline constexpr std::size_t kMostSections = 12;
@@ -388,6 +390,8 @@ struct Scene {
   bool has_path = false;
   /// Passes of quite other times run through the surface side by side: one raster over another.
   bool passes_cross = false;
+  /// They do along borders: one half milled after the other.
+  bool passes_meet = false;
   double duration_min = 0.0;
   double ball_radius_mm = 3.0;
   double coat_mm = 0.0;  ///< as declared
@@ -414,6 +418,8 @@ struct Scene {
   /// What the machine did above a place, for a cutter that cuts with its tip; none: no pass within
   /// a ball's radius. Empty without a program.
   std::function<std::optional<CutState>(double x_mm, double y_mm)> above;
+  /// What crests keep of a spray from afar, by the unit direction towards the gun. Empty: unknown.
+  std::function<std::shared_ptr<const CastShadow>(Vec3 towards)> shadow;
   std::vector<bool> has_station;  ///< by set-up
   std::vector<Vec3> stations;
   [[nodiscard]] Vec3 centre() const { return 0.5 * (box.min + box.max); }

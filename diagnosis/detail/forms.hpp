@@ -211,15 +211,18 @@ template <class Displacement>
 /// Size of the secants of steps in height, up and down. A ball that is 0.1 mm deeper reaches over
 /// the border by more than a pass, one that is higher leaves as much to the other side.
 inline constexpr double kStepUp_mm = 0.09;
-/// From a moment of the program on, the tip is off by a constant along one axis.
+/// From a moment of the program on, the tip is off by a constant along one axis; in plan about the
+/// middle between before and after, for a shift of all is the pose's, and passes that have gone
+/// three aside are looked for two aside at most.
 /// @param tangent  at that size, instead of the secant
 [[nodiscard]] inline Column step_after(int axis, double share, std::string name, double size_mm,
                                        double radius_mm, bool tangent = false) {
   const auto is_after = [share](const CutState& s) { return s.path_share > share; };
   Column c = timed_column(
       fmt::format("step_{}{:.6f}", kAxisName[axis], share), {std::move(name), 1.0, 5.0}, size_mm,
-      radius_mm,
-      [axis, is_after](const CutState& s) { return along_axis(axis, is_after(s) ? 1.0 : 0.0); });
+      radius_mm, [axis, is_after, middle = axis == 2 ? 0.0 : 1.0 - share](const CutState& s) {
+        return along_axis(axis, (is_after(s) ? 1.0 : 0.0) - middle);
+      });
   if (axis != 2 || size_mm == 0.0) return c;
   if (tangent) {
     c = tangent_column(c.key + " tangent", c.parameter, size_mm, radius_mm, std::move(c.cut));

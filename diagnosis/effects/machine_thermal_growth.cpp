@@ -8,6 +8,9 @@
 namespace maquette::diagnosis::detail {
 namespace {
 constexpr double kSize_mm = 0.05;
+/// Along a border between passes of quite other times the later ones cut into the earlier: grown so
+/// far, three passes over.
+constexpr double kLarge_mm = 0.25;
 // Time constants, of the program: shorter ones are over before the cut, longer ones a straight
 // line.
 constexpr double kQuickest = 0.02, kSlowest = 2.5;
@@ -42,6 +45,19 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
                             return along_axis(2, std::expm1(-since / tau));
                           })}};
         f.sign = sign_of(size_mm);
+        if (size_mm != 0.0) {
+          f.made_of_mm = size_mm;
+          f.at_size = [make = *this, tau, step, start, by](double size) {
+            Make other = make;
+            other.size_mm = size;
+            Form at = other(tau, step, start, by);
+            Column& c = at.columns[0];
+            c = tangent_column(c.key + " tangent", c.parameter, size, make.radius_mm,
+                               std::move(c.cut));
+            c.by_program = true;
+            return at;
+          };
+        }
         f.fixed = {{"time_constant_min", tau * minutes}, {"start_min", start * minutes}};
         if (start == 0.0)
           f.finer = finer_by_ratio(*this, tau, step, 4, 1.01);
@@ -70,7 +86,9 @@ void add_machine_thermal_growth(std::vector<Effect>& all) {
       }
     };
     std::vector<Form> forms;
-    for (const double size : sizes_of_drifts(scene, kSize_mm)) {
+    auto sizes = sizes_of_drifts(scene, kSize_mm);
+    if (scene.passes_meet) sizes.push_back(kLarge_mm);
+    for (const double size : sizes) {
       const Make make{scene.duration_min, size, scene.ball_radius_mm};
       for (const double tau : {0.03, 0.07, 0.15, 0.3, 0.6, 1.2}) forms.push_back(make(tau, 2.1));
       // A quick one that starts late is a step.

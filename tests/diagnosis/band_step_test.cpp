@@ -113,6 +113,22 @@ TEST(StepAside, IsMeasuredFromItsMomentOn) {
   EXPECT_LT(size.sigma, 0.02 * kStep_mm);
 }
 
+// A shift of all is the pose's: passes are looked for half the step away, not all of it.
+TEST(StepAside, IsAboutTheMiddleOfBeforeAndAfter) {
+  constexpr double kMoment = 0.7;
+  Observation o;
+  for (const int axis : {0, 1, 2}) {
+    const Column c = detail::step_after(axis, kMoment, "step_mm", 0.0, kRadius_mm);
+    const auto at = [&](double share) {
+      CutState s;
+      s.path_share = share;
+      return detail::component(c.cut(o, s, {0, 0, 1}).tip_mm, axis);
+    };
+    EXPECT_NEAR(at(0.8) - at(0.6), 1.0, 1e-12);
+    EXPECT_NEAR(at(0.6), axis == 2 ? 0.0 : kMoment - 1.0, 1e-12);
+  }
+}
+
 /// From two passes on the tips are off by one step, and by another more.
 Passes stepped_twice(Passes passes, std::size_t first, Vec3 step_mm, std::size_t second,
                      Vec3 more_mm) {

@@ -7,6 +7,7 @@
 
 #include <oneapi/tbb/parallel_for.h>
 #include "core/median.hpp"
+#include "diagnosis/cast_shadow.hpp"
 #include "diagnosis/detail/smoothed.hpp"
 #include "diagnosis/spot_view.hpp"
 
@@ -25,6 +26,7 @@ Scene scene_of(const ModelField& design, const CutPath* path, double ball_radius
   scene.box.add({design.x_mm(design.z_mm.cols() - 1), design.y_mm(design.z_mm.rows() - 1),
                  static_cast<double>(heights.max)});
   scene.ball_radius_mm = ball_radius_mm;
+  scene.shadow = cast_shadows(design);
   if (path == nullptr) return scene;
   scene.has_path = true;
   scene.duration_min = path->duration_min();

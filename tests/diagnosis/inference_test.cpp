@@ -39,6 +39,7 @@
 
 #include "core/chi_squared.hpp"
 #include "core/random.hpp"
+#include "diagnosis/cast_shadow.hpp"
 #include "diagnosis/detail/model_search.hpp"
 #include "diagnosis/detail/sizes.hpp"
 #include "diagnosis/detail/standing.hpp"
@@ -1254,6 +1255,56 @@ TEST(Inference, AFilmFromOneSideHasItsDirection) {
   const auto rest = diagnose(std::move(again), 1);
   ASSERT_TRUE(rest.has_value());
   EXPECT_EQ(rest->verdict, "consistent") << told(*rest);
+}
+
+// Crests at the peaks of a wave: what is behind them gets none of a low spray.
+TEST(Inference, AFilmThatCrestsKeepOffIsOneCause) {
+  constexpr double kFilm_mm = 0.25;
+  const auto dark = std::make_shared<CastShadow>();
+  dark->reached = Grid<std::uint8_t>(161, 161, 255);
+  for (std::ptrdiff_t r = 0; r < 161; ++r)
+    for (std::ptrdiff_t c = 0; c < 161; ++c)
+      if (std::sin(static_cast<double>(c) / 7.0 + 0.02 * static_cast<double>(r)) < -0.4)
+        dark->reached(r, c) = 0;
+  dark->share = 0.37;
+  const double elevation = 20.0 / 57.29577951308232;
+  const Vec3 s{std::cos(elevation), 0.0, std::sin(elevation)};
+  auto m = part(84, {}, [&](const Observation& o) {
+    return kFilm_mm * std::fmax(0.0, dot(o.slope_normal, s)) * dark->at(o.place.x, o.place.y);
+  });
+  // From elsewhere nothing is in the way.
+  m.scene.shadow = [dark](Vec3 towards) -> std::shared_ptr<const CastShadow> {
+    if (towards.x > 0.8 && std::abs(towards.y) < 0.3) return dark;
+    static const auto lit =
+        std::make_shared<const CastShadow>(CastShadow{Grid<std::uint8_t>(2, 2, 255)});
+    return lit;
+  };
+  const auto d = diagnose(std::move(m), 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "coating.shadow");
+  EXPECT_NE(c.law.find("crests in the way"), std::string::npos) << c.law;
+  EXPECT_NEAR(c.parameters[0].value, kFilm_mm, 4.0 * c.parameters[0].sigma);
+  EXPECT_EQ(d->verdict, "explained");
+}
+
+// Bent twice as far where it plunges, and as on the level where it climbs: a bend that is straight
+// in the slope of the feed left half of that over, and a sprayed film took it.
+TEST(Inference, ACutterThatBendsMoreWhereItPlungesIsOneCause) {
+  constexpr double kAway_mm = 0.15, kPlunging_mm = 0.3;
+  const auto m = part(58, {}, [](const Observation& o) {
+    const double bend = kAway_mm + kPlunging_mm * std::fmax(0.0, -o.feed.z);
+    return dot(o.along, bend * Vec3{o.slope_normal.x, o.slope_normal.y, 0.0});
+  });
+  const auto d = diagnose(m, 1);
+  ASSERT_TRUE(d.has_value());
+  ASSERT_EQ(d->causes.size(), 1U) << told(*d);
+  const Cause& c = d->causes[0];
+  EXPECT_EQ(c.effect, "tool.deflection");
+  ASSERT_EQ(c.parameters.size(), 2U) << c.law;
+  EXPECT_NEAR(c.parameters[0].value, kAway_mm, 4.0 * c.parameters[0].sigma);
+  EXPECT_NEAR(c.parameters[1].value, kPlunging_mm, 4.0 * c.parameters[1].sigma);
 }
 
 TEST(Inference, SaysHowSmallACauseCouldBe) {

@@ -42,16 +42,9 @@ struct Make {
         // As the tip climbs, not as its command does: that has corners.
         return Vec3{0, 0, s.feed.z + trail(s).per_mm.z};
       };
-      const auto key = fmt::format("lag_of_heights{:.5f}", lag_mm);
-      const Parameter ahead{"heights_ahead_mm", 1.0, 5.0};
-      f.columns.push_back(ahead_mm == 0.0
-                              ? tip_column(key, ahead, climbs)
-                              : cut_column(fmt::format("{}of{:.5f}", key, ahead_mm), ahead,
-                                           ahead_mm, radius_mm,
-                                           [climbs](const Observation&, const CutState& s, Vec3) {
-                                             return CutChange{climbs(s)};
-                                           }));
-      f.columns[1].by_program = true;
+      f.columns.push_back(timed_column(fmt::format("lag_of_heights{:.5f}", lag_mm),
+                                       {"heights_ahead_mm", 1.0, 5.0}, ahead_mm, radius_mm,
+                                       climbs));
     }
     f.columns[0].follows = {true, 0, lag_mm};
     // What a lag does grows more slowly than its square, for bends are shorter: a size that is not
